@@ -84,6 +84,7 @@ FINDINGS: dict[str, str] = {
     "held-columns": "coordinates or speeds come from a slower sensor and repeat over several rows",
     "wrapped-angle": "an angle is wrapped to one turn",
     "spoiled-ends": "the first or last rows are distorted by a filter or a difference quotient",
+    "jump": "the state jumps from one row to the next, as where an episode begins anew",
     "spikes": "single values lie far from their neighbours",
     "udot-differenced": "the accelerations are a difference quotient of the speeds",
     "udot-not-of-this-row": "the accelerations are not the rates of the speeds at their rows",

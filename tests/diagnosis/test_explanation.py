@@ -46,7 +46,7 @@ def the_cause(found: dc.Explanation, kind: str, element: str) -> dc.Cause:
 
 
 @pytest.mark.parametrize("relative", [0.0, NOISE])
-@pytest.mark.parametrize("measured", [True, False], ids=["accelerations", "weak"])
+@pytest.mark.parametrize("measured", [True, False], ids=["accelerations", "steps"])
 def test_nothing_is_blamed_for_a_right_log(relative: float, measured: bool) -> None:
     run = noisy(arm_run(), relative)
     found = dc.explain_residual(model_of(ARM), run if measured else replace(run, udot=None))
@@ -199,14 +199,14 @@ def test_four_causes_at_once() -> None:
     assert values == pytest.approx(planted, rel=EXACT)
 
 
-@pytest.mark.parametrize("measured", [True, False], ids=["accelerations", "weak"])
+@pytest.mark.parametrize("measured", [True, False], ids=["accelerations", "steps"])
 def test_noise_widens_the_error_and_not_the_answer(measured: bool) -> None:
     """Five logs, ±3 standard errors each: all five are within, but once in seventy times."""
     model, inside = with_changes(ARM, damping=0.0), []
     for seed in range(5):
         run = noisy(arm_run(), NOISE, seed)
         found = dc.explain_residual(model, run if measured else replace(run, udot=None))
-        assert found.form == ("samples" if measured else "weak")
+        assert found.form == ("samples" if measured else "steps")
         assert {(c.kind, c.element) for c in found.causes} == {
             ("missing-damper", "shoulder"),
             ("missing-damper", "elbow"),

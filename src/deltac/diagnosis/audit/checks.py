@@ -431,6 +431,8 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
             a.startswith(generic) for a in acted
         ):
             continue
+        if _by_speeds(run, ChannelName.parse(name).kind):
+            continue
         if name not in run.forces and not (
             "<" in name and any(f.startswith(generic) for f in run.forces)
         ):
@@ -438,11 +440,22 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
     return missing
 
 
+def _by_speeds(run: Trajectory, kind: str) -> bool:
+    """Whether the log has the forces of a kind on each speed: then nothing of that kind is missing."""
+    return all(f"{kind} {speed}" in run.forces for speed in run.speeds)
+
+
 def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
-    """One finding for all, of the first actuator if there is one: what never acted need not be logged."""
+    """One finding for all, of the first actuator, or else equality, if there is one.
+
+    Contacts, limits and friction that never acted need not be logged.
+    """
     if not missing:
         return []
-    motors = [name for name in missing if ChannelName.parse(name).kind == "actuator"]
+    motors, equalities = (
+        [name for name in missing if ChannelName.parse(name).kind == kind]
+        for kind in ("actuator", "constraint")
+    )
     number = "1 channel" if len(missing) == 1 else f"{len(missing)} channels"
     return [
         Finding(
@@ -452,7 +465,7 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
             "If one of them acted, log it"
             + ("; of a MuJoCo model `replay` finds it from the controls" if motors else ""),
             "note",
-            next(iter(motors), ""),
+            next(iter([*motors, *equalities]), ""),
         )
     ]
 

@@ -22,7 +22,7 @@ from deltac.diagnosis.audit.checks import withheld_equalities
 from deltac.diagnosis.explain.by_integrator import known_but_for_one
 from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
-from deltac.diagnosis.explain.regression import LEAST_ROWS, Excused
+from deltac.diagnosis.explain.regression import LEAST_ROWS
 from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.explain.search import MOST
 from deltac.diagnosis.inputs.logs import Log, balanced
@@ -34,7 +34,7 @@ from deltac.diagnosis.measurements.kinematics import (
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
 from deltac.diagnosis.residuals.one_step import LEAST, NAMED, OneStep, one_step, one_steps
-from deltac.diagnosis.residuals.rows import stairs, trimmed
+from deltac.diagnosis.residuals.rows import rms, stairs, trimmed
 from deltac.diagnosis.residuals.schemes import EXPLICIT
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
@@ -69,6 +69,9 @@ BESIDE = 2.0
 REPRODUCED = 0.75
 """Share of what is left that parts of a log must predict of the others for a mistake without a name."""
 
+ALONE, PREDICTED = 0.97, 0.9
+"""Shares of what is within ten error bars that one cause must explain, and parts of the log predict."""
+
 OF_THE_LOG = ("actuator-delay", "late-rows", "zero-offset")
 """Causes that leave the equations as they are."""
 
@@ -86,6 +89,9 @@ MOSTLY, QUIET = 0.6, 0.1
 
 NOT_OF_FORCES = 3.0
 """How many times the largest change of a force must be missing beside one of its changes to be none of it."""
+
+TOUCHING = ("contact", "limit", "friction", "impact")
+"""Kinds of forces that begin and end between two rows."""
 
 BESIDE = 2.5
 """Steps from a change of a held force within which a window is beside it."""
@@ -244,6 +250,9 @@ def gather(
         else:
             several = parts.part("several")
             step, more = _of_steps(mechanism, log, step, tolerance, deadline, several)
+        if terms is not None and _hold(terms) and not _isolated(step):
+            # A force that lasts longer than a step shows in the accelerations.
+            more = [f for f in more if f.kind != "missing-contact"]
         if not any(f.weight == "cause" and f.kind != "missing-contact" for f in more):
             more = _in_a_part(mechanism, log, step, tolerance, deadline) or more
         again = {(f.kind, f.element) for f in more}
@@ -558,7 +567,7 @@ def _explained(
     for least, most in ((EXACT, 1), (1.0, FEW)) if now_and_then else ((EXPLAINS, MOST),):
         with contextlib.suppress(InputError):  # gaps leave too few rows in a row
             told = explanation(
-                mechanism, run, "samples", least, most=most, deadline=deadline, progress=progress
+                mechanism, run, None, least, most=most, deadline=deadline, progress=progress
             )
         if told is not None and told.findings:
             break
@@ -596,39 +605,49 @@ def _of_steps(
     local = _at_times(log, step)
     share = float(local.mean()) if len(local) else 0.0
     now_and_then = local.sum() >= FEWEST and share <= SHORT
-    named = replace(step, clear=NAMED)
-    if not named.significant.any() or (now_and_then and not step.significant.any()):
-        return step, _missing(step, share) if now_and_then else []
+    clear = bool(step.significant.any())
     told: Explanation | None = None
-    enough = len(log.consecutive) >= LEAST_ROWS
+    outside = float((rms(step.residual.forces) / step.residual.bar).max())
+    enough = (clear or outside > NAMED) and len(log.consecutive) >= LEAST_ROWS
     if enough and not deadline.passed("several causes together"):
-        excused = Excused(
-            lambda s: step.residual.columns(s.t, s.q, s.u, s.logged), step.residual.bar
-        )
         with contextlib.suppress(InputError):
             told = explanation(
                 mechanism,
                 log.consecutive,
-                "weak",
-                most=MOST if step.significant.any() else 1,
-                excused=excused,
+                step.residual,
+                EXPLAINS if outside > step.clear else ALONE,
+                most=MOST if clear else 1,
                 deadline=deadline,
                 progress=progress,
             )
-    if not step.significant.any():
-        if told is None or not told.findings or told.predicted < REPRODUCED:
-            return step, []
-        return named, _weighed(told.findings, named, tolerance)
-    if told is not None and told.findings:
-        return step, _weighed(told.findings, step, tolerance)
+    if told is not None and told.findings and (clear or _alone(told)):
+        known = _known_by(step, told)
+        return known, _weighed(told.findings, known, tolerance)
     if now_and_then:
         return step, _missing(step, share)
+    if not clear:
+        return step, []
     out = step.standing_out
     # A body that rests on something is pushed all the time: by what it falls onto, and never down.
     stands_out = np.where(out[:, None], -step.local.forces, 0.0)  # like F_r + F*_r
     if out.sum() >= FEWEST and checks.upward_push(mechanism, step.speeds, stands_out):
         return step, _missing(step, float(out.mean()))
     return step, _unknown(told)
+
+
+def _alone(told: Explanation) -> bool:
+    """Whether one cause does all that is left, and the same all along the log, though that is little."""
+    return told.predicted >= PREDICTED and max(told.effect) > LEAST
+
+
+def _known_by(step: OneStep, told: Explanation) -> OneStep:
+    """The test with causes that are known: what they make of the equations is what these leave.
+
+    Part of that is like what an integrator leaves, and was taken off with it.
+    """
+    left = step.residual
+    there = replace(left, size=np.array(told.effect) * left.scale, spent=told.work)
+    return replace(step, found=lambda: there, clear=step.clear if step.significant.any() else NAMED)
 
 
 def _in_a_part(
@@ -689,6 +708,17 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
     return _missing(step, share)
 
 
+def _hold(terms: EquationTerms) -> bool:
+    """Whether measured accelerations close the equations at every sample."""
+    return not terms.significant.any() and float(terms.relative.max(initial=0.0)) <= LEAST
+
+
+def _isolated(step: OneStep) -> bool:
+    """Whether the windows that stand out are single steps, as of impacts."""
+    out = step.standing_out
+    return bool(out.any() and not (out[1:] & out[:-1]).any())
+
+
 def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
     """Windows that stand out now and then, but for those beside a change of forces that are held.
 
@@ -706,6 +736,18 @@ def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
         speeds = [run.speeds.index(name) for name in step.speeds]
         far = np.abs(step.local.forces) > NOT_OF_FORCES * most[speeds]
         local = local & (away | np.any(far, axis=1))
+    touching = [np.abs(force) for name, force in run.forces.items() if name.kind in TOUCHING]
+    if touching and local.any():
+        # Within a step a contact may begin, end, or slip the other way: up to twice its force.
+        speeds = [run.speeds.index(name) for name in step.speeds]
+        acting = np.asarray(sum(touching))[:, speeds]
+        at = np.clip(np.searchsorted(run.t, step.local.t), 1, len(run) - 1)
+        nearby = np.clip(at[:, None] + np.arange(-2, 2), 0, len(run) - 1)
+        far = (
+            np.abs(step.local.forces)
+            > NOT_OF_FORCES * acting[nearby].max(axis=1) + step.local.allowed
+        )
+        local = local & np.any(far, axis=1)
     return local
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.inputs.logs import Log
-from deltac.diagnosis.measurements.digits import Digits, digits_of
+from deltac.diagnosis.measurements.digits import Digits, digits_of, least_of_forces
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.energy import balance
 from deltac.mechanism.mechanism import Mechanism
@@ -40,7 +40,8 @@ def energy_of_noise(
     real = step.residual.noisy if step is not None and not step.closes else 0.0
     columns = {"q": run.q, "u": run.u, **run.forces}
     of_run = digits_of(run)
-    known = {n: of_run[n] if n in of_run else Digits(x) for n, x in columns.items()}
+    least = least_of_forces(of_run)
+    known = {n: of_run[n] if n in of_run else Digits(x, least) for n, x in columns.items()}
     sizes = {
         n: (digits.half(), real * digits.noise if real else np.zeros(columns[n].shape[1]))
         for n, digits in known.items()

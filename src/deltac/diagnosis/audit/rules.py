@@ -11,7 +11,7 @@ import numpy as np
 from deltac.diagnosis.audit.evidence import OF_THE_LOG, Evidence, beyond
 from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.residuals.at_samples import CLEAR, EquationTerms
-from deltac.diagnosis.residuals.one_step import OneStep
+from deltac.diagnosis.residuals.one_step import NAMED, OneStep
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 
 NOTHING = 1e-12
@@ -161,9 +161,9 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         closed = terms is not None and not terms.significant.any()
         # Equations closed by forces as logged do not speak for the model.
         told = () if closed else (*equations, *_slight(measures))
-        by_steps = step is not None and step.significant.any()
-        sure = (
-            not by_steps or float(step.residual.ratio.max()) > BEYOND if step is not None else True
+        by_steps = step is not None and bool(step.significant.any())
+        sure = not by_steps or (
+            step is not None and step.clear > NAMED and float(step.residual.ratio.max()) > BEYOND
         )
         return verdict("equation-error", "high" if sure else "medium", balance, *told)
     by_samples = terms is not None and terms.significant.any()

@@ -169,7 +169,7 @@ def _regression(
     count = min(BLOCKS, max(2, len(matrix) // 8))
     blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
     # What digits and noise leave needs no estimate: no cause takes it off.
-    precise = np.sum((LEAST["samples"] * scale * weight) ** 2)
+    precise = np.sum((LEAST * scale * weight) ** 2)
     blur: Array | None = None
     if change is not None:
         blur = factored([arranged(change * weight[:, None]).reshape(-1, width)])[0]
@@ -186,8 +186,8 @@ def _regression(
     speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)
     residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
     prepared = Prepared(
-        regression, kernels, "samples", speeds, scale, residual, np.zeros_like(scale), len(whole), 0.0,
-        False,
+        regression, kernels, "samples", speeds, scale, residual, np.zeros_like(scale), whole[..., 1:],
+        np.zeros(whole.shape[:2]), 0.0, len(whole), 0.0, False,
     )  # fmt: skip
     return prepared, whole[..., 0], weight
 

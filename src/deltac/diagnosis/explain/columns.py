@@ -3,10 +3,6 @@
 F_r + F*_r is linear in the ten inertial parameters of each body (mass, first moments, moments and
 products of inertia about the link frame's origin), in gravity, and in coefficients of elementary
 forces. So each has a column x with residual(θ) = residual(0) + Σ θ x, computed from the traced mechanism.
-
-All columns are affine in u̇, x = A(q, t) u̇ + b(q, u, t), so their integral against a test function
-that vanishes at the ends of a window needs no accelerations: ∫φ x dt = ∫ φ (b − Ȧu) − φ̇ (A u) dt.
-That is the weak form (Messenger and Bortz 2021, *Weak SINDy*, Multiscale Model. Simul. 19).
 """
 
 from __future__ import annotations
@@ -74,18 +70,6 @@ class ColumnKernels:
     def pointwise(self) -> ca.Function:
         """F_r + F*_r and the columns."""
         return ca.Function("columns", list(self.inputs), [ca.densify(self.expression)])
-
-    def weak(self) -> ca.Function:
-        """(momentum A u, force b − Ȧu) of the residual and the columns, both (n, 1 + P)."""
-        s = self.evaluator.symbols.system
-        w = ca.SX.sym("w", s.u.shape[0])
-        rest = ca.substitute(self.expression, s.udot, ca.SX.zeros(w.shape[0]))
-        along = ca.substitute(self.expression, s.udot, w) - rest
-        turning = ca.jtimes(ca.vec(along), ca.vertcat(s.q, s.t), ca.vertcat(s.qdot, 1))
-        momentum, turned = ca.substitute([along, turning], [w], [s.u])
-        force = rest - ca.reshape(turned, rest.shape)
-        outputs = [ca.densify(momentum), ca.densify(force)]
-        return ca.Function("weak_columns", list(self.inputs), outputs)
 
 
 def column_kernels(evaluator: Evaluator) -> ColumnKernels:

@@ -11,12 +11,11 @@ from deltac.arguments import checked
 from deltac.arrays import Array
 from deltac.diagnosis.explain.columns import evaluate
 from deltac.diagnosis.explain.regression import (
-    Excused,
     Fit,
-    Form,
     Prepared,
     Regression,
     prepare,
+    too_short,
 )
 from deltac.diagnosis.explain.result import Cause, Explanation, Kind, sentence
 from deltac.diagnosis.explain.search import MOST, Found, plausible, search
@@ -24,6 +23,7 @@ from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_wor
 from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.measurements.kinematics import accelerations, trusted
 from deltac.diagnosis.residuals.at_samples import Sampled
+from deltac.diagnosis.residuals.defect import Residual
 from deltac.diagnosis.residuals.one_step import one_step
 from deltac.errors import ArgumentsError, ModelError
 from deltac.interrupts import interruptible
@@ -148,9 +148,6 @@ def _poses(mechanism: Mechanism, rng: np.random.Generator) -> Array:
 
 # --- `explain_residual` --------------------------------------------------------------------------
 
-PREDICTS = 0.9
-"""Share of a residual within its bar that parts of the log must predict of the others to have a cause."""
-
 EXPLAINS = 0.95
 """Share of what is no noise that causes must explain of the squared residual to be named."""
 
@@ -184,7 +181,8 @@ def explain_residual(
     and run have differently is found; all other logged forces are taken as they are, and channels among
     them that the model does not have are noted. Motors of which a recorded run tells another strength
     than the model's are causes too, although their logged forces close the equations. Without measured
-    accelerations the equations are integrated over short windows (the weak form).
+    accelerations each row is compared with what the equations make of the one before, as in the one-step
+    test of `audit`.
 
     Args:
         model: as for `audit`.
@@ -218,22 +216,15 @@ def explain_residual(
     derived = "udot" in run.provenance.derived
     known = run.udot is not None and not derived
     if known and (trusted(run) or not accelerations(run).difference):
-        found = explanation(mechanism, run, "samples", progress=progress or untold)
+        found = explanation(mechanism, run, progress=progress or untold)
     else:
-        found = explanation(
-            mechanism, run, "weak", excused=_excused(mechanism, run), progress=progress or untold
-        )
+        step = one_step(mechanism, run)
+        if step is None:
+            raise too_short(run)
+        found = explanation(mechanism, run, step.residual, progress=progress or untold)
     works = foreign_channels(mechanism, run, loaded.import_report)
     notes = tuple(foreign_words(name, work) for name, work in works.items())
     return replace(_with_gears(found, other_gears(run, loaded.import_report)), notes=notes)
-
-
-def _excused(mechanism: Mechanism, run: Trajectory) -> Excused | None:
-    """What an integrator may leave from row to row, which needs no cause."""
-    step = one_step(mechanism, run)
-    if step is None:
-        return None
-    return Excused(lambda s: step.residual.columns(s.t, s.q, s.u, s.logged), step.residual.bar)
 
 
 def _with_gears(found: Explanation, gears: list[Gear]) -> Explanation:
@@ -261,24 +252,23 @@ def _with_gears(found: Explanation, gears: list[Gear]) -> Explanation:
 def explanation(
     mechanism: Mechanism,
     run: Trajectory,
-    form: Form,
+    left: Residual | None = None,
     least: float = EXPLAINS,
     *,
     most: int = MOST,
     sliding: bool = False,
-    excused: Excused | None = None,
     deadline: Deadline | None = None,
     progress: Progress = untold,
 ) -> Explanation:
     """The explanation of a run whose columns are in the mechanism's order, with its forces as logged.
 
-    `least` is the share of the squared residual that causes must explain, `most` their number.
-    `sliding` leaves out what joints do that hardly move: dry friction has no law there. It is tried
-    where nothing else fits. What is `excused` of the weak form needs no cause. The search ends with what it
-    has when the `deadline` has passed, and notes there what it left out.
+    The residual is that at the samples, or what is `left` from row to row. `least` is the share of its square
+    that causes must explain, `most` their number. `sliding` leaves out what joints do that hardly move: dry
+    friction has no law there. It is tried where nothing else fits. The search ends with what it has when the
+    `deadline` has passed, and notes there what it left out.
     """
     deadline = deadline or Deadline()
-    prepared = prepare(mechanism, run, form, sliding=sliding, excused=excused)
+    prepared = prepare(mechanism, run, left, sliding=sliding)
     regression = prepared.regression
 
     def made(
@@ -286,13 +276,11 @@ def explanation(
     ) -> Explanation:
         return _made(mechanism, prepared, kind, found, explained, said)
 
-    if regression.total <= regression.precision:
-        if excused is None or not _alone(regression, search(regression, 1).best):
-            return made("nothing")
-        most = 1
+    floor = regression.floor(regression.nothing)
+    if regression.total <= (floor if left is not None else regression.precision):
+        return made("nothing")
     found = search(regression, most, deadline, progress)
     explained = _explained(prepared, found.best)
-    floor = regression.floor(regression.nothing)
     if most > 1 and regression.total <= CLEAR * floor and not regression.stands_out(found.best):
         found = search(regression, 1)
         explained = _explained(prepared, found.best)
@@ -300,16 +288,14 @@ def explanation(
             return made("nothing")
     unclosed = found.best.left > CLEAR * regression.floor(found.best)
     if not prepared.sliding and unclosed and not deadline.passed("joints that stick at times"):
-        slid = explanation(
-            mechanism, run, form, least, most=most, sliding=True, excused=excused, deadline=deadline
-        )
+        slid = explanation(mechanism, run, left, least, most=most, sliding=True, deadline=deadline)
         if (
             any("friction" in f"{c.kind} {c.element}" for c in slid.causes)
             and slid.explained > explained
         ):
             return slid
     if unclosed and not prepared.sliding and not deadline.passed("a stop at its exact place"):
-        stopped = _at_its_place(mechanism, run, prepared, excused, deadline)
+        stopped = _at_its_place(mechanism, run, prepared, left, deadline)
         if stopped is not None:
             there = search(stopped.regression, min(most, WITH_A_STOP), deadline)
             share = _explained(stopped, there.best)
@@ -327,7 +313,7 @@ def _at_its_place(
     mechanism: Mechanism,
     run: Trajectory,
     prepared: Prepared,
-    excused: Excused | None,
+    left_over: Residual | None,
     deadline: Deadline,
 ) -> Prepared | None:
     """The regression with a stop at the place where it leaves least; None where no stop explains most."""
@@ -343,15 +329,9 @@ def _at_its_place(
         assert stop is not None
         place, low, high = stop
         around = (low - (high - low), high + (high - low))
-        better = prepare(mechanism, run, prepared.form, excused=excused, stops_in={place: around})
+        better = prepare(mechanism, run, left_over, stops_in={place: around})
         left = NEARER * best.left
     return better
-
-
-def _alone(regression: Regression, fit: Fit) -> bool:
-    """Whether one cause explains nearly all of a residual within its bar, and the same all along the log."""
-    explained = regression.total - fit.left >= EXPLAINS * regression.unlike_noise
-    return explained and regression.stands_out(fit) and regression.predicted >= PREDICTS
 
 
 def told(
@@ -379,6 +359,7 @@ def _made(
 ) -> Explanation:
     relative = float(np.max(prepared.residual / np.maximum(prepared.scale, 1e-300), initial=0.0))
     noise = float(np.max(prepared.noise / np.maximum(prepared.scale, 1e-300), initial=0.0))
+    effect, work = prepared.effect(found.best) if found else (np.zeros_like(prepared.scale), 0.0)
     return Explanation(
         kind,
         _causes(mechanism, prepared, found.best) if found else (),
@@ -391,6 +372,8 @@ def _made(
         noise,
         prepared.samples,
         0.0 if kind == "nothing" else prepared.regression.predicted,
+        tuple((effect / np.maximum(prepared.scale, 1e-300)).tolist()),
+        work,
     )
 
 
@@ -403,7 +386,9 @@ def _enough(regression: Regression, fit: Fit, least: float) -> float:
 def _explained(prepared: Prepared, fit: Fit) -> float:
     """Share of the squared residual beyond noise that a fit explains."""
     regression = prepared.regression
-    if fit.left <= NOISE * regression.floor(fit):
+    # What an integrator may leave is no noise: a cause must explain all that it says it does.
+    of_noise = regression.noise if prepared.form == "steps" else regression.floor
+    if fit.left <= NOISE * of_noise(fit):
         return 1.0
     there = max(regression.total - regression.noise(regression.nothing), 1e-300)
     left = max(fit.left - regression.noise(fit), 0.0)

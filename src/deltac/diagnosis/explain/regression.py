@@ -26,7 +26,8 @@ from deltac.diagnosis.explain.columns import (
 )
 from deltac.diagnosis.measurements.digits import resolution, white_noise
 from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
-from deltac.diagnosis.residuals.rows import UNEVEN
+from deltac.diagnosis.residuals.defect import Residual
+from deltac.diagnosis.residuals.rows import Rows
 from deltac.dynamics.spatial import SX, Inertia
 from deltac.errors import LogError
 from deltac.mechanism.mechanism import Mechanism
@@ -211,9 +212,13 @@ class Regression:
         edges = np.concatenate([[0], np.cumsum([c.size for c in parts])]).astype(int)
         return self._linearised(parts, edges, np.concatenate(fit.theta))
 
+    def coefficients(self, fit: Fit) -> Array:
+        """Coefficients (P,) of all columns."""
+        return self._at(fit)[0]
+
     def left_by_block(self, fit: Fit) -> Array:
         """What a fit leaves of the squares of each block (B,)."""
-        c, _ = self._at(fit)
+        c = self.coefficients(fit)
         e = self.blocks[:, :, :-1] @ c + self.blocks[:, :, -1]
         return np.asarray(np.sum(e**2, axis=1))
 
@@ -292,7 +297,7 @@ def factored(blocks: Sequence[Array]) -> Array:
 
 # --- from a log to the regression ----------------------------------------------------------------
 
-Form = Literal["samples", "weak"]
+Form = Literal["samples", "steps"]
 
 MOST_ROWS = 3000
 MOST_NUMBERS = 8_000_000
@@ -307,29 +312,21 @@ SLIP = 0.4
 STRETCHES = 16
 BLOCKS = 16
 LEAST_ROWS = 24
-HALF_WINDOW = 32
-POWER = 8
-"""Windows of the weak form: half width in samples; φ = (1 − s²)^8 is smooth enough for trapezoids."""
-
-BARS = 1.5
-"""Error bars of what is excused that need no cause."""
-
-LEAST: dict[Form, float] = {"samples": 1e-7, "weak": 1e-5}
-"""Share of the terms of the equations below which a residual is not explained.
-
-Solvers of constraints stop there; over windows the integrator's own error is part of the residual.
-"""
+LEAST = 1e-7
+"""Share of the terms of the equations below which a residual needs no cause: solvers of constraints stop."""
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
     """A regression, and the scales of its equations.
 
-    form        at samples, with measured accelerations, or "weak"
+    form        at "samples", with measured accelerations, or over "steps" from row to row
     speeds      names of the free speeds (n,)
     scale       typical size of the terms of each equation (n,), N or N·m
     residual    root mean square of what the model leaves of each (n,)
     noise       root mean square of what the log's noise makes of each (n,)
+    columns     what one unit of each column makes of the equations (rows, n, P)
+    u           speeds (rows, n); time: of the log (s)
     samples     how many were looked at; spacing: of them (s)
     sliding     whether what joints do that hardly move was left out
     """
@@ -341,91 +338,173 @@ class Prepared:
     scale: Array
     residual: Array
     noise: Array
+    columns: Array
+    u: Array
+    time: float
     samples: int
     spacing: float
     sliding: bool
 
-
-@dataclass(frozen=True, eq=False)
-class Excused:
-    """What of a residual is no mistake of the equations, for the weak form.
-
-    columns  of consecutive samples: generalized forces (T, n, m) that an unknown integrator may leave, each
-             as large as a consistent one leaves at most; what they span is taken off the residual and all
-             causes, as far as columns so small may account for it
-    bar      error bar of each equation (n,), N or N·m
-    """
-
-    columns: Callable[[Sampled], Array]
-    bar: Array
+    def effect(self, fit: Fit) -> tuple[Array, float]:
+        """Root mean square of the generalized forces that a fit's causes make (n,), and their energy (J)."""
+        force = self.columns @ self.regression.coefficients(fit)
+        power = np.sum(self.u * force, axis=1)
+        return np.sqrt(np.mean(force**2, axis=0)), abs(float(np.mean(power))) * self.time
 
 
 def prepare(
     mechanism: Mechanism,
     run: Trajectory,
-    form: Form,
+    left: Residual | None = None,
     *,
     sliding: bool = False,
-    excused: Excused | None = None,
     stops_in: Mapping[int, tuple[float, float]] | None = None,
 ) -> Prepared:
     """The regression of a run's residual on all columns of the mechanism.
 
-    With `sliding`, equations of joints are left out where those hardly move. What is `excused` needs no
-    cause. `stops_in`: between which values of a coordinate stops are looked for, if not all over the log.
+    Without `left` the residual is that of the equations at the samples, with their accelerations; else it is
+    what they leave from row to row, weighed by its error bars. With `sliding`, equations of joints are left
+    out where those hardly move. `stops_in`: between which values of a coordinate stops are looked for, if not
+    all over the log.
 
     Raises InputError for a log of too few rows.
     """
     if len(run) < LEAST_ROWS:
-        raise LogError(
-            f"the log has {len(run)} samples; an explanation needs {LEAST_ROWS} at least, and many more to "
-            "tell causes apart: log a longer or a finer run"
-        )
+        raise too_short(run)
     evaluator = Evaluator(mechanism, run)
     for place, between in (stops_in or {}).items():
         for end, value in zip(evaluator.reach, between):
             end[place] = value
     kernels = column_kernels(evaluator)
-    rows = _Rows(kernels, form)
-    stretches = _stretches(run, evaluator, kernels, form)
+    if left is None:
+        return _at_samples(kernels, run, sliding)
+    return _over_steps(kernels, run, left, sliding)
+
+
+def too_short(run: Trajectory) -> LogError:
+    """Says that a log has not enough consecutive samples."""
+    return LogError(
+        f"the log has {len(run)} samples; an explanation needs {LEAST_ROWS} consecutive ones at least, and "
+        "many more to tell causes apart: log a longer or a finer run, without gaps"
+    )
+
+
+def _over_steps(kernels: ColumnKernels, run: Trajectory, left: Residual, sliding: bool) -> Prepared:
+    """The regression of what the one-step test leaves.
+
+    What an integrator may leave needs no cause: along its columns the equations are divided by what these
+    amount to, with coefficients of one at most, and a noise of one error bar in each equation. Small columns
+    take off nothing: else the step times a damping would take off the inertia itself, which it is
+    proportional to.
+    """
+    width = kernels.speeds * (1 + len(kernels.columns))
+    intervals = left.intervals.few(max(300, MOST_NUMBERS // width))
+    function = kernels.pointwise()
+
+    def columns(rows: Rows, udot: Array, k: NDArray[np.intp], F: Array) -> Array:
+        rate, curve = _rates(rows.t, rows.F)
+        samples = [rows.t[k, None], rows.q[k], rows.u[k], udot[k], F, rate[k], curve[k]]
+        return evaluate(function, samples, kernels.speeds)[0][..., 1:]
+
+    whole, residual = intervals.made_by(columns), -intervals.defects
+    matrix = np.concatenate([whole, residual[..., None]], axis=2)
+    weight = 1.0 / np.hypot(left.bar, LEAST * left.scale)
+    moving = _where_it_moves(intervals.slowest, sliding)
+    counts = (weight * moving)[..., None]
+    rows, scheme = matrix * counts, intervals.scheme * counts
+    flat = rows.reshape(-1, rows.shape[2])
+    spanned = scheme.reshape(len(flat), scheme.shape[2])
+    U, size, _ = np.linalg.svd(spanned, full_matrices=False)
+    kept = 1.0 / np.sqrt(1.0 + size**2)
+    rows = (flat - U @ ((1.0 - kept)[:, None] * (U.T @ flat))).reshape(rows.shape)
+    # White noise is known by its size: what no cause explains, and nothing predicts.
+    noise = left.bars["noise"] * weight
+    shaken = np.append(np.zeros(len(kernels.columns)), np.sqrt(len(rows) * np.sum(noise**2)))
+    return _prepared(
+        kernels, run, "steps", rows, whole, intervals.u, moving, shaken[None], float(np.sum(1.0 - noise**2)),
+        left.scale, np.sqrt(np.mean(residual**2, axis=0)), left.bars["noise"], len(rows), sliding,
+    )  # fmt: skip
+
+
+def _at_samples(kernels: ColumnKernels, run: Trajectory, sliding: bool) -> Prepared:
+    """The regression of what the equations leave at the samples."""
+    stretches = _stretches(run, kernels)
+    rows = _Rows(kernels)
     whole = np.concatenate([rows(s) for s in stretches])
     scale = terms_of(whole, kernels)
-    digits = _digits(kernels, form, stretches)
+    digits = _digits(kernels, stretches)
     shaken = _shaken(rows, stretches)
     noise = np.sqrt(np.mean(shaken[..., 0] ** 2, axis=0))
-    if form == "weak":
-        digits = np.hypot(digits, _quadrature(rows, whole[..., 0], stretches))
-    unsure = np.maximum(noise, NOISY * scale)
-    if excused is not None:
-        unsure = np.maximum(unsure, excused.bar)
-    weight = 1.0 / np.maximum(unsure, 1e-300)
-    moving = _moving(rows, stretches) if sliding else np.ones(whole.shape[:2])
+    weight = 1.0 / np.maximum(np.maximum(noise, NOISY * scale), 1e-300)
+    moving = _where_it_moves(np.concatenate([np.abs(s.samples.u) for s in stretches]), sliding)
     matrix = arranged(whole * (weight * moving)[..., None])
-    certain = 4.0 * digits + LEAST[form] * scale
-    if excused is not None:
-        certain = np.hypot(certain, BARS * excused.bar)
-    precise = np.sum((certain * weight) ** 2)
-    if excused is not None and form == "weak":
-        level = float(np.sqrt(precise / matrix.shape[1]))
-        matrix = _without(matrix, excused, stretches, weight * moving, level)
+    precise = float(np.sum(((4.0 * digits + LEAST * scale) * weight) ** 2))
+    shaken = arranged(shaken * weight[:, None]).reshape(-1, matrix.shape[2])
+    shaken *= np.sqrt(float(np.sum(moving)) / float(len(shaken)))
+    residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
+    u = np.concatenate([s.samples.u for s in stretches])
+    return _prepared(
+        kernels, run, "samples", matrix, whole[..., 1:], u, moving, shaken, precise, scale, residual, noise,
+        len(u), sliding,
+    )  # fmt: skip
+
+
+def _prepared(
+    kernels: ColumnKernels,
+    run: Trajectory,
+    form: Form,
+    matrix: Array,
+    columns: Array,
+    u: Array,
+    moving: Array,
+    shaken: Array,
+    precise: float,
+    scale: Array,
+    residual: Array,
+    noise: Array,
+    samples: int,
+    sliding: bool,
+) -> Prepared:
+    """The regression of weighted equations [X r] (rows, n, P + 1), of which `shaken` is noise.
+
+    `precise` is the sum of squares of what digits and rounding leave of one row.
+    """
+    width = matrix.shape[2]
     count = min(BLOCKS, max(2, len(matrix) // 8))
-    blocks = [b.reshape(-1, matrix.shape[2]) for b in np.array_split(matrix, count)]
-    shaken = arranged(shaken * weight[:, None])
-    share = float(moving.mean()) * len(matrix) / len(shaken)
+    blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
+    mechanism = kernels.evaluator.mechanism
     regression = Regression(
         factored(blocks),
-        candidates(evaluator, kernels.columns),
+        candidates(kernels.evaluator, kernels.columns),
         int(moving.sum()),
-        factored([shaken.reshape(-1, matrix.shape[2])])[0] * np.sqrt(share),
-        float(len(matrix) * precise),
+        factored([shaken])[0],
+        len(matrix) * precise,
         weights_of(kernels.columns),
     )
     free = [mechanism.speeds[int(k)].name for k in mechanism.free.u]
-    residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
+    t = run.t
     return Prepared(
-        regression, kernels, form, tuple(free), scale, residual, noise,
-        sum(len(s.samples.t) for s in stretches), 1.01 * float(np.median(np.diff(run.t))), sliding,
+        regression, kernels, form, tuple(free), scale, residual, noise, columns, u, float(t[-1] - t[0]),
+        samples, 1.01 * float(np.median(np.diff(t))), sliding,
     )  # fmt: skip
+
+
+def _where_it_moves(speeds: Array, sliding: bool) -> Array:
+    """1 where a joint moves, 0 where it hardly does (rows, n); with `sliding` only."""
+    if not sliding:
+        return np.ones(speeds.shape)
+    typical = np.sqrt(np.mean(speeds**2, axis=0))
+    return np.asarray((speeds > SLIP * typical).astype(float))
+
+
+def _rates(t: Array, forces: Array) -> tuple[Array, Array]:
+    """First and second rates of logged forces (T, m)."""
+    if not forces.shape[1]:
+        return forces, forces
+    from scipy.interpolate import CubicSpline
+
+    spline = CubicSpline(t, forces)
+    return spline(t, 1), spline(t, 2)
 
 
 def weights_of(columns: Sequence[Column]) -> dict[int, int]:
@@ -445,12 +524,7 @@ class _Stretch:
 
     @staticmethod
     def of(samples: Sampled) -> _Stretch:
-        if not samples.logged.shape[1]:
-            return _Stretch(samples, samples.logged, samples.logged)
-        from scipy.interpolate import CubicSpline
-
-        spline = CubicSpline(samples.t, samples.logged)
-        return _Stretch(samples, spline(samples.t, 1), spline(samples.t, 2))
+        return _Stretch(samples, *_rates(samples.t, samples.logged))
 
     @property
     def columns(self) -> list[Array]:
@@ -458,14 +532,10 @@ class _Stretch:
         return [s.t[:, None], s.q, s.u, s.udot, s.logged, self.rate, self.curve]
 
 
-def _stretches(
-    run: Trajectory, evaluator: Evaluator, kernels: ColumnKernels, form: Form
-) -> list[_Stretch]:
+def _stretches(run: Trajectory, kernels: ColumnKernels) -> list[_Stretch]:
     """The log between its gaps, or parts of it where it is long."""
-    given = run if run.udot is not None else replace(run, udot=np.zeros_like(run.u))
-    everything = Sampled.of(evaluator.mechanism, given, evaluator.log)
-    if form == "weak":
-        everything = replace(everything, logged=_centred(run, evaluator, everything.logged))
+    evaluator = kernels.evaluator
+    everything = Sampled.of(evaluator.mechanism, run, evaluator.log)
     width = kernels.speeds * (1 + len(kernels.columns))
     most = int(np.clip(MOST_NUMBERS // max(width, 1), 300, MOST_ROWS))
     edges = [0, *(gap_rows(run.t) + 1), len(run)]
@@ -482,106 +552,20 @@ def _stretches(
         pieces += [rows[s : s + length] for s in starts]
     kept = [p for p in pieces if len(p) >= LEAST_ROWS]
     if not kept:
-        raise LogError(
-            f"the log has no {LEAST_ROWS} consecutive samples between its gaps: log without gaps"
-        )
+        raise too_short(run)
     return [_Stretch.of(everything.take(p)) for p in kept]
 
 
-def _centred(run: Trajectory, evaluator: Evaluator, logged: Array) -> Array:
-    """Forces that were held from each row to the next, as their mean over the steps around each row.
-
-    Trapezoids then err by (h²/12) ∫ φ″ f, and by as much with the momentum, whose rate jumps with f.
-    """
-    step = run.provenance.step
-    if step is None or not np.isclose(np.median(np.diff(run.t)), step, rtol=0.01, atol=0.0):
-        return logged
-    made = logged.copy()
-    for name in run.provenance.held or ():
-        where = evaluator.log.columns.get(name)
-        if where is not None:
-            made[1:, where] = 0.5 * (logged[1:, where] + logged[:-1, where])
-    return made
-
-
 class _Rows:
-    """The residual and its columns (rows, n, 1 + P) of a stretch, at samples or over windows."""
+    """The residual and its columns (rows, n, 1 + P) of a stretch."""
 
-    def __init__(self, kernels: ColumnKernels, form: Form, residual_only: bool = False) -> None:
+    def __init__(self, kernels: ColumnKernels, residual_only: bool = False) -> None:
         if residual_only:
             kernels = replace(kernels, expression=kernels.expression[:, 0])
-        self._function = kernels.pointwise() if form == "samples" else kernels.weak()
-        self._form, self._speeds = form, kernels.speeds
+        self._function, self._speeds = kernels.pointwise(), kernels.speeds
 
-    def __call__(self, stretch: _Stretch, stride: int = 1) -> Array:
-        found = evaluate(self._function, stretch.columns, self._speeds)
-        if self._form == "samples":
-            return found[0]
-        momentum, force = found
-        return _windows(stretch.samples.t, momentum, force, stride)
-
-    def slowest(self, stretch: _Stretch) -> Array:
-        """The smallest |u| that each row saw (rows, n)."""
-        u = np.abs(stretch.samples.u)
-        if self._form == "samples":
-            return u
-        half, centres = _centres(len(u))
-        return np.array([u[c - half // 2 : c + half // 2 + 1].min(axis=0) for c in centres])
-
-
-def _centres(count: int) -> tuple[int, NDArray[np.intp]]:
-    """Half width of windows over so many samples, and their middles."""
-    half = int(np.clip(count // 8, 8, HALF_WINDOW))
-    return half, np.arange(half, count - half, max(1, half // 8))
-
-
-def _windows(t: Array, momentum: Array, force: Array, stride: int = 1) -> Array:
-    """∫ φ f − φ̇ m dt over windows; ∫φ dt = 1."""
-    half, centres = _centres(len(t))
-    even = bool(np.ptp(np.diff(t)) < UNEVEN * np.median(np.diff(t)))
-    made = np.empty((len(centres), *force.shape[1:]))
-    for k, c in enumerate(centres):
-        rows = slice(c - half, c + half + 1, stride)
-        start, end = t[c - half], t[c + half]
-        s = (2.0 * t[rows] - start - end) / (end - start)
-        phi = (1.0 - s**2) ** POWER
-        slope = -2.0 * POWER * s * (1.0 - s**2) ** (POWER - 1) * 2.0 / (end - start)
-        dt = _weights(t[rows], even)
-        whole = float(np.sum(phi * dt))
-        made[k] = np.einsum("t,tij->ij", phi * dt / whole, force[rows])
-        made[k] -= np.einsum("t,tij->ij", slope * dt / whole, momentum[rows])
-    return made
-
-
-def _weights(t: Array, even: bool) -> Array:
-    """Weights of samples in an integral over a window: trapezoids on an even clock, else splines."""
-    if even:
-        weights = np.gradient(t)
-        weights[[0, -1]] *= 0.5
-        return np.asarray(weights)
-    from scipy.interpolate import make_interp_spline
-
-    return np.asarray(make_interp_spline(t, np.eye(len(t)), k=5).integrate(t[0], t[-1]))
-
-
-def _without(
-    matrix: Array, excused: Excused, stretches: Sequence[_Stretch], weight: Array, level: float
-) -> Array:
-    """The weighted equations (rows, n, P + 1) without what excused columns account for.
-
-    Along what they span, the equations are divided by what the columns amount to there, with coefficients of
-    one at most, and a noise of `level` in each of them. Small columns take off nothing: without this, the
-    step times a damping would take off the inertia itself, which it is proportional to.
-    """
-    made = []
-    for s in stretches:
-        force = excused.columns(s.samples)
-        made.append(_windows(s.samples.t, np.zeros_like(force), force))
-    columns = np.concatenate(made) * weight[..., None]
-    U, size, _ = np.linalg.svd(columns.reshape(-1, columns.shape[2]), full_matrices=False)
-    kept = 1.0 / np.sqrt(1.0 + (size / max(level, 1e-300)) ** 2)
-    rows = matrix.reshape(-1, matrix.shape[2])
-    return np.asarray((rows - U @ ((1.0 - kept)[:, None] * (U.T @ rows))).reshape(matrix.shape))
+    def __call__(self, stretch: _Stretch) -> Array:
+        return evaluate(self._function, stretch.columns, self._speeds)[0]
 
 
 def terms_of(whole: Array, kernels: ColumnKernels) -> Array:
@@ -609,12 +593,6 @@ def _ten(inertia: Inertia) -> list[SX]:
 # --- uncertainty --------------------------------------------------------------------------------------
 
 
-def _quadrature(rows: _Rows, residual: Array, stretches: Sequence[_Stretch]) -> Array:
-    """What sampling makes of the integrals (n,): a third of their change on every second sample."""
-    coarse = np.concatenate([rows(s, 2)[..., 0] for s in stretches])
-    return np.asarray(np.sqrt(np.mean((coarse - residual) ** 2, axis=0)) / 3.0)
-
-
 PERTURBATIONS = 2
 COLUMNS = ("q", "u", "udot", "logged")
 
@@ -633,9 +611,9 @@ def _moved(stretch: _Stretch, size: Callable[[Array], Array], rng: np.random.Gen
     return replace(stretch, samples=replace(stretch.samples, **moved))
 
 
-def _digits(kernels: ColumnKernels, form: Form, stretches: Sequence[_Stretch]) -> Array:
+def _digits(kernels: ColumnKernels, stretches: Sequence[_Stretch]) -> Array:
     """Root mean square (n,) of what the log's digits make of the residual."""
-    rows = _Rows(kernels, form, residual_only=True)
+    rows = _Rows(kernels, residual_only=True)
     rng = np.random.default_rng(0)
     changes = [
         rows(_moved(s, lambda x: resolution(x) / np.sqrt(3.0), rng))[..., 0] - rows(s)[..., 0]
@@ -654,13 +632,6 @@ def _shaken(rows: _Rows, stretches: Sequence[_Stretch]) -> Array:
 def arranged(values: Array) -> Array:
     """[r X] as [X r]."""
     return np.concatenate([values[..., 1:], values[..., :1]], axis=2)
-
-
-def _moving(rows: _Rows, stretches: Sequence[_Stretch]) -> Array:
-    """1 where a joint moves, 0 where it hardly does (rows, n)."""
-    u = np.concatenate([rows.slowest(s) for s in stretches])
-    typical = np.sqrt(np.mean(u**2, axis=0))
-    return np.asarray((u > SLIP * typical).astype(float))
 
 
 def _noise(values: Array) -> Array:

@@ -234,12 +234,14 @@ class Explanation(Report, also=("sentence",)):
         alternatives: other sets of causes that the log does not tell from these.
         separating: the motion that would tell them apart, or that none does.
         unseen: elements whose masses, inertias or channels the log hardly shows.
-        form: "samples", with measured accelerations; "weak", from speeds over windows.
+        form: "samples", with measured accelerations; "steps", of each row from the one before.
         residual: largest root mean square of an equation's residual, as a share of its terms.
         noise: what of that the noise of the log accounts for.
         samples: how many were looked at.
         predicted: share of the residual that a part of the log predicts of the rest, by all known terms
             together; 0 where there is nothing.
+        effect: root mean square of what the causes make of each equation, as a share of its terms.
+        work: energy (J) that they do in the time of the log, without sign.
         notes: what the log's forces hide: channels that the model does not have.
     """
 
@@ -254,6 +256,8 @@ class Explanation(Report, also=("sentence",)):
     noise: float
     samples: int
     predicted: float
+    effect: tuple[float, ...] = ()
+    work: float = 0.0
     notes: tuple[str, ...] = ()
 
     @property

@@ -15,9 +15,14 @@ from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
 
 SINGLE = float(np.finfo(np.float32).eps)
-HALF, LEAST_HALF = float(np.finfo(np.float16).eps), float(np.finfo(np.float16).smallest_subnormal)
 PROBES = 400
 
+
+LEAST_VALUES = 3
+"""Different numbers of a column from which on their digits are told: a constant has none."""
+
+LEVELS = 8
+"""The same of forces in a log of doubles."""
 
 MANY, STRETCHES = 20_000, 8
 """Rows by which digits are told, and the deviation of noise is known to a hundredth; the stretches of a
@@ -35,11 +40,13 @@ class Digits:
 
     Columns of half and single precision, of a fixed number of decimals or of significant digits, and counts
     of an encoder are recognised by their values; all others are taken for doubles. Zeros have no error. Of
-    more than `MANY` rows so many tell that: half of them neighbours, half spread evenly.
+    more than `MANY` rows so many tell that: half of them neighbours, half spread evenly. Columns of fewer
+    than `least` different numbers say nothing about theirs.
     """
 
-    def __init__(self, values: Array) -> None:
+    def __init__(self, values: Array, least: int = LEAST_VALUES) -> None:
         self._values = values
+        self._least = least
         self._short = len(values) <= MANY
 
     @cached_property
@@ -58,10 +65,16 @@ class Digits:
         ordered = np.sort(np.ascontiguousarray(values.T), axis=1)
         different = 1 + np.count_nonzero(ordered[:, 1:] != ordered[:, :-1], axis=1)
         return {
-            k: _of_column(values[:, k], rows)
+            k: _of_column(values[:, k], rows, self._least)
             for k, probe in enumerate(values[rows[PROBES // 2]].tolist())
             if different[k] <= REPEATS * len(values) or not _of_many_digits(probe)
         }
+
+    @property
+    def few(self) -> bool:
+        """Whether a column has fewer digits than doubles."""
+        some = slice(0, PROBES)
+        return bool(np.any(self.half(some) > 2.0 * EPS * np.abs(self._values[some])))
 
     @cached_property
     def noise(self) -> Array:
@@ -93,11 +106,20 @@ def digits_of(run: Trajectory) -> Mapping[str, Digits]:
 
     Of forces the columns in which they ever act.
     """
-    forces = LoggedForces.of(run).values(run)
-    columns = {"q": run.q, "u": run.u, **{f"force {n}": f for n, f in forces.items()}}
+    found = {"q": Digits(run.q), "u": Digits(run.u)}
     if run.udot is not None:
-        columns["udot"] = run.udot
-    return {name: Digits(values) for name, values in columns.items()}
+        found["udot"] = Digits(run.udot)
+    least = least_of_forces(found)
+    forces = LoggedForces.of(run).values(run)
+    return found | {f"force {n}": Digits(f, least) for n, f in forces.items()}
+
+
+def least_of_forces(found: Mapping[str, Digits]) -> int:
+    """Different numbers from which on the digits of a force are told, beside those of "q" and "u".
+
+    Where all states are doubles, a force of few values, such as on and off, is commanded so, and not rounded.
+    """
+    return LEAST_VALUES if found["q"].few or found["u"].few else LEVELS
 
 
 def resolution(values: Array) -> Array:
@@ -115,11 +137,11 @@ def _of_many_digits(x: float) -> bool:
     return float(f"{x:.11e}") != x and round(x, 12) != x and float(np.float32(x)) != x
 
 
-def _of_column(column: Array, rows: NDArray[np.intp]) -> Rule:
+def _of_column(column: Array, rows: NDArray[np.intp], least: int) -> Rule:
     probes = np.unique(column[rows])
     values = len(probes)
     probes = probes[probes != 0.0]
-    if values < 3 or not len(probes):  # a constant says nothing about its digits
+    if values < least or not len(probes):
         return lambda size: EPS * size
     readings = [rule for find in (_significant, _decimals, _binary) if (rule := find(probes))]
     if readings:  # numbers of few decimals have few significant digits too: the coarser is meant
@@ -132,7 +154,7 @@ def _of_column(column: Array, rows: NDArray[np.intp]) -> Rule:
 def _binary(probes: Array) -> Rule | None:
     """Half or single precision; halves of few bits have few decimals as well."""
     if np.all(np.abs(probes) < MOST_HALF) and np.array_equal(probes.astype(np.float16), probes):
-        return lambda size: HALF * size + LEAST_HALF * (size > 0.0)
+        return _half_of_half_precision
     if np.array_equal(probes.astype(np.float32).astype(np.float64), probes):
         return lambda size: SINGLE * size
     return None
@@ -156,6 +178,11 @@ def _count(column: Array) -> float:
         return 0.0
     off = np.abs((levels - levels[0]) / count - np.rint((levels - levels[0]) / count))
     return count if float(off.max()) < 1e-3 else 0.0
+
+
+def _half_of_half_precision(size: Array) -> Array:
+    """Nobody computes in half precision: numbers were rounded once, to the nearest."""
+    return np.asarray(0.5 * np.spacing(size.astype(np.float16)).astype(np.float64) * (size > 0.0))
 
 
 def _significant(probes: Array) -> Rule | None:

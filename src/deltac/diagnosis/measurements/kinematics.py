@@ -77,6 +77,12 @@ ROUNDED = 1e-6
 CLEARLY = 0.3
 """An even clock is believed where it leaves this share of the unsteadiness, or less."""
 
+JUMP = 3.0
+"""How many times farther than by the fastest speed of the log a coordinate must move to have jumped."""
+
+JUMPS = 0.01
+"""Share of the intervals that jumps may be: episodes have some rows."""
+
 DEPARTS = 0.05
 """Share of a column's movement that its rate may miss before the log is doubted."""
 
@@ -569,7 +575,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
         if unsteadiness(other) < CLEARLY * unsteadiness(comparisons):
             found.append(_jitter(run, even))
             run, comparisons = even, other
-    found += list(_wrong_rates(mechanism, run, comparisons))
+    found += [*_jumps(run, comparisons), *_wrong_rates(mechanism, run, comparisons)]
     return Cleaned(run, tuple(found), comparisons)
 
 
@@ -587,11 +593,15 @@ def _evenly_timed(run: Trajectory) -> Trajectory | None:
     step = float(np.median(h))
     if run.integrals or run.events or float(np.ptp(h)) <= ROUNDED * step:
         return None
-    even = run.t
-    for _ in range(3):  # the median of rounded stamps is not their mean
-        rows = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(h / step), 1.0))])
-        step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
-        even = start + step * rows
+    # However much single steps vary: no row is lost where each is nearest to its own place.
+    rows = np.arange(float(len(run)))
+    even = np.polyval(np.polyfit(rows, run.t, 1), rows)
+    if np.abs(run.t - even).max() >= 0.5 * step:
+        even = run.t
+        for _ in range(3):  # the median of rounded stamps is not their mean
+            rows = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(h / step), 1.0))])
+            step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
+            even = start + step * rows
     scatter = float(np.abs(run.t - even).max())
     return replace(run, t=even) if ROUNDED * step < scatter < 0.5 * step else None
 
@@ -766,6 +776,29 @@ def _without_spikes(
         element=rows[first],
     )
     return _rows(run, keep), [finding]
+
+
+def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
+    """Single intervals over which coordinates move farther than any speed in the log would take them."""
+    jumped: dict[int, str] = {}
+    for name, made in comparisons.items():
+        farthest = float(np.abs(made.told).max(initial=0.0))
+        far = made.outliers & (np.abs(made.defect) > JUMP * farthest)
+        jumped |= dict.fromkeys(made.start[far].tolist(), name)
+    rows = np.array(sorted(jumped), dtype=np.intp)
+    if not len(rows) or len(rows) > JUMPS * len(run) or np.diff(rows).min(initial=2) < 2:
+        return
+    first = int(rows[0])
+    times = ", ".join(f"{run.t[k]:.6g}" for k in rows[:3]) + (", …" if len(rows) > 3 else "")
+    yield Finding(
+        "jump",
+        "the state jumps from one row to the next, as where an episode begins anew or a state was set",
+        f"{'once' if len(rows) == 1 else f'{len(rows)} times'}, after t = {times} s: {jumped[first]!r} moves "
+        f"{JUMP:g} times as far as its largest speed would take it, or farther",
+        "Audit what is before and after each jump by itself, or log a column `episode`",
+        "doubt",
+        jumped[first],
+    )
 
 
 def _wrong_rates(

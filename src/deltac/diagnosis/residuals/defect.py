@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.residuals.rows import (
+    PIECES,
     UNEVEN,
     Model,
     Rows,
@@ -88,8 +89,7 @@ class Residual:
             and the largest that a damper, a constant force or another inertia of a joint may have done.
         spent: energy (J) that the residual does in it, without sign.
         noisy: how much of what looks like noise on the log is that, in standard deviations.
-        columns: the scheme columns as generalized forces (T, n, m) of consecutive rows t, q, u, F, each times
-            the largest coefficient that a consistent scheme may have.
+        intervals: what it was made of, for causes to be tested by.
     """
 
     t: Array
@@ -104,7 +104,7 @@ class Residual:
     spent: float
     bars: Mapping[str, Array]
     noisy: float
-    columns: Callable[[Array, Array, Array, Array], Array]
+    intervals: Intervals
 
     @property
     def ratio(self) -> Array:
@@ -147,11 +147,116 @@ class _Defects:
     def names(self) -> list[str]:
         return list(self.columns)
 
+    def within(self, some: slice) -> _Defects:
+        """Those of some of its intervals."""
+        columns = {n: x[some] for n, x in self.columns.items()}
+        forces = {n: x[some] for n, x in self.forces.items()}
+        return _Defects(
+            self.w[some], columns, self.N[some], self.a[some], self.interpolation[some], forces,
+            self.bounds, self.at[some],
+        )  # fmt: skip
+
     @cached_property
     def column_forces(self) -> Mapping[str, Array]:
         """The scheme columns as forces, N times each (I, n)."""
         made = self.N @ np.stack([*self.columns.values()], axis=2)
         return {name: made[:, :, k] for k, name in enumerate(self.columns)}
+
+
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """The intervals of a log as linear equations: what they leave, and what causes would, over windows.
+
+    `parts` are stretches of rows with their defects, `names` those of the scheme columns, `width` that of the
+    windows in intervals, `held` whether forces are held over each step.
+    """
+
+    model: Model
+    parts: Sequence[tuple[Rows, _Defects]]
+    names: tuple[str, ...]
+    width: int
+    held: bool
+
+    def windows(self, values: Iterable[Array]) -> Array:
+        """Means (W, …) of what the intervals of each part have (I, …)."""
+        weights = (rows.h[p.at, 0] for rows, p in self.parts)
+        made = [_window(x, h, self.width) for x, h in zip(values, weights)]
+        return np.concatenate(made)
+
+    @property
+    def defects(self) -> Array:
+        """What the equations leave, scheme columns and all (W, n), N or N·m."""
+        return self.windows(multiply(p.N, p.w) for _, p in self.parts)
+
+    @property
+    def scheme(self) -> Array:
+        """The scheme columns (W, n, m), each as large as a consistent scheme leaves at most."""
+        made = [self._bounded(n) for n in self.names]
+        return np.stack(made, axis=2) if made else np.zeros((*self.defects.shape, 0))
+
+    def _bounded(self, name: str) -> Array:
+        bound = max(p.bounds.get(name, 0.0) for _, p in self.parts)
+        return bound * self.windows(p.column_forces.get(name, 0.0 * p.w) for _, p in self.parts)
+
+    @property
+    def u(self) -> Array:
+        """Speeds (W, n)."""
+        return self.windows(rows.u[p.at] for rows, p in self.parts)
+
+    @property
+    def slowest(self) -> Array:
+        """The smallest |u| of each window (W, n)."""
+        speeds = [np.minimum(np.abs(r.u[p.at]), np.abs(r.u[p.at + 1])) for r, p in self.parts]
+        half = max(1, self.width // 2)
+        least = [np.minimum.reduceat(x, np.arange(0, len(x), half)) for x in speeds]
+        if self.width > 1:
+            least = [np.minimum(x[:-1], x[1:]) for x in least]
+        lengths = [len(_window(p.w, rows.h[p.at, 0], self.width)) for rows, p in self.parts]
+        return np.concatenate([x[:k] for x, k in zip(least, lengths)])
+
+    def few(self, most: int) -> Intervals:
+        """Those of stretches of so many intervals together, over the whole log."""
+        count = sum(len(p.at) for _, p in self.parts)
+        if count <= most:
+            return self
+        chosen = []
+        for rows, p in self.parts:
+            share = max(4 * self.width, most * len(p.at) // count)
+            pieces = max(1, min(PIECES, share // max(100, 4 * self.width)))
+            size = min(share // pieces, len(p.at))
+            starts = np.linspace(0, len(p.at) - size, pieces).astype(int)
+            chosen += [(rows, p.within(slice(s, s + size))) for s in starts.tolist()]
+        return replace(self, parts=chosen)
+
+    def made_by(self, column: Callable[[Rows, Array, NDArray[np.intp], Array], Array]) -> Array:
+        """What generalized forces make of the windows (W, n, P).
+
+        `column` gives them (T, n, P) at some rows of a part: it takes the part's rows, its accelerations
+        (T, n) as the motion has them, which rows, and the logged forces (rows, m) there.
+        """
+        found = []
+        for rows, p in self.parts:
+            udot, starts, ends = self._udot(rows, p), p.at, p.at + 1
+            F = rows.F[starts if self.held else ends]
+            added = self._added(rows, starts, column(rows, udot, starts, rows.F[starts]))
+            added += self._added(rows, ends, column(rows, udot, ends, F))
+            found.append(p.N @ (0.5 * added))
+        return self.windows(found)
+
+    def _udot(self, rows: Rows, p: _Defects) -> Array:
+        """Accelerations (T, n): those of the model, and the defects as far as noise allows."""
+        middle = (rows.t[:-1] + 0.5 * rows.h[:, 0])[p.at]
+        h = rows.h[p.at, 0]
+        left, times = _window(p.w, h, self.width), _window(middle, h, self.width)
+        besides = [np.interp(rows.t, times, x) for x in left.T] if len(left) else 0.0
+        return np.asarray(self.model.at(rows) + np.transpose(besides))
+
+    def _added(self, rows: Rows, k: NDArray[np.intp], force: Array) -> Array:
+        """What forces (I, n, P) at some rows add to the accelerations."""
+        M, G = self.model.matrices(rows.t[k], rows.q[k])
+        if self.model.rows_of_G:
+            return self.model.compliance(M, G) @ force
+        return np.asarray(np.linalg.solve(M, force))
 
 
 def _plain(model: Model, rows: Rows, held: bool) -> tuple[Array, Array, Array]:
@@ -166,10 +271,8 @@ def _plain(model: Model, rows: Rows, held: bool) -> tuple[Array, Array, Array]:
     return a, rows.D - mean - forced, mean - mean_over_steps(rows.t, smooth, 3)
 
 
-def _defects(
-    model: Model, rows: Rows, groups: Mapping[str, list[int]], held: bool, *, whole: bool = False
-) -> _Defects:
-    """The defects of a stretch; if forces are held those where none changes, unless the `whole` is asked."""
+def _defects(model: Model, rows: Rows, groups: Mapping[str, list[int]], held: bool) -> _Defects:
+    """The defects of a stretch; if forces are held those where none changes."""
     a, w, interpolation = _plain(model, rows, held)
     t0, q0, u0, F0 = rows.t[:-1], rows.q[:-1], rows.u[:-1], rows.F[:-1]
     t1, q1, u1, F1 = rows.t[1:], rows.q[1:], rows.u[1:], rows.F[1:]
@@ -238,7 +341,7 @@ def _defects(
     curve = 0.5 * (np.vstack([second, second[-1:]]) + np.vstack([second[:1], second]))
     columns["curve"] = curve
     bounds |= {"mixed": 1.0, "middle": 1.0, "curve": 0.5}
-    at = np.flatnonzero(stairs(rows.F).known) if held and not whole else np.arange(len(w))
+    at = np.flatnonzero(stairs(rows.F).known) if held else np.arange(len(w))
     return _Defects(
         w[at], {n: x[at] for n, x in columns.items()}, N[at], a0[at], interpolation[at],
         {n: x[at] for n, x in forces.items()}, bounds, at,
@@ -483,7 +586,7 @@ def _judged(
     return Residual(
         times, residual, allowed, trimmed(residual), bar, scale, c, taken, hidden, spent,
         {**bars, "noise": noise_bar, "rounding": rounding}, believed * min(1.0, np.sqrt(3.0) * real),
-        partial(_as_forces, model, groups, tuple(c), held),
+        Intervals(model, [(r, p) for (r, _), p in zip(pieces, parts)], tuple(c), width, held),
     )  # fmt: skip
 
 
@@ -497,9 +600,10 @@ def _mistakes(
 ) -> float:
     """The largest work (J) that a simple mistake may have done in a time without being seen.
 
-    A damper, a constant force or another inertia of one joint is fitted to the residual (W, n) together with
-    the scheme columns, each of which may be as large as its bound; three standard errors are added. Those are
-    the larger of two: of white noise, and of the scatter of the scores over blocks of the log.
+    A damper of one joint or of all alike, a constant force or another inertia of one joint is fitted to the
+    residual (W, n) together with the scheme columns, each of which may be as large as its bound; three
+    standard errors are added. Those are the larger of two: of white noise, and of the scatter of the scores
+    over blocks of the log.
     """
     lengths = [r.h[p.at, 0] for (r, _), p in zip(pieces, parts)]
     energy = np.sum((residual / np.maximum(rms(residual), 1e-100)) ** 2, axis=1)
@@ -525,20 +629,26 @@ def _mistakes(
     def by_block(x: Array) -> Array:
         return np.asarray(np.add.reduceat(x, starts))
 
+    def and_of_all(x: Array) -> Array:
+        """What is of each joint (.., n, ..), and of dampers of all of them alike, as of a wrong default."""
+        every = [x.sum(axis=1, keepdims=True)] if kind is speeds else []
+        return np.concatenate([x, *every], axis=1)
+
     of_columns = by_block(np.einsum("wnp,wn->wp", U, y))
-    u = np.concatenate([r.u[p.at] for (r, _), p in zip(pieces, parts)])
+    speeds = [r.u[p.at] for (r, _), p in zip(pieces, parts)]
+    u = np.concatenate(speeds)
     share = np.concatenate(lengths)[:, None] * (time / sum(float(h.sum()) for h in lengths))
     most = 0.0
     for kind in (
-        [r.u[p.at] for (r, _), p in zip(pieces, parts)],
+        speeds,
         [np.ones_like(p.w) for p in parts],
         [multiply(p.N, p.a) for p in parts],
     ):
         m = weighted(kind)
         with_columns, products, squares = (
-            by_block(U * m[..., None]),
-            by_block(m * y),
-            by_block(m * m),
+            and_of_all(by_block(U * m[..., None])),
+            and_of_all(by_block(m * y)),
+            and_of_all(by_block(m * m)),
         )
         a = with_columns.sum(axis=0)
         total = squares.sum(axis=0)
@@ -549,8 +659,10 @@ def _mistakes(
         scores = products - of_columns @ (taken * a).T
         scores -= theta * (squares - np.sum(with_columns * (taken * a), axis=2))
         error = np.sqrt(np.maximum(1.0 / seen, np.sum((scores / seen) ** 2, axis=0)))
-        done = np.abs(np.cumsum(np.concatenate(kind) * u * share, axis=0)).max(axis=0)
-        most = max(most, float(np.max((np.abs(theta) + 3.0 * error) * done * exists)))
+        works = and_of_all(np.cumsum(np.concatenate(kind) * u * share, axis=0))
+        done = np.abs(works).max(axis=0)
+        sure = np.where(np.arange(len(theta)) < n, 3.0, 1.0)  # noise of each joint counts already
+        most = max(most, float(np.max((np.abs(theta) + sure * error) * done * exists)))
     return most
 
 
@@ -584,33 +696,6 @@ def _share_of_noise(
     between *= intervals / pairs
     known = max(-2.0 * between, 0.0) + CHANCE * total / np.sqrt(max(count, 1))
     return float(np.clip(np.sqrt(known / apparent), 0.0, 1.0))
-
-
-def _as_forces(
-    model: Model,
-    groups: Mapping[str, list[int]],
-    names: Sequence[str],
-    held: bool,
-    t: Array,
-    q: Array,
-    u: Array,
-    F: Array,
-) -> Array:
-    """The scheme columns of consecutive rows as forces (T, n, m); the last row repeats its neighbour."""
-    rows = Rows(t, q, u, F)
-    found = _defects(model, rows, groups, held, whole=True)
-    nothing = np.zeros_like(found.w)
-    columns = np.zeros((*found.w.shape, 0))
-    if names:
-        columns = np.stack(
-            [found.bounds.get(n, 0.0) * found.columns.get(n, nothing) for n in names], axis=2
-        )
-    # Coordinates that a scheme moves by other speeds than those logged change the momentum besides.
-    there = model.inertia(t[1:], q[1:])
-    told = model.inertia(t[1:], model.moved(q[:-1], 0.5 * (u[:-1] + u[1:]), rows.h))
-    momentum = multiply(there - told, u[:-1]) / rows.h
-    forces = np.concatenate([found.N @ columns, momentum[..., None]], axis=2)
-    return np.concatenate([forces, forces[-1:]])
 
 
 def _changes(p: _Defects) -> Array:

@@ -35,7 +35,7 @@ from deltac.trajectories import Trajectory
 CLEAR = 10.0
 """Error bars beyond which a residual is significant. Of right equations it stays below five."""
 
-NAMED = 3.0
+NAMED = 1.0
 """Error bars beyond which it is, where one cause explains it all along the log."""
 
 LOCAL = 30.0

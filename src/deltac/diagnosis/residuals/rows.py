@@ -124,8 +124,8 @@ class Model:
 
     def inertia(self, t: Array, q: Array) -> Array:
         """Inertia N (T, n, n): M, or with constraints that of the motions that these leave, M C M."""
-        M, G = self._matrices(t, q)
-        return M @ self._compliance(M, G) @ M if self.rows_of_G else M
+        M, G = self.matrices(t, q)
+        return M @ self.compliance(M, G) @ M if self.rows_of_G else M
 
     def size(self, t: Array, q: Array, w: Array) -> Array:
         """√(wᵀN w) (T,) of accelerations (T, n), N as `inertia`."""
@@ -135,17 +135,18 @@ class Model:
 
     def response(self, t: Array, q: Array, force: Array) -> Array:
         """What forces (T, n) add to the accelerations (T, n)."""
-        M, G = self._matrices(t, q)
+        M, G = self.matrices(t, q)
         if self.rows_of_G:
-            return multiply(self._compliance(M, G), force)
+            return multiply(self.compliance(M, G), force)
         return np.asarray(np.linalg.solve(M, force[..., None])[..., 0])
 
-    def _matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
+    def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
+        """Mass matrix M (T, n, n) and constraint Jacobian G (T, m, n)."""
         flat, g = self.functions.matrices(t, q)
         G = g.reshape(len(t), self.n, self.rows_of_G).transpose(0, 2, 1)
         return flat.reshape(len(t), self.n, self.n), G
 
-    def _compliance(self, M: Array, G: Array) -> Array:
+    def compliance(self, M: Array, G: Array) -> Array:
         """Compliance C (T, n, n) of what constraints leave: M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
         inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
         response = inverse @ G.transpose(0, 2, 1)

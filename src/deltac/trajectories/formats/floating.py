@@ -148,7 +148,10 @@ def _readings(
         [x for x in free if x in vectors or x.stop == known.start or x.start == known.stop]
         for known in (four, w)
     )
-    linear = _best(_linear(t, table, R, places, speeds), usual="world")
+    fitting = [one for one in _linear(t, table, R, places, speeds) if one.miss < AGREES]
+    # Sliders and wheels beside the body are the rates of their coordinates as well: the usual order decides.
+    first_of_all = [one for one in fitting if one.of.stop == four.start and one.at.stop == w.start]
+    linear = _best(first_of_all or fitting, usual="world")
     if linear is not None:
         miss = angular.miss + linear.miss
         yield Floating(

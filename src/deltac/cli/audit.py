@@ -26,6 +26,14 @@ if TYPE_CHECKING:
     from deltac.trajectories.formats.reading import ColumnReading
 
 
+def _status(folder: Path | None) -> None:
+    """How far the audit of many logs in a folder is; the command ends with it."""
+    if folder is not None:
+        from deltac.fleets.result import fleet_status
+
+        deliver_fleet(fleet_status(folder), options.Form.text, None)
+
+
 def command(
     model: options.Model,
     logs: Annotated[
@@ -86,6 +94,16 @@ def command(
     scheduler: options.Scheduler = None,
     time_limit: options.TimeLimit = None,
     retry_failed: options.RetryFailed = False,
+    status: Annotated[
+        Path | None,
+        typer.Option(
+            "--status",
+            metavar="DIR",
+            help="Show the progress of an audit of many logs; nothing is run.",
+            is_eager=True,
+            callback=_status,
+        ),
+    ] = None,
     figure: options.FigureFile = None,
     page: options.PageFile = None,
     form: options.Format = options.Form.text,

@@ -110,11 +110,10 @@ def read_episodes(
 ) -> list[Trajectory | InputError]:
     """Some episodes of a log, or a whole log (None), each as a trajectory or as why it is none."""
     try:
-        with local_copy(source) as path:
+        with naming(source), local_copy(source) as path:
             if list(names) == [None]:
                 if path.suffix.lower() in ARRAYS and (shapes := _shapes(path)) is not None:
-                    with naming(source):
-                        _count(shapes)  # why they are no episodes
+                    _count(shapes)  # why they are no episodes
                 return [read_trajectory(path, mapping, mechanism)]
             raws = dict(_raw_episodes(path, [name for name in names if name is not None]))
     except InputError as error:

@@ -30,6 +30,7 @@ from deltac.diagnosis.explain.regression import (
     weights_of,
 )
 from deltac.diagnosis.explain.search import Found, promise, search
+from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.residuals.rows import trimmed
@@ -49,6 +50,9 @@ from deltac.trajectories import Trajectory
 
 FAR_LESS = 0.1
 """Share that a pair may leave of what an unknown integrator leaves, and of what there is to explain."""
+
+SURELY = 3.0
+"""How many times more than a pair may leave digits must leave for none to be looked for."""
 
 MOST = 3
 """Relations for which the search is made in full."""
@@ -104,7 +108,7 @@ def known_but_for_one(
     """
     steps = step.steps
     prescribed = len(mechanism.free.u) < len(mechanism.speeds)
-    if steps is None or step.closes or prescribed:
+    if steps is None or step.closes or prescribed or _below_digits(run, step, steps):
         return None
     evaluator = Evaluator(mechanism, run)
     for end, of in zip(evaluator.reach, (np.min, np.max)):  # of the rows that are looked at
@@ -141,6 +145,22 @@ def known_but_for_one(
     if not known.significant.any():
         return None
     return known, told(mechanism, run, best.prepared, best.found).findings
+
+
+def _below_digits(run: Trajectory, step: OneStep, steps: Steps) -> bool:
+    """Whether the digits of the speeds alone leave more than any pair may that counts.
+
+    They are in the mean accelerations D, and so in what every relation leaves; no cause takes them off.
+    """
+    rows = np.searchsorted(run.t, steps.start.t)
+    speeds = steps.model.mechanism.free.u
+    rounded = digits_of(run)["u"].half(rows)[:, speeds] * math.sqrt(2.0 / 3.0)  # of two rows
+    rounded = rounded / (run.t[rows + 1] - run.t[rows])[:, None]
+    digits = np.sqrt(np.mean((steps.N**2 @ rounded[..., None] ** 2)[..., 0], axis=0))
+    found, scale = step.residual, np.maximum(step.residual.scale, 1e-300)
+    return float(np.linalg.norm(digits / scale)) > SURELY * FAR_LESS * float(
+        np.linalg.norm(found.size / scale)
+    )
 
 
 def _distinct(steps: Steps) -> list[Relation]:

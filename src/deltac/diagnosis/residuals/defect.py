@@ -450,15 +450,15 @@ def _window(values: Array, weights: Array, width: int) -> Array:
     count = len(values) // max(1, width // 2) - 1
     if count < 1:
         return values[:0]
-    bump = np.sin(np.pi * (np.arange(width) + 0.5) / width) ** 2
-    made = []
-    for j in range(count):
-        here = slice(j * (width // 2), j * (width // 2) + width)
-        if here.stop > len(values):
-            break
-        w = bump * weights[here]
-        made.append(np.tensordot(w / w.sum(), values[here], axes=(0, 0)))
-    return np.array(made).reshape(len(made), *values.shape[1:])
+
+    def overlapping(x: Array) -> Array:
+        seen = np.lib.stride_tricks.sliding_window_view(x, width, axis=0)
+        return np.asarray(seen[:: width // 2][:count])
+
+    weight = np.sin(np.pi * (np.arange(width) + 0.5) / width) ** 2 * overlapping(weights)
+    weight /= weight.sum(axis=1, keepdims=True)
+    flat = overlapping(values.reshape(len(values), -1)) @ weight[:, :, None]
+    return np.asarray(flat.reshape(count, *values.shape[1:]))
 
 
 def _judged(

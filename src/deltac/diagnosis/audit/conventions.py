@@ -110,9 +110,9 @@ def _rates(run: Trajectory) -> Places:
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
-def units(mechanism: Mechanism, run: Trajectory, deadline: Deadline) -> Finding | None:
+def units(mechanism: Mechanism, run: Trajectory) -> Finding | None:
     """Coordinates and their speeds both in another unit, all of them or those of one joint."""
-    return _best(mechanism, run, list(_units(mechanism, run)), deadline)
+    return _best(mechanism, run, list(_units(mechanism, run)), Deadline())
 
 
 def orders_and_signs(mechanism: Mechanism, run: Trajectory, deadline: Deadline) -> Finding | None:

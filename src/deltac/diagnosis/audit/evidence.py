@@ -179,7 +179,7 @@ def gather(
     found: list[Finding] = []
     whole = log.consecutive is log.run
     foreign = step is not None and not step.closes and not given and whole
-    other = conventions.units(mechanism, log.run, deadline.beside(CONVENTIONS)) if foreign else None
+    other = conventions.units(mechanism, log.run) if foreign else None
     if other is not None:
         return Evidence(log, None, None, (other,))
 

@@ -203,7 +203,7 @@ class Chosen:
 def _after(k: NDArray[np.intp], j: int, count: int) -> slice | NDArray[np.intp]:
     """The rows j after rows k, or the last of so many; neighbours as a slice, which copies nothing."""
     first, last = int(k[0]) + j, int(k[-1]) + j
-    if last < count and last - first == len(k) - 1:
+    if first >= 0 and last < count and last - first == len(k) - 1:
         return slice(first, last + 1)
     return np.minimum(k + j, count - 1)
 

@@ -34,7 +34,9 @@ def test_no_quaternion_is_no_turn_and_quarter_turns_have_zeros() -> None:
 @pytest.mark.parametrize("length", [1e-200, 1e200])
 def test_quaternions_of_any_length(length: float) -> None:
     expected = np.array([0.5, 0.5, -0.5, 0.5])
-    np.testing.assert_array_equal(rotations.matrices(length * expected), rotations.matrices(expected))
+    np.testing.assert_array_equal(
+        rotations.matrices(length * expected), rotations.matrices(expected)
+    )
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -435,7 +435,10 @@ def _over_steps(kernels: ColumnKernels, run: Trajectory, left: Residual, sliding
     kept = 1.0 / np.sqrt(1.0 + size**2)
     flat = flat - U @ ((1.0 - kept)[:, None] * (U.T @ flat))
     count = len(kernels.columns) + 1
-    rows, steps = flat[:, :count].reshape(*rows.shape[:2], count), (flat[:, :count], flat[:, count:])
+    rows, steps = (
+        flat[:, :count].reshape(*rows.shape[:2], count),
+        (flat[:, :count], flat[:, count:]),
+    )
     # White noise is known by its size: what no cause explains, and nothing predicts.
     noise = left.bars["noise"] * weight
     shaken = np.append(np.zeros(len(kernels.columns)), np.sqrt(len(rows) * np.sum(noise**2)))

@@ -415,7 +415,7 @@ def _by_speeds(run: Trajectory, kind: str) -> bool:
 
 
 def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
-    """One finding for all, of the first actuator, or else equality, if there is one.
+    """One finding for all, of the first actuator or equality, if there is one; the others are its equals.
 
     Contacts, limits and friction that never acted need not be logged.
     """
@@ -435,6 +435,7 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
             + ("; of a MuJoCo model `replay` finds it from the controls" if motors else ""),
             "note",
             next(iter([*motors, *equalities]), ""),
+            equals=tuple(("assumed-zero", name) for name in [*motors, *equalities][1:]),
         )
     ]
 

@@ -57,6 +57,9 @@ FEW = 3
 FIRST = 0.4
 """Share of the time left that a search for causes may take before others get theirs."""
 
+CONVENTIONS = 10.0
+"""Seconds that conventions may take beside the search: a log misread accuses nobody however long"""
+
 AGREE = 4.0
 """How many times its disagreement with the speeds a residual of measured accelerations must be."""
 
@@ -244,7 +247,7 @@ def gather(
         again = {(f.kind, f.element) for f in more}
         found = [f for f in found if (f.kind, f.element) not in again] + more
     if foreign:
-        found = _or_conventions(mechanism, log.run, found, deadline)
+        found = _or_conventions(mechanism, log.run, found, deadline.beside(CONVENTIONS))
     return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
 
 
@@ -257,7 +260,7 @@ def _or_conventions(
     as its equal.
     """
     causes = [f for f in found if f.weight == "cause"]
-    other = conventions.orders_and_signs(mechanism, run)
+    other = conventions.orders_and_signs(mechanism, run, deadline)
     if other is None:
         axis = None if causes else conventions.axes(mechanism, run, deadline)
         return found if axis is None else [axis, *found]

@@ -461,9 +461,9 @@ class Left:
     work: float
 
     @cached_property
-    def closes(self) -> bool:
-        """Whether it leaves no step more than that."""
-        return bool(np.all(np.abs(self.forces) <= self.allowed))
+    def unclosed(self) -> NDArray[np.bool_]:
+        """Steps (W,) of which it leaves more than that."""
+        return np.asarray(np.any(np.abs(self.forces) > self.allowed, axis=1))
 
 
 Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None, Callable[[], Left | None]]"

@@ -109,7 +109,10 @@ def test_a_force_of_few_values_is_commanded_so() -> None:
     """Switched between ±2 N it has one decimal, and is exact; in a log of four decimals nothing is."""
     log = rk4(0.05, lambda t: 2.0 if np.sin(5.0 * t) > 0.0 else -2.0 * (t > 0.0))
     model, motor = chain(0.05, torque=True), "force actuator motor"
-    assert digits_of(dc.audit(model, log).run)[motor].half().max() < 1e-12
+    found = dc.audit(model, log)
+    assert digits_of(found.run)[motor].half().max() < 1e-12
+    # It is switched between the stages of a step, and no contact is missing there.
+    assert "missing-contact" not in [f.kind for f in found.findings]
     rounded = {name: x if name == "time" else np.round(x, 4) for name, x in log.items()}
     assert digits_of(dc.audit(model, rounded).run)[motor].half().max() > 1e-6
 

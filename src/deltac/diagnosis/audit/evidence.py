@@ -26,6 +26,7 @@ from deltac.diagnosis.explain.regression import LEAST_ROWS
 from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.explain.search import MOST
 from deltac.diagnosis.inputs.logs import Log, balanced
+from deltac.diagnosis.measurements.digits import LEVELS
 from deltac.diagnosis.measurements.kinematics import (
     Accelerations,
     accelerations,
@@ -33,7 +34,7 @@ from deltac.diagnosis.measurements.kinematics import (
     unsteadiness,
 )
 from deltac.diagnosis.residuals.at_samples import EquationTerms, Sampled, equation_terms, total
-from deltac.diagnosis.residuals.one_step import LEAST, NAMED, OneStep, one_step, one_steps
+from deltac.diagnosis.residuals.one_step import LEAST, MATERIAL, NAMED, OneStep, one_step, one_steps
 from deltac.diagnosis.residuals.rows import rms, stairs, trimmed
 from deltac.diagnosis.residuals.schemes import EXPLICIT
 from deltac.diagnosis.verdict import Finding, Weight, percent
@@ -89,6 +90,9 @@ MOSTLY, QUIET = 0.6, 0.1
 
 NOT_OF_FORCES = 3.0
 """How many times the largest change of a force must be missing beside one of its changes to be none of it."""
+
+SWITCHED = 10.0
+"""How many times more than usual a force changes where it is switched."""
 
 TOUCHING = ("contact", "limit", "friction", "impact")
 """Kinds of forces that begin and end between two rows."""
@@ -726,19 +730,27 @@ def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:
         speeds = [run.speeds.index(name) for name in step.speeds]
         far = np.abs(step.local.forces) > NOT_OF_FORCES * most[speeds]
         local = local & (away | np.any(far, axis=1))
-    touching = [np.abs(force) for name, force in run.forces.items() if name.kind in TOUCHING]
-    if touching and local.any():
-        # Within a step a contact may begin, end, or slip the other way: up to twice its force.
-        speeds = [run.speeds.index(name) for name in step.speeds]
-        acting = np.asarray(sum(touching))[:, speeds]
-        at = np.clip(np.searchsorted(run.t, step.local.t), 1, len(run) - 1)
-        nearby = np.clip(at[:, None] + np.arange(-2, 2), 0, len(run) - 1)
-        far = (
-            np.abs(step.local.forces)
-            > NOT_OF_FORCES * acting[nearby].max(axis=1) + step.local.allowed
-        )
-        local = local & np.any(far, axis=1)
-    return local
+    if not run.forces or not local.any():
+        return local
+    # Within a step a contact may begin, end, or slip the other way, and a motor may be switched.
+    speeds = [run.speeds.index(name) for name in step.speeds]
+    touching = (np.abs(f) for name, f in run.forces.items() if name.kind in TOUCHING)
+    acting = sum(touching, start=np.zeros_like(run.u))[:, speeds]
+    total = sum(run.forces.values(), start=np.zeros_like(run.u))[:, speeds]
+    changes = np.abs(np.diff(total, axis=0, prepend=total[:1]))
+    switched = np.where(changes > SWITCHED * np.median(changes, axis=0), changes, 0.0)
+    of_few = [len(np.unique(column)) <= LEVELS for column in total.T]  # on and off, at any time
+    switched = np.where(of_few, np.ptp(total, axis=0), switched)
+    at = np.clip(np.searchsorted(run.t, step.local.t), 1, len(run) - 1)
+    nearby = np.clip(at[:, None] + np.arange(-2, 2), 0, len(run) - 1)
+    most = np.maximum(acting, switched)[nearby].max(axis=1)
+    left = np.abs(step.local.forces)
+    share = left / np.maximum(step.residual.scale, 1e-300)
+    far = left > NOT_OF_FORCES * most + step.local.allowed
+    far &= share > MATERIAL * share.max(
+        axis=1, keepdims=True
+    )  # and no trace of it in another equation
+    return np.asarray(local & np.any(far, axis=1))
 
 
 def _unknown(told: Explanation | None) -> list[Finding]:

@@ -166,6 +166,7 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         )
         return verdict("equation-error", "high" if sure else "medium", balance, *told)
     by_samples = terms is not None and terms.significant.any()
+    unlogged = unlogged or next((f for f in findings if f.kind == "assumed-zero"), None)
     if unlogged and (by_samples or (step is not None and beyond(step, measures.tolerance))):
         # No cause is known, and the model has an actuator whose force is not.
         lacking = f"What is missing may be forces that the log lacks: {unlogged.evidence}"

@@ -60,7 +60,7 @@ FIRST = 0.4
 AGREE = 4.0
 """How many times its disagreement with the speeds a residual of measured accelerations must be."""
 
-BESIDE = 2.0
+STEP_BARS = 2.5
 """How many error bars of the one-step test it must be besides."""
 
 REPRODUCED = 0.75
@@ -212,17 +212,6 @@ def gather(
         told = _of_samples(
             mechanism, log, terms, tolerance, import_report, doubted, deadline, progress
         )
-        stale = next((f for f in told if f.kind == "stale-stage" and f.element == "forces"), None)
-        if stale is not None and not given and log.consecutive is log.run and not log.run.integrals:
-            log, finding = _forces_put_right(mechanism, log, work)
-            found.append(finding)
-            terms, more = _believed(mechanism, log, step, given=given)
-            found += more
-            told = []
-            if terms is not None:
-                told = _of_samples(
-                    mechanism, log, terms, tolerance, import_report, doubted, deadline, progress
-                )
         if any(f.kind == "forces-not-of-this-row" for f in told):
             terms = None
         found += told
@@ -455,7 +444,7 @@ def _believed(
     doubt = AGREE * disagreement
     if step is not None:
         # Rates made of the logged speeds hold what the integrator did to these.
-        doubt = np.maximum(doubt, np.maximum(BESIDE * step.residual.bar, step.residual.taken))
+        doubt = np.maximum(doubt, np.maximum(STEP_BARS * step.residual.bar, step.residual.taken))
     # What filters leave at the ends of a log is not all along it.
     doubt = np.where(trimmed(terms.residual) <= doubt, np.inf, doubt)
     terms = replace(terms, doubt=doubt)
@@ -516,9 +505,10 @@ def _of_samples(
     whole = log.consecutive is log.run
     nearby = terms if whole else equation_terms(mechanism, log.consecutive)
     stale = checks.stale_stage(mechanism, log.consecutive, nearby)
-    misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
-    if misread:
-        return misread + checks.blame(terms)
+    if stale:
+        return stale + checks.blame(terms)
+    if terms.significant.any() and (other := conventions.units(mechanism, log.consecutive)):
+        return [other, *checks.blame(terms)]
     if not trusted(log.run):
         elsewhere = checks.forces_of_other_rows(mechanism, log.consecutive, nearby)
         if elsewhere:

@@ -34,7 +34,7 @@ SMALL = 256 * 2**20
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """The most that is read of a file.
+    """Upper bounds on what is read of a file.
 
     bytes      of a file that is read whole, and of the numbers that it unpacks to
     expansion  how many times its own size a file above 256 MiB may unpack to; bombs reach 1000 and more

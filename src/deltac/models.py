@@ -123,8 +123,8 @@ StateLike: TypeAlias = State | Mapping[str, Any] | str | Path | None
 class Model:
     """A mechanism, and what its source says about its motion.
 
-    `starts`: states at which it may start, by name; the first is taken where none is asked for. `problem`:
-    the problem it belongs to. `import_report`: what an import took over, and what not.
+    `starts`: initial states by name; the first is the default. `problem`:
+    the problem it belongs to. `import_report`: what an import took over, and what it did not.
     """
 
     mechanism: Mechanism
@@ -203,7 +203,7 @@ class Model:
 
 @checked
 def load_model(source: ModelLike) -> Model:
-    """The model that `source` means: the one door of all verbs, in Python and on the command line.
+    """Load the model that `source` stands for, as all verbs do, in Python and on the command line.
 
     Args:
         source: a Mechanism; a Problem, or its name; the path of an ``.xml``, ``.urdf`` or ``.sdf`` file
@@ -212,7 +212,7 @@ def load_model(source: ModelLike) -> Model:
             returns any of these (``"file.py"`` where it holds one alone).
 
     Raises:
-        InputError: there is no such model, or what the function returns is none.
+        InputError: there is no such model, or the function returns something else.
     """
     if isinstance(source, Mechanism):
         return Model(source, {})

@@ -39,10 +39,10 @@ SHARES = {"check": 0.1, "recommend": 0.5, "study": 0.3, "audit": 0.1}
 class Examination(
     Report, omit=("classification", "check", "recommendation", "study", "audit"), also=("parts",)
 ):
-    """What the procedure found; parts that did not apply are None.
+    """The results of the procedure; parts that did not apply are None.
 
     Attributes:
-        model: its name, or what was handed over.
+        model: its name, or what was given.
         classification: what kind of system it is.
         check: equations written by hand against the model.
         recommendation: the cheapest solver and step that keep the tolerance.

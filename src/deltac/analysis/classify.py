@@ -51,25 +51,25 @@ class DescribedJoint:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Classification(Report, also=("kind",)):
-    """The class of a mechanism, in the terms of the theory.
+    """The class of a mechanism, in the terms of analytical dynamics.
 
     Attributes:
         mechanism: its name.
         bodies: their names.
         joints: each with its kind and bodies.
-        freedom: degrees of freedom: independent speeds that joints and constraints leave.
+        freedom: degrees of freedom, the number of independent speeds.
         scleronomic: no joint is prescribed and no configuration constraint depends on time.
         catastatic: velocities may all be zero: v_t = 0.
         holonomic: every motion constraint could be integrated to one of configuration, or there is none.
         motion_constraints: names of the constraints on velocities that are not integrable.
-        integrable: names of constraints written on velocities that are configuration constraints in disguise.
-        redundant: rows that follow from others, in words ("" without any).
+        integrable: names of the velocity constraints that can be integrated to configuration constraints.
+        redundant: the rows that follow from others, in words; "" if there are none.
         testing_functions: those that apply.
-        coincide: groups of them that have the same power and, but for constants, the same energy.
+        coincide: groups of them with the same power and, up to a constant, the same energy.
         constant: what stays constant in every exact motion: "energy" K + V, "Jacobi integral" K2 − K0 + V,
             and momenta by name.
         nonpotential: channels whose forces have no potential.
-        events: names of impacts, stops and the like, at which what is constant in between may jump.
+        events: names of impacts, stops and other events, at which constants of the motion may jump.
         energies: K and V at the state (J).
     """
 
@@ -133,16 +133,16 @@ class Classification(Report, also=("kind",)):
 
 @checked
 def classify(model: ModelLike, state: StateLike = None) -> Classification:
-    """Scleronomic or rheonomic, catastatic or not, holonomic or not; what is redundant, and what is constant.
+    """Classify a mechanism, and find redundant constraints and constants of the motion.
 
-    What is constant, and which constraints are integrable, is found from the equations at random admissible
-    states. A quantity that is constant only of some motions (an angular momentum that is zero at the start,
-    say) is not listed; nor is energy where a force without a potential does no work.
+    Constants of the motion and integrable constraints are found from the equations at random admissible
+    states. A quantity that is constant in some motions only is not listed, such as an angular momentum that
+    is zero at the start. Nor is the energy if a force has no potential, even where that force does no work.
 
     Args:
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
-        state: where constraints are counted and energies are told; by default the model's own start, else
-            all coordinates and speeds zero, assembled.
+        state: where constraints are counted and energies are evaluated; by default the model's own start,
+            else all coordinates and speeds zero, assembled.
 
     Raises:
         InputError: there is no such model, or its constraints cannot be met.

@@ -28,7 +28,7 @@ from deltac.trajectories import Trajectory
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Evaluation(Record):
-    """M u̇ + h = f + Gᵀλ, G u̇ + γ = 0 at an instant; along a run every array has the samples in front.
+    """M u̇ + h = f + Gᵀλ, G u̇ + γ = 0 at an instant; of a run, samples are the first axis of arrays.
 
     p free speeds, nu of all joints, c rows of constraints; SI units.
 
@@ -45,7 +45,7 @@ class Evaluation(Record):
         kinetic: kinetic energy, J.
         phi, psi, gamma: constraints at the levels of position, velocity and (at u̇ = 0) acceleration (c,).
         G: their Jacobian (c, p), ψ̇ = G u̇ + γ.
-        multipliers: λ (c,); the least ones where rows are redundant.
+        multipliers: λ (c,); those of least norm where rows are redundant.
         driving: forces (nu,) that drive the prescribed joints, zero at free ones.
     """
 
@@ -74,12 +74,12 @@ def evaluate(
     *,
     inputs: Mapping[str, Any] | None = None,
 ) -> Evaluation:
-    """Accelerations, mass matrix, bias, forces, energies, constraints and multipliers, without a step.
+    """Accelerations, mass matrix, bias, forces, energies, constraints and multipliers at a state.
 
     Args:
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
-        state: a State, or a Trajectory: then every array has its samples in front; by default a problem's
-            start.
+        state: a State; or a Trajectory, whose samples are then the first axis of every array. By default a
+            problem's start.
         inputs: values (N·m or N) of the motors without a law, by name; zero where not given. A run has its
             own.
 

@@ -46,13 +46,13 @@ class Linearisation(Report):
 
     δx holds displacements along the independent speeds (δq = W δθ: of a coordinate whose rate is its speed
     that is δq itself; of a quaternion the small rotation, body components), then changes of independent
-    speeds. What depends on them by the constraints is eliminated. A is exact about any motion; its
-    eigenvalues tell stability where the motion is an equilibrium or steady.
+    speeds. Whatever the constraints make depend on them is eliminated. A is exact about any motion. Its
+    eigenvalues decide stability where the motion is an equilibrium or steady.
 
     Attributes:
-        state: about which.
+        state: the state about which the motion is linearised.
         A: (d, d), 1/s and mixed units.
-        B: (d, inputs), by the motors without a law.
+        B: (d, inputs), derivatives by the motors without a law.
         names: what each entry of δx is: "δ <speed>" for displacements, "<speed>" for speeds.
         inputs: names of the columns of B.
     """
@@ -108,15 +108,15 @@ class Linearisation(Report):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Equilibrium(Report):
-    """Where a mechanism rests: the state, the multipliers there, and small motions about it.
+    """An equilibrium of a mechanism: the state, its multipliers, and small motions about it.
 
     Attributes:
         state: with free speeds zero, on its constraints.
         multipliers: λ of every constraint row.
-        residual: largest generalized force left (N or N·m).
+        residual: largest remaining generalized force (N or N·m).
         linearisation: of the motion about it.
-        stability: "asymptotically stable", "unstable", or "marginal": undecided by linear terms, as for every
-            equilibrium without damping that is not unstable.
+        stability: "asymptotically stable", "unstable", or "marginal" where the linear terms do not decide, as
+            in every undamped equilibrium that is not unstable.
     """
 
     state: State
@@ -164,11 +164,11 @@ def linearise(
 def equilibrium(
     model: ModelLike, guess: StateLike = None, *, inputs: Mapping[str, Any] | None = None
 ) -> Equilibrium:
-    """The equilibrium near a guess: free speeds and their accelerations are zero.
+    """Find the equilibrium near a guess, where the free speeds and their accelerations are zero.
 
-    With prescribed joints it is a relative equilibrium at the guess's time, as that of a bead on a hoop that
-    turns. Newton's method on forces and constraints together; what does not matter (a ball's place on a
-    table) stays as guessed.
+    With prescribed joints it is a relative equilibrium at the guess's time, like that of a bead on a rotating
+    hoop. Newton's method solves for forces and constraints together. Coordinates that do not matter (the
+    place of a ball on a table) keep their guess.
 
     Args:
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
@@ -176,7 +176,8 @@ def equilibrium(
         inputs: values (N·m or N) of the motors without a law, by name; zero where not given.
 
     Raises:
-        InputError: none is found from the guess: the speed whose forces remain is named.
+        InputError: none is found from the guess; the message names the speed with the largest remaining
+            force.
     """
     at = instants(model, guess, inputs)
     if not at.single:

@@ -67,8 +67,8 @@ def balance(
         run: the motion. Forces that it holds are used in place of the model's own, and channels that the
             model does not have are added.
         work: how the power is integrated. "in-loop": by the integrals that the solver took (the default
-            where the run has them). "samples": by quadrature along the samples. "discrete": forces held
-            over a step do the work h fᵀ(u_k + u_{k+1})/2, for engines that step so.
+            where the run has them). "samples": by quadrature along the samples. "discrete": a force held over
+                a step does the work h fᵀ(u_k + u_{k+1})/2, for engines of first order.
         testing: names of testing functions; by default those integrated in the loop, or all.
         coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson); by default
             those in which the run's integrals were taken.
@@ -242,7 +242,7 @@ def residuals(
     *,
     coordinates: CoordinateMap | None = None,
 ) -> dict[str, Array]:
-    """The testing functions in rate form, ε = Ė − P (W), at every sample: no integration at all.
+    """The testing functions in rate form, ε = Ė − P (W), at every sample, without any integration.
 
     Returns ε (T,) by the function's name, and under ``"coordinates"`` the residual F_r + F*_r (T, n) of
     Kane's equations for the free speeds (N·m or N). Needs the run's accelerations.

@@ -218,10 +218,11 @@ def audit_many(
     """Audit many logs, or the episodes of batched logs, against one model.
 
     Every log is accounted for: one that cannot be read, or is not of this model, is a row with the verdict
-    "failed" and the reason. What is in `out` is not done again unless its log has changed.
+    "failed" and the reason. Results that are already in `out` are not computed again unless their log has
+    changed.
 
-    A log is batched if it has a column ``episode`` (Parquet, CSV), or arrays (T, N, n) of N episodes at
-    common times (NPZ, HDF5). The equations are compiled once for all of its episodes.
+    A batched log has a column ``episode`` (Parquet, CSV), or arrays (T, N, n) of N episodes at common times
+    (NPZ, HDF5). The equations are compiled once for all of its episodes.
 
     Args:
         model: as for `audit`.
@@ -231,19 +232,20 @@ def audit_many(
         work: as for `audit`.
         mapping: path of a mapping file, for all logs.
         strict: as for `audit`.
-        workers: processes; by default one a core.
-        executor: who does the work instead: any that follows `concurrent.futures`.
+        workers: number of processes; by default one per core.
+        executor: does the work instead; any executor of the `concurrent.futures` interface.
         scheduler: address of a Dask scheduler whose workers do the work instead.
-        time_limit: seconds that a piece (8 logs, or 256 episodes) may take until its process is ended (600).
+        time_limit: seconds that a piece of work (8 logs, or 256 episodes) may take before its process is
+            ended (600).
         retries: more attempts for a log whose process died or took too long (2).
         retry_failed: try again what was set aside before.
         progress: called with the fraction done.
 
     Returns:
-        The fleet: counts of verdicts, the worst cases, `frame` with a row for every log or episode.
+        The fleet: counts of verdicts, the worst cases, and `frame` with a row for every log or episode.
 
     Raises:
-        InputError: the model is none, no log is there, the folder is another fleet's or in use.
+        InputError: no such model, no log, or the folder belongs to another fleet or is in use.
     """
     plan = plan_audits(model, logs, tolerance=tolerance, work=work, mapping=mapping, strict=strict)
     execution = Execution().overridden(

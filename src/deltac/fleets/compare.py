@@ -41,9 +41,10 @@ class Comparison(Report):
 
     Attributes:
         before, after: their folders.
-        rows: how many both have; `only_before`, `only_after`: how many one lacks.
-        worse: how many have a worse verdict after; `better` likewise.
-        grown: how many have the same verdict and a larger energy error; `shrunk` likewise.
+        rows: the number of rows that both have; `only_before`, `only_after`: the numbers that one of them
+            lacks.
+        worse: how many have a worse verdict afterwards; `better`: a better one.
+        grown: how many have the same verdict and a larger energy error; `shrunk`: a smaller one.
         listed: the rows that are worse, worst first, with verdict and relative energy error of both.
         factor: how many times larger an error has to be to have grown.
     """
@@ -94,10 +95,11 @@ def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) ->
         before: a folder of `sweep` or `audit_many`.
         after: another one; rows are the same if their model, setting and axes are, or their log (the name of
             its file, and its folder where names are there twice) and episode.
-        factor: how many times larger an energy error has to be to have grown.
+        factor: an energy error has grown if it is so many times larger.
 
     Raises:
-        InputError: a folder is none of ours, they are of different kinds, or have no row in common.
+        InputError: a folder does not hold results of deltac, they are of different kinds, or have no row in
+            common.
     """
     if not (isinstance(factor, int | float) and factor > 1.0):
         raise InputError(f"factor is {factor!r}; expected a number above 1")

@@ -46,13 +46,13 @@ class Fleet(Report):
         kind: "sweep" or "audit".
         name: what it is called.
         folder: where the results are.
-        total: how many rows it has to have; `done`: how many it has, with those that failed.
-        verdicts: how many rows have each verdict; "failed": those that could not be made.
-        aside: how many of the failed were set aside since their process died, hung or went wrong.
-        others: how many rows of an earlier plan, version or model the folder holds besides.
-        exit_codes: those that rows have, each once.
-        worst: the worst rows: failed ones, then by the energy error as a fraction.
-        skipped: what lies in the folders of logs and is none.
+        total: the number of rows when complete; `done`: the number so far, including those that failed.
+        verdicts: the number of rows with each verdict; "failed" are those that could not be made.
+        aside: how many of the failed rows were set aside because their process died, hung or raised an error.
+        others: the number of rows of an earlier plan, version or model that the folder also holds.
+        exit_codes: the exit codes that occur, each once.
+        worst: the worst rows: failed ones first, then by relative energy error.
+        skipped: files in the folders that are not logs.
     """
 
     kind: str
@@ -286,9 +286,9 @@ def summarise(store: Store, frame: polars.DataFrame, total: int, others: int) ->
 
 @checked
 def fleet_status(folder: str | Path) -> Fleet:
-    """What is in a folder of results, finished or not, also while another process writes there.
+    """The contents of a folder of results, finished or not, even while another process writes to it.
 
-    Raises InputError for a folder that is none of ours, or of a later version.
+    Raises InputError for a folder that does not hold results of deltac, or those of a later version.
     """
     store = Store.open(Path(folder))
     planned, rows = store.planned(), store.rows()

@@ -293,8 +293,8 @@ def sweep(
 ) -> Fleet:
     """Run a grid, a list or a random design over models, parameters, initial states, solvers and steps.
 
-    What is there already in `out` is not done again: a sweep that was stopped or killed goes on, and one
-    whose plan was changed computes what is new.
+    Results that are already in `out` are not computed again: a sweep that was stopped or killed continues,
+    and one whose plan was changed computes only what is new.
 
     Args:
         source: a ``.toml`` file that describes the sweep (see docs/fleets.md), the same as a mapping, or a
@@ -304,12 +304,12 @@ def sweep(
             "u.hip"; values, an array, or {"from": …, "to": …, "count": …, "scale": "log"}.
         design: {"kind": "grid"}, "list", "latin-hypercube" or "sobol"; random ones with "points" and "seed",
             lists with the "file" of a table, if the points are there.
-        workers: processes; by default one a core.
-        executor: who does the work instead: any that follows `concurrent.futures`.
+        workers: number of processes; by default one per core.
+        executor: does the work instead; any executor of the `concurrent.futures` interface.
         scheduler: address of a Dask scheduler whose workers do the work instead.
-        time_limit: seconds that a piece may take until its process is ended (600).
+        time_limit: seconds that a piece of work may take before its process is ended (600).
         retries: more attempts for a run whose process died or took too long (2).
-        chunk: runs in a piece.
+        chunk: number of runs in a piece of work.
         retry_failed: try again what was set aside before.
         progress: called with the fraction done.
         **options: verb ("simulate", "study"), name, state, solver, step, solver_tolerance, duration,
@@ -319,8 +319,8 @@ def sweep(
         The fleet: counts of verdicts, the worst cases, `frame` with a row for every run.
 
     Raises:
-        InputError: the plan cannot be run, the folder is another sweep's or in use, the disk refuses,
-            the cluster is gone; what was done before is kept.
+        InputError: the plan cannot be run, the folder belongs to another sweep or is in use, the disk
+            refuses, or the cluster is gone. Results computed before are kept.
     """
     if vary is not None:
         options["vary"] = vary

@@ -21,7 +21,7 @@ def read_shapes(source: Any, *, base: str = "fixed") -> tuple[dict[str, Shape], 
     """The shapes of a model's geoms by their names, for contacts, and remarks on those left out.
 
     The bodies are those of `read_mechanism`. MuJoCo's own contact, a soft constraint, is not taken over:
-    which pairs shall touch, how stiffly and with what friction is yours to say. Cylinders, ellipsoids,
+    you choose which pairs may touch, with what stiffness and friction. Cylinders, ellipsoids,
     meshes and height fields have no shape here; geoms that collide with nothing are left out silently.
 
     Args:

@@ -27,7 +27,7 @@ class Remark:
 
 @dataclass(frozen=True)
 class ImportReport:
-    """`read`: taken over; `ignored`: has no counterpart here; `assumed`: true unless the user knows better.
+    """What an import `read`, what has no counterpart here (`ignored`), and what it `assumed`.
 
     Everything in `ignored` that does work must come from the log, in the channel that its consequence
     names, or it will show as an energy error.

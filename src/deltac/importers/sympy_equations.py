@@ -50,7 +50,7 @@ def equations_from_sympy(
         `Equations` whose coordinate map names the state in the method's order, `method.q` then `method.u`.
 
     Raises:
-        InputError: another object, equations that were not formed, or a constant without a value.
+        InputError: an object of another class, equations that were not formed, or a constant without a value.
     """
     t, q, u, rates, M, f = _formed(method)
     values = _values(parameters or {})
@@ -242,7 +242,7 @@ class SymbolicEquations:
 def symbolic_equations(model: ModelLike, *, simplify: bool = True) -> SymbolicEquations:
     """Write a model's equations of motion out in its coordinates, speeds and parameters.
 
-    They are the recursions that the kernels run, carried over to SymPy, so that what is read is what is
+    They are the recursions that the kernels run, translated to SymPy, so that what you read is what is
     computed. `simplify` expands them and gathers sines and cosines, which takes seconds from 3 speeds on.
 
     Raises InputError for more than `LARGEST` free speeds.

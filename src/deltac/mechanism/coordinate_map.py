@@ -30,19 +30,19 @@ PARALLEL = 1e-12
 @checked
 @dataclass(frozen=True, eq=False)
 class CoordinateMap:
-    """A user's own coordinates q′ and generalized speeds u′, and how the mechanism's follow.
+    """A user's own coordinates q′ and generalized speeds u′, and how the mechanism's follow from them.
 
     `coordinates` and `speeds` name q′ and u′; `q` gives each free coordinate of the mechanism as a law
     of t and ``q.<own coordinate>``, `u` each free speed as a law of t, own coordinates and
-    ``u.<own speed>``, linear in u′. Left out: `q` (the mechanism's own coordinates are used), `u`
-    (own speeds are the rates of own coordinates), `speeds` (named like the coordinates). `inverse`
+    ``u.<own speed>``, linear in u′. Without `q` the mechanism's own coordinates are used; without `u` own
+    speeds are the rates of own coordinates; without `speeds` they are named like the coordinates. `inverse`
     gives own coordinates as laws of t and the mechanism's ``q.<coordinate>``; it is found
     automatically when `q` is linear.
 
-    Of a mechanism with constraints, own coordinates and speeds may be fewer. Either the laws satisfy the
-    constraints by themselves, or they leave out what follows from the constraints: coordinates without a law
-    are found by assembly, speeds without a law by the constraint Jacobian. Names alone, and `inverse` alone,
-    say as much: ``CoordinateMap(("crank",))`` tells a four-bar by its joint's angle `crank`,
+    For a mechanism with constraints, own coordinates and speeds may be fewer. Either the laws satisfy the
+    constraints by themselves, or they omit what follows from the constraints: coordinates without a law are
+    found by assembly, and speeds without a law from the constraint Jacobian. Names alone, or `inverse` alone,
+    are enough: ``CoordinateMap(("crank",))`` describes a four-bar by the angle of its joint `crank`, and
     ``CoordinateMap(("x",), inverse={"x": "r*cos(q.crank)"})`` by a place.
 
     >>> absolute = CoordinateMap(
@@ -180,7 +180,7 @@ def _cover(
 
 @checked
 def absolute_angles(mechanism: Mechanism) -> CoordinateMap:
-    """Coordinates that describe hinges in series with parallel axes by absolute angles.
+    """A map that describes hinges in series with parallel axes by absolute angles.
 
     The coordinate of such a hinge (named as the joint) is the angle of its child against the ground (or
     against the first body that does not turn about that axis), rad; all other coordinates stay as

@@ -59,7 +59,7 @@ class DrakeRecorder(Recorder):
         model: the mechanism, for the order of its joints; by default the order is the plant's.
         names: Drake's name of a joint -> the mechanism's, where they differ; a floating base's joint is
             called after its body.
-        monitor: what is fed with the rows, in place of keeping them.
+        monitor: a monitor that takes the rows, which are then not kept.
 
     Raises:
         InputError: Drake is missing, a joint is of a kind that is not known here, or the mechanism has other

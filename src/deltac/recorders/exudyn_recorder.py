@@ -35,15 +35,14 @@ class ExudynRecorder(Recorder):
         joints: names of the joints in the order of the tree; the mechanism's must be the same.
         forces: channel -> generalized force of (t, q, u), of what the mechanism does not know: Exudyn
             does not report the forces in a tree by their source.
-        accelerations: whether the node's accelerations are of the same instant as its coordinates.
-            They are with the implicit solvers (generalized-α, trapezoidal); the explicit Runge–Kutta
-            ones have none yet in the first row, velocity Verlet has those of another instant. Without,
-            the accelerations are derived from the speeds.
+        accelerations: whether the node's accelerations belong to the same instant as its coordinates. They do
+            with the implicit solvers (generalized-α, trapezoidal). The explicit Runge–Kutta solvers have none
+            in the first row, and velocity Verlet has those of another instant. If False, the accelerations
+            are derived from the speeds.
         constraints: name -> number of an Exudyn object with algebraic equations (a joint, a coordinate
-            constraint): its forces −C_qᵀλ on the tree become the channel ``constraint <name>``. Of implicit
-            solvers; the explicit ones have no multipliers. C_q is found by Exudyn when `trajectory` is
-            called, row by row.
-        monitor: what is fed with the rows, in place of keeping them; without forces of constraints.
+            constraint): its forces −C_qᵀλ on the tree become the channel ``constraint <name>``. Only the
+                implicit solvers have multipliers. Exudyn computes C_q row by row when `trajectory` is called.
+        monitor: a monitor that takes the rows, which are then not kept; without forces of constraints.
 
     Raises:
         InputError: Exudyn is missing, the node does not have a coordinate for each joint, or an object has no

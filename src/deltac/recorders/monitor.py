@@ -44,7 +44,7 @@ Forces = Mapping[str, Sequence[float] | Array]
 
 
 class BoundExceeded(DeltacError):
-    """ΔC of a running simulation left its bound; `monitor` has the numbers."""
+    """ΔC of a running simulation exceeded its bound; `monitor` has the numbers."""
 
     def __init__(self, monitor: Monitor) -> None:
         """With the numbers of the monitor's last row."""
@@ -68,7 +68,7 @@ class Monitor:
     ...     monitor.update(t, q, u, udot, forces={"actuator motor": torque})
 
     Memory and time per row do not depend on the length of the run. ΔC is that of `balance` with
-    ``work="samples"``, taken through two rows at a time; with held forces that of ``work="discrete"``.
+    ``work="samples"``, by quadrature over two rows at a time; with held forces that of ``work="discrete"``.
 
     Attributes:
         t: time of the last row, s.

@@ -89,10 +89,7 @@ def integrator_names() -> dict[str, Any]:
 
 
 class MujocoRecorder(Recorder):
-    """A recorder for a loop of your own: call its `sample` after each ``mj_step``, or each few of them.
-
-    What all rows hold depends on whether an implicit integrator corrected any step. So they are kept as
-    `_Row`s until the trajectory is asked for.
+    """Record MuJoCo in a loop of your own: call `sample` after each ``mj_step``, or after every few of them.
 
     Steps that are taken with the same inputs, ``mj_step(model, data, nstep=5)``, are recorded one by one
     all the same. For environments of Gymnasium and dm_control see `deltac.recorders.gymnasium` and
@@ -127,6 +124,7 @@ class MujocoRecorder(Recorder):
         self._model, self._data = model, data
         self._elements = Elements.of(model, grouped=channels == "grouped")
         self._before = mujoco.MjData(model)
+        # What all rows hold depends on whether an implicit integrator corrected any step.
         self._rows: list[_Row] = []
         self._steps: set[float] = set()
         self._varied: dict[str, NDArray[np.bool_]] = {}

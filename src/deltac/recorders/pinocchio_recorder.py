@@ -46,7 +46,7 @@ class PinocchioRecorder(Recorder):
         model: the mechanism, for the order of its joints; by default the order is Pinocchio's.
         names: Pinocchio's name of a joint -> the mechanism's, where they differ ("root_joint" is a free
             flyer's usual one).
-        monitor: what is fed with the rows, in place of keeping them.
+        monitor: a monitor that takes the rows, which are then not kept.
 
     Raises:
         InputError: Pinocchio is missing, a joint is of a kind that is not known here, or the mechanism has

@@ -50,7 +50,7 @@ class PybulletRecorder(Recorder):
         model: the mechanism, for the order of its joints; by default the order is Bullet's.
         names: Bullet's name of a joint -> the mechanism's, where they differ. The joint of a body whose base
             is free is called after its base link.
-        monitor: what is fed with the rows, in place of keeping them.
+        monitor: a monitor that takes the rows, which are then not kept.
         client: number of the physics client.
 
     Raises:

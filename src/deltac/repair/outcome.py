@@ -18,7 +18,7 @@ from deltac.results import Finding, Record, Report, Section, Verbatim
 
 @dataclass(frozen=True)
 class Fix(Record, omit=("text",)):
-    """An edit, or two, that make the function right.
+    """One or two edits that make the function right.
 
     lines     of the source, one for each edit
     words     what is wrong and what it should be, one for each edit

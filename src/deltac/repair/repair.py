@@ -101,10 +101,11 @@ def repair_equations(
 ) -> Repair:
     """Find the edit of a function's source that makes its equations of motion right.
 
-    The source is read, not run: every operation is followed at random states of the mechanism, and for every
-    expression the value is found that it must have had. Edits (signs, operators, names, indices,
+    The source is read, not run. Every operation is traced at random states of the mechanism, and for every
+    expression the value is computed that it should have had. Edits (signs, operators, names, indices,
     functions, powers, numbers, missing or superfluous factors and terms; two of them where one does not
-    suffice) are sought that give these values. All that pass are tested at fresh states, at other parameters
+    suffice) that produce these values are searched for. All that pass are tested at fresh states, at other
+    parameters
     where the function names its constants as the mechanism does, and by running the edited function in a
     process of its own. The file is left as it is.
 

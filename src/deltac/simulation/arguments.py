@@ -132,7 +132,7 @@ def check_derivatives(flow: Flow, solver: Solver, controller: Controller | None)
 
 
 class IllConditionedWarning(UserWarning):
-    """Accelerations of a mechanism have few correct digits in double precision."""
+    """The accelerations of a mechanism have few correct digits in double precision."""
 
 
 INACCURATE, LOST = 1e-6, 0.1

@@ -51,16 +51,17 @@ class Equations:
     `rhs` takes the time and arrays q, u of shape (n,), or (n, B) with the batch last, and returns u̇
     likewise: in the coordinates and speeds of `coordinates`, or without a map in the mechanism's free
     ones (the prescribed joints follow their laws). With a map that leaves the rest to the constraints, such
-    as ``CoordinateMap(("crank",))`` of a four-bar, they are equations in minimal coordinates.
+    as ``CoordinateMap(("crank",))`` for a four-bar, these are equations in minimal coordinates.
 
     A function of arithmetic and NumPy's elementary functions is traced and compiled; any other (with
     branches, look-up tables, memory) is called from Python at every stage, more slowly. `compiled` = True
     insists on the former, False on the latter.
 
     `rhs` may also be what SciPy's solvers take, a function of (t, y) or (y, t) that returns ẏ: `form` = "ode"
-    says so, and without it the arguments do. `order` names the entries of y, such as ``("a", "u.a", "b",
-    "u.b")``, or is "interleaved" for just that; without it, it is found out from the returned rates q̇.
-    They must be those of the speeds: what is integrated is the mechanism's own q̇ = W u.
+    says so; by default the names of the arguments decide. `order` names the entries of y, such as ``("a",
+    "u.a", "b",
+    "u.b")``, or is "interleaved" for that order. By default it is inferred from the returned rates q̇. These
+    must follow from the speeds: deltac integrates the mechanism's own q̇ = W u.
     """
 
     rhs: Callable[..., Any]
@@ -267,10 +268,10 @@ def _some_states(coordinates: Sequence[str], nu: int) -> list[tuple[float, Array
 @checked
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A Python function that sets motors: `function(t, q, u)` -> {name of joint torque: value}.
+    """A Python function that drives motors: `function(t, q, u)` -> {name of joint torque: value}.
 
     q, u are the full vectors of the mechanism. The value (N·m or N; a sequence for a joint with several
-    speeds) is held over a step of the solver if `hold`, else asked for at every stage.
+    speeds) is held over a step of the solver if `hold`, and evaluated at every stage otherwise.
     """
 
     function: Callable[[float, Array, Array], Mapping[str, Any]]

@@ -45,11 +45,11 @@ from deltac.simulation.equations import ByHand, Equations
 @checked
 @dataclass(frozen=True)
 class Projection:
-    """After each step q and u are brought onto the constraints, by the least change in the mass metric.
+    """Project q and u onto the constraints after each step, with the smallest change in the mass metric.
 
-    With `energy` the state is then brought back to ΔC = 0 of Wang's function likewise. What that does to the
-    energy is booked as `correction energy`, so ΔC still shows what the solver lost; what the corrected motion
-    is worth, it does not show.
+    With `energy` the state is then projected onto ΔC = 0 of Wang's function in the same way. What that does
+    to the energy is booked as `correction energy`. ΔC therefore still shows what the solver lost, but not how
+    accurate the corrected motion is.
     """
 
     energy: bool = False
@@ -58,7 +58,7 @@ class Projection:
 @checked
 @dataclass(frozen=True)
 class Baumgarte:
-    """Constraints on the level of accelerations, ψ̇ + 2α ψ + β² φ = 0; α and β in 1/s (Baumgarte 1972)."""
+    """Stabilise accelerations: ψ̇ + 2α ψ + β² φ = 0; α and β in 1/s (Baumgarte 1972)."""
 
     alpha: float
     beta: float

@@ -102,32 +102,31 @@ def simulate(
         duration: how long, s; by default the problem's.
         step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
             samples; without it they are sampled at their own steps (Taylor, CVODES, IDAS: 200 samples).
-        solver: a name or alias of `solver_names()`, or an object of `deltac.solvers` with the options of its
-            own, such as `Scipy("DOP853", tolerance=1e-9)`.
-        record: what is recorded: a `Record`, or names of the testing functions alone, or every how many
-            steps.
+        solver: a name or alias of `solver_names()`, or an object of `deltac.solvers` with options, such as
+            `Scipy("DOP853", tolerance=1e-9)`.
+        record: a `Record`; or just the names of the testing functions, or the number of steps between rows.
         equations: hand-written equations of motion in place of the mechanism's own: `Equations`, or a
             function (t, q, u) -> u̇ of the mechanism's coordinates, or (t, y) -> ẏ as SciPy takes it.
-        controller: sets the motors that have no law (`joint_torque` without torque).
+        controller: drives the motors that have no law (`joint_torque` without torque).
         constraints: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
         progress: called with the fraction done.
-        **renamed: arguments of version 0.1, which say what to write now.
+        **renamed: arguments of version 0.1, with a warning that says what to write now.
 
     Returns:
         Trajectory with q, u, u̇ of all joints, the forces (channels ``prescribed`` and ``actuator``) that
         drove it, and the integrals. A run whose state ceases to be finite, or whose implicit step has no
-        solution, stops there with a warning `SimulationStoppedWarning`; the trajectory keeps what there is
+        solution, stops there with a warning `SimulationStoppedWarning`; the trajectory keeps the rows so far,
         and its provenance says when and why.
 
     Raises:
-        InputError: before anything is computed, for what cannot be simulated as it is.
+        InputError: the model or an argument cannot be simulated; raised before anything is computed.
 
     Warns:
         EnergyLeftWarning: corrections of the energy could not keep up with what the steps lost.
         IllConditionedWarning: the accelerations at the start have few digits in double precision, since
             masses or lengths differ by too many powers of ten.
-        StiffStepWarning: the step is far too large for friction, contact, or the mechanism; tells the time
+        StiffStepWarning: the step is far too large for friction, contact, or the mechanism; it names the time
             scale.
     """
     mechanism, state, duration = opened(model, state, duration)

@@ -97,9 +97,9 @@ class _Fit:
 def suspicions(
     run: Trajectory, mechanism_names: MechanismNames | Mechanism | None = None
 ) -> list[Suspicion]:
-    """What seems wrong with the units, the quaternions and the times of a run; empty when nothing.
+    """What seems wrong with the units, quaternions and times of a run; empty if nothing does.
 
-    `mechanism_names` tells angles from lengths; without it both are thought of.
+    `mechanism_names` distinguishes angles from lengths; without it both are considered.
     """
     if not isinstance(run, Trajectory):
         raise WrongType(

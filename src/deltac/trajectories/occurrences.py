@@ -24,7 +24,7 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class Occurrence:
-    """An instant of a run at which something happened.
+    """An event of a run: an impact, a switch, or an event of the user's.
 
     t            when (s)
     names        what: ``"impact floor"``, ``"switch actuator motor"``, ``"event apex"``; several if they

@@ -68,7 +68,7 @@ class Functions:
         self.terms = Expression("s", inputs, size)
         M, w = crba(s)[at, at], ca.SX.sym("w", len(at))
         self.matrices = Expression("m", place, M, G)
-        self.energy = Expression("e", {**place, "w": w}, ca.bilin(M, w, w))
+        self.inertial = Expression("i", {**place, "w": w}, M @ w, ca.diag(M))
         self.qdot = Expression("r", {**place, "u": s.u}, s.qdot)
         if bound is not None:
             terms = ca.mtimes(ca.fabs(G), ca.fabs(s.u_all[at]))
@@ -127,11 +127,13 @@ class Model:
         M, G = self.matrices(t, q)
         return M @ self.compliance(M, G) @ M if self.rows_of_G else M
 
-    def size(self, t: Array, q: Array, w: Array) -> Array:
-        """√(wᵀN w) (T,) of accelerations (T, n), N as `inertia`."""
+    def inertial(self, t: Array, q: Array, w: Array) -> tuple[Array, Array]:
+        """Forces N w (T, n) of accelerations (T, n), N as `inertia`, and its diagonal (T, n)."""
         if self.rows_of_G:
-            return mass_norm(self.inertia(t, q), w)
-        return np.asarray(np.sqrt(np.maximum(self.functions.energy(t, q, w)[0][:, 0], 0.0)))
+            N = self.inertia(t, q)
+            return multiply(N, w), np.einsum("tii->ti", N)
+        force, diagonal = self.functions.inertial(t, q, w)
+        return force, diagonal
 
     def response(self, t: Array, q: Array, force: Array) -> Array:
         """What forces (T, n) add to the accelerations (T, n)."""

@@ -184,7 +184,7 @@ class Chosen:
     def rows(self, j: int) -> Rows:
         """The rows j after the starts of the steps; the last one in place of those beyond."""
         if j not in self._rows:
-            here = [r.taken(np.minimum(k + j, len(r.t) - 1)) for r, k in self.parts]
+            here = [r.taken(_after(k, j, len(r.t))) for r, k in self.parts]
             self._rows[j] = Rows.joined(here)
         return self._rows[j]
 
@@ -198,6 +198,14 @@ class Chosen:
         """Mean accelerations (I, n) of the steps, or of those that start j rows later."""
         a, b = self.rows(j), self.rows(j + 1)
         return np.asarray((b.u - a.u) / (b.t - a.t)[:, None])
+
+
+def _after(k: NDArray[np.intp], j: int, count: int) -> slice | NDArray[np.intp]:
+    """The rows j after rows k, or the last of so many; neighbours as a slice, which copies nothing."""
+    first, last = int(k[0]) + j, int(k[-1]) + j
+    if last < count and last - first == len(k) - 1:
+        return slice(first, last + 1)
+    return np.minimum(k + j, count - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -452,7 +460,7 @@ class Left:
     allowed: Array
     work: float
 
-    @property
+    @cached_property
     def closes(self) -> bool:
         """Whether it leaves no step more than that."""
         return bool(np.all(np.abs(self.forces) <= self.allowed))
@@ -590,11 +598,10 @@ def _left_by(
             if not same:
                 continue
             here, h = chosen.rows(0), rows.h[k]
-            N = model.inertia(here.t, here.q)
-            force = multiply(N, chosen.D() - same[0].a)
+            force, inertia = model.inertial(here.t, here.q, chosen.D() - same[0].a)
             t.append(here.t + 0.5 * h[:, 0])
             forces.append(force)
-            allowed.append(most * np.sqrt(np.maximum(np.einsum("tii->ti", N), 0.0)))
+            allowed.append(most * np.sqrt(np.maximum(inertia, 0.0)))
             work += float(np.sum(np.abs(here.u * force) * h))
         if not t:
             return None

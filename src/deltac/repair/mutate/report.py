@@ -62,7 +62,7 @@ class Trial(Record, also=("missed",)):
 
 @dataclass(frozen=True, repr=False)
 class MutationReport(Report, also=("counts",)):
-    """What tests see of mutants of a function.
+    """Which mutants of a function the tests detect.
 
     file, function  what was mutated
     tests           names of the tests
@@ -173,7 +173,7 @@ def mutate_equations(
     most: int = 40,
     progress: Callable[[float], None] | None = None,
 ) -> MutationReport:
-    """Change equations of motion in every small way, and see which tests notice.
+    """Make every small change to equations of motion, and see which tests detect it.
 
     The tests are the testing functions in rate form, the momentum balances, and the coordinate residual
     F_r + F*_r, at random states of the model. A mutant with no coordinate residual is equivalent. The
@@ -183,11 +183,11 @@ def mutate_equations(
         model: a Mechanism, a Problem or a problem's name, a model file.
         rhs: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
         coordinates: the function's own coordinates, as for `check_equations`.
-        names: how many other names take the place of each use of a name.
+        names: how many other names to try in place of each use of a name.
         seed: of the states and of the names drawn.
         tests: a command that runs your own tests, such as ``"pytest tests/"``; it is run on some of the
             mutants, in a copy of the project.
-        most: on how many.
+        most: on how many mutants at most.
         progress: called with the fraction done.
 
     Raises:

@@ -24,12 +24,11 @@ from deltac.models import ModelLike, StateLike, load_model
 
 @dataclass(frozen=True)
 class Assembly:
-    """A consistent state, and what the constraints are like there.
+    """A state that satisfies the constraints, and the rank of the constraints there.
 
-    `freedom` counts the degrees of freedom; `redundant` tells, in words, the rows that follow from
-    others (harmless if `residual`, the largest violation left, is at rounding); `singular` whether the
-    configuration has a smaller rank than its neighbourhood. `moved` is the largest change of a
-    coordinate of the guess.
+    `freedom` is the number of degrees of freedom. `redundant` describes the rows that follow from others;
+    they are harmless if `residual`, the largest remaining violation, is at round-off. `singular` says whether
+    the rank is lower than in the neighbourhood. `moved` is the largest change of a coordinate from the guess.
     """
 
     state: State
@@ -51,12 +50,12 @@ def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] 
         pinned: names of coordinates and speeds that keep the values of the guess.
 
     Returns:
-        The assembly; its state is nearest to the guess in the sense of damped Newton steps in the mass
-        metric.
+        The assembly. Its state is near the guess: it is found by damped Newton steps of least norm in the
+        mass metric.
 
     Raises:
-        InputError: an unknown pinned name, or constraints that cannot be met: the message names the worst
-            constraint and its residual.
+        InputError: an unknown pinned name, or constraints that cannot be satisfied; the message names the
+            worst constraint and its residual.
     """
     loaded = load_model(model)
     mechanism, guess = loaded.mechanism, loaded.start(guess)

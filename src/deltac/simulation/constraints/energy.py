@@ -36,7 +36,7 @@ NOTICED = 1e-3
 
 
 class EnergyLeftWarning(UserWarning):
-    """A corrected run whose energy is not what it should be."""
+    """The corrections of a run could not restore its energy."""
 
 
 @derived

@@ -60,8 +60,8 @@ class Ensemble:
         kinetic, potential: K and V of all sources (K, N), J.
         corrections: work of the projections onto constraints since the start (K, N), J; zero without any. ΔC
             counts it as a force, as `Ledger.corrections` does.
-        stopped: time up to which the state of a member that blew up was seen finite (to a few steps), NaN
-            for those that completed (N,); after it its values are NaN.
+        stopped: (N,) time up to which a member that blew up was finite (to a few steps), NaN for members that
+            completed. Later values of such a member are NaN.
         steps, solvers: of each member, (N,).
         sensitivity: ∂ΔC/∂p (K, N) of each testing function by each parameter asked for, J per its unit.
     """
@@ -137,27 +137,26 @@ def simulate_ensemble(
 ) -> Ensemble:
     """Simulate many members of a mechanism with fixed-step solvers.
 
-    What differs between members has N entries, what they share one: states, steps, solvers, parameters.
+    States, steps, solvers and parameters that differ between members have N entries; shared ones have one.
 
     Args:
         model: what moves, as for `simulate`.
-        states: one for all members (None: the model's own start); a sequence of N, all at one time; or
+        states: one for all members (None: the model's own start); a sequence of N, all at the same time; or
             (Q, U) of shapes (N, nq) and (N, nu), all joints, at t = 0.
         duration: how long, s; by default the problem's.
         step: of the solver, s, or (N,); it must divide the duration.
         solver: a fixed-step one, see `simulate`, or N of them.
-        record: what is recorded: a `Record`, or names of the testing functions alone, or every how many
-            steps, the longest ones where steps differ; by default the start and the end alone.
-        vary: values (N,) of parameters by name, other ones in each member; no compilation is repeated for
-            other values.
+        record: a `Record`; or just the names of the testing functions, or the number of steps between rows
+            (the longest ones where steps differ). By default the start and the end are kept.
+        vary: values (N,) of parameters by name, one for each member. Other values need no new compilation.
         sensitivity: parameters by which ΔC is differentiated: exact derivatives of the discrete motion,
             from a start that does not depend on them. Each adds about two steps' work to every step.
         threads: how many cores; all by default.
         progress: called with the fraction done, from any thread but never from two at once.
 
     Raises:
-        InputError: as `simulate`, and for sizes that do not fit, naming the array; for members that start
-            off a constraint or a prescribed motion, by their own parameters, naming the first.
+        InputError: as `simulate`. For sizes that do not fit the message names the array, and for members that
+            violate a constraint or a prescribed motion at the start it names the first.
     """
     loaded = load_model(model)
     mechanism, duration = loaded.mechanism, loaded.lasting(duration)

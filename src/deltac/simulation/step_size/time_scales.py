@@ -40,8 +40,8 @@ class TimeScale:
     """A time (s) within which a force element acts, estimated at a state.
 
     `element` has the name ("contact floor"), `kind` is "oscillation" (τ = √(m_eff/k), the period is 2πτ)
-    or "decay" (a speed falls by 1/e within τ, of dissipation or of slip by friction); `why` tells it.
-    `touch` says that a blow is to come, which lasts about πτ.
+    or "decay" (dissipation or friction reduces a speed to 1/e within τ); `why` explains it.
+    `touch` says that an impact is ahead, which lasts about πτ.
     """
 
     element: str
@@ -60,9 +60,9 @@ class TimeScale:
 def time_scales(model: ModelLike, state: StateLike = None) -> tuple[TimeScale, ...]:
     """Time scales of a model's friction and contacts at a state, the shortest first.
 
-    Of a contact, the overlap that is taken is the largest of: the present one; the one that carries the
-    weight of its effective mass; the one that stops it, at its speed of approach with what it gains by
-    falling through the gap. All is an estimate from the present state, not a bound on the motion.
+    For a contact, the overlap is the largest of three: the present one, the one that carries the weight of
+    its effective mass, and the one that stops the mass at its speed of approach after falling through the
+    gap. These are estimates from the present state, not bounds on the motion.
     """
     loaded = load_model(model)
     return tuple(

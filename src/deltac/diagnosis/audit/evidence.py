@@ -410,13 +410,19 @@ def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Lo
         order = scheme.order
         if scheme.forces == "smooth" or scheme.name not in EXPLICIT:
             return log
-    elif not step.residual.intervals.held or abs(step.residual.intervals.early) > EARLY:
+    elif not _resting_until_told(step) and not (step.steps is not None and step.steps.held):
         return log
     width = float(np.median(np.diff(run.t)))
     held = tuple(n for n in run.forces if n.kind not in ("prescribed", "constraint"))
     told = replace(run.provenance, step=width, held=held)
     way = "discrete" if order < 2 else "samples"
     return balanced(mechanism, replace(run, provenance=told), way, log.findings, log.comparisons)
+
+
+def _resting_until_told(step: OneStep) -> bool:
+    """Whether forces are held over several rows, and change with the row that tells it."""
+    intervals = step.residual.intervals
+    return intervals.held and abs(intervals.early) <= EARLY
 
 
 def _forces_put_right(mechanism: Mechanism, log: Log, work: str | None) -> tuple[Log, Finding]:

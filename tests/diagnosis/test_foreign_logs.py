@@ -176,7 +176,7 @@ def test_drag_and_stops_are_named(system: Held, code: str) -> None:
 def test_held_forces_do_their_work_as_held(rows: int) -> None:
     """Digits hide the scheme, but not that forces act from their row on. Their work is Σ F Δx, to the digits.
 
-    By splines through the jumps of such forces ΔC is some per cent of the energy, and the integrator's fault.
+    By splines through the jumps of such forces it is off by some thousandths of the energy exchanged.
     """
     run = held(RIGHT, rows)
     run = replace(run, q=np.round(run.q, 4), u=np.round(run.u, 4))

@@ -7,8 +7,11 @@ the same work in one run, one after the other.
 from __future__ import annotations
 
 import argparse
+import os
 import resource
 import shutil
+import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -116,21 +119,46 @@ def batched_beside_single_audits(episodes: int, samples: int, dof: int) -> None:
     folder = Path(tempfile.mkdtemp())
     try:
         np.savez(folder / "batch.npz", **arrays)
+        np.savez(folder / "one.npz", t=motion.t, qpos=motion.q[:, 0], qvel=motion.u[:, 0])
+        of_chain = f"from check_chain import chain\n\n\ndef model():\n    return chain({dof})\n"
+        (folder / "model.py").write_text(of_chain)
+        command = [sys.executable, "-m", "deltac", "audit", f"{folder}/model.py:model"]
+        path = os.pathsep.join((str(Path(__file__).parent), *sys.path))
+        processes = []
+        for _ in range(2):  # the first compiles
+            before = processor()
+            subprocess.run(
+                [*command, folder / "one.npz"],
+                env={**os.environ, "PYTHONPATH": path},
+                stdout=subprocess.DEVNULL,
+            )
+            processes.append(processor() - before)
         before = processor()
         fleet = dc.audit_many(mechanism, folder / "batch.npz", folder / "out", workers=1)
         batched = (processor() - before) / episodes
-        before = processor()
-        again = dc.audit_many(mechanism, folder / "batch.npz", folder / "out2", workers=1)
-        warm = (processor() - before) / episodes
+        walls = []
+        for workers in (1, 2):
+            before, began = processor(), time.perf_counter()
+            out = folder / f"out{workers}"
+            again = dc.audit_many(mechanism, folder / "batch.npz", out, workers=workers)
+            walls.append(time.perf_counter() - began)
+            if workers == 1:
+                warm = (processor() - before) / episodes
+        own = 1e3 * float(again.frame["seconds"].mean())
         kinds = fleet.frame["verdict"].to_list()
     finally:
         shutil.rmtree(folder)
     assert kinds[:few] == [audit.verdict.kind for audit in alone] and again.done == episodes
     print(f"{episodes} episodes of {samples} samples, {dof} degrees of freedom: {fleet.summary()}")
     print(f"single audits, warm     {1e3 * single:8.1f} ms of processor time each")
+    print(f"a process for each log  {1e3 * processes[1]:8.1f} ms, kernels in the cache")
     print(f"batched, cold cache     {1e3 * batched:8.1f} ms each, starting and compiling included")
-    print(f"batched                 {1e3 * warm:8.1f} ms each, starting included")
-    print(f"ratio                   {single / warm:8.1f}")
+    print(
+        f"batched                 {1e3 * warm:8.1f} ms each, starting included; audit alone {own:.1f}"
+    )
+    print(f"ratio to single, warm   {single / warm:8.1f}")
+    print(f"ratio to processes      {processes[1] / warm:8.1f}")
+    print(f"wall, 2 workers over 1  {walls[0] / walls[1]:8.2f} times the throughput")
 
 
 def dask_workers(runs: int, steps: int) -> None:

@@ -126,3 +126,29 @@ def test_no_rows_are_refused() -> None:
     mechanism, run = shaken(2e-4, 1500)
     with pytest.raises(InputError, match="keep=0"):
         dc.balance(mechanism, run, keep=0)
+
+
+def test_energy_through_springs_counts_no_more_than_their_work() -> None:
+    mechanism = dc.Mechanism(
+        [dc.point_mass("bob", 2.0)],
+        [dc.prismatic("slide", "ground", "bob", "x")],
+        [dc.forces.joint_spring("spring", "slide", stiffness=8.0)],
+    )
+    rows, step, omega = 3 * ROWS + 1, 1e-3, 2.0
+    t = step * np.arange(rows)
+    q, u, udot = np.cos(omega * t), -omega * np.sin(omega * t), -(omega**2) * np.cos(omega * t)
+    run = dc.Trajectory(
+        t=t,
+        q=q[:, None],
+        u=u[:, None],
+        udot=udot[:, None],
+        coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names,
+    )
+    full, kept = dc.balance(mechanism, run), dc.balance(mechanism, run, keep=20)
+    assert kept.energy_exchanged == pytest.approx(full.energy_exchanged, rel=1e-12)
+    # V = 4 q² J goes up and down by 4 J in each quarter of a turn; V and K range over 4 J each.
+    turned = omega * t[-1]
+    quarters = int(turned // (np.pi / 2))
+    rest = 4.0 * abs(np.cos(turned) ** 2 - np.cos(quarters * np.pi / 2) ** 2)
+    assert kept.energy_exchanged == pytest.approx(4.0 * quarters + rest + 8.0, rel=1e-5)

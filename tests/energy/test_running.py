@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from deltac.energy.sampling.quadrature import EvenSums
-from deltac.energy.sampling.running import AHEAD, REACH, Flow, Running
-from deltac.energy.works import flowed
+from deltac.energy.sampling.running import AHEAD, REACH, Running
 
 ROWS, FIRST = 144, 64
 
@@ -22,13 +21,17 @@ def test_the_integrals_of_windows(columns: int) -> None:
     fine, half, quarter = (windows.sums(np.ascontiguousarray(powers[:, ::n]), n) for n in (1, 2, 4))
     running = Running(ROWS, columns)
     running.powers[:] = powers[:, FIRST - REACH : FIRST + ROWS + REACH + 1].T
-    running.run()
+    running.start(0)
+    for piece in running.pieces:
+        piece.call(0)
 
     expected = (fine[:, FIRST : FIRST + ROWS + 1] - fine[:, FIRST, None]).T
     places = np.arange(ROWS + 1)
     np.testing.assert_allclose(running.value(places), expected, atol=1e-12)
-    np.testing.assert_allclose(running.of([columns - 1])[0], expected[:, -1], atol=1e-12)
-    np.testing.assert_array_equal(running.whole(), running.value(places[-1:])[0])
+    for piece in running.pieces:
+        np.testing.assert_allclose(piece.value, expected[piece.first : piece.last + 1], atol=1e-12)
+    state = running.end()
+    np.testing.assert_array_equal(state["value"], running.value(places[-1:])[0])
 
     error = (fine[:, ::2] - half)[:, FIRST // 2 :]
     error -= error[:, :1].copy()
@@ -38,28 +41,13 @@ def test_the_integrals_of_windows(columns: int) -> None:
     np.testing.assert_allclose(least, np.minimum.accumulate(error, axis=1)[:, seen].T, atol=1e-12)
 
     end = ROWS // 2
-    np.testing.assert_allclose(running.end("error"), error[:, end], atol=1e-12)
-    np.testing.assert_allclose(running.end("most"), error[:, : end + 1].max(axis=1), atol=1e-12)
-    np.testing.assert_allclose(running.end("least"), error[:, : end + 1].min(axis=1), atol=1e-12)
+    np.testing.assert_allclose(state["error"], error[:, end], atol=1e-12)
+    np.testing.assert_allclose(state["most"], error[:, : end + 1].max(axis=1), atol=1e-12)
+    np.testing.assert_allclose(state["least"], error[:, : end + 1].min(axis=1), atol=1e-12)
     steps = np.abs(np.diff(error[:, : end + 1])).sum(axis=1)
-    np.testing.assert_allclose(running.end("finer"), steps, atol=1e-11)
+    np.testing.assert_allclose(state["finer"], steps, atol=1e-11)
     coarse = (half[:, ::2] - quarter)[:, FIRST // 4 : FIRST // 4 + ROWS // 4 + 1]
     steps = np.abs(np.diff(coarse)).sum(axis=1)
-    np.testing.assert_allclose(running.end("coarser"), steps, atol=1e-11)
+    np.testing.assert_allclose(state["coarser"], steps, atol=1e-11)
     size = np.abs(powers[:, FIRST : FIRST + ROWS]).sum(axis=1)
-    np.testing.assert_allclose(running.end("size"), size, rtol=1e-13)
-
-
-def test_flow_is_bounded_by_the_work() -> None:
-    rng = np.random.default_rng(2)
-    powers, works = rng.standard_normal((2, 5, ROWS + 1))
-    width, likely = 0.3, 2.0
-    flow = Flow(ROWS, 5, likely / width)
-    flow.powers[:], flow.works[:] = powers.T, 0.1 * works.T
-    expected = flowed(powers, width, 0.1 * np.diff(works, axis=1))
-    np.testing.assert_allclose(width * flow.run(), expected, rtol=1e-13)
-    assert (expected < flowed(powers, width)).all()
-
-
-def test_nothing_of_no_columns() -> None:
-    assert Flow(ROWS, 0, 1.0).run().shape == (0,)
+    np.testing.assert_allclose(state["size"], size, rtol=1e-13)

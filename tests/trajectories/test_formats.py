@@ -66,7 +66,7 @@ def test_an_npz_that_cannot_be_used(tmp_path: Path) -> None:
         read_trajectory(path)
     np.save(tmp_path / "one.npy", T)
     (tmp_path / "one.npy").rename(path)
-    with pytest.raises(InputError, match="no NPZ archive"):
+    with pytest.raises(InputError, match="not an NPZ archive"):
         read_trajectory(path)
 
 
@@ -158,6 +158,12 @@ def test_hdf5_as_another_program_sees_it(tmp_path: Path) -> None:
 
 def test_a_mat_of_structures_named_like_the_schema(tmp_path: Path) -> None:
     savemat(tmp_path / "log.mat", {"time": T, "q": {"elbow": T**2}, "u": {"elbow": 2 * T[:, None]}})
+    assert_elbow(read_trajectory(tmp_path / "log.mat"))
+
+
+def test_a_mat_with_a_structure_without_fields(tmp_path: Path) -> None:
+    values = {"time": T, "q": {"elbow": T**2}, "u": {"elbow": 2 * T}, "options": {}}
+    savemat(tmp_path / "log.mat", values)
     assert_elbow(read_trajectory(tmp_path / "log.mat"))
 
 

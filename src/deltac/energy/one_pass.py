@@ -11,13 +11,15 @@ the same to the last bit on any number of threads.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from threading import Condition
 from typing import TypeAlias
 
+import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,10 +34,13 @@ from deltac.energy.sampling.quadrature import (
     observed_order,
     reduction,
 )
-from deltac.energy.sampling.running import AHEAD, REACH, SAMPLED, Flow, Running
+from deltac.energy.sampling.running import AHEAD, REACH, SAMPLED, Running
 from deltac.energy.sampling.samples import Samples
 from deltac.energy.terms import LedgerKernels, LedgerSymbols, LoggedForces, variants
-from deltac.energy.works import LIKELY, flowed
+from deltac.energy.works import LIKELY
+from deltac.kernels import Kernel
+from deltac.kernels.calls import in_turn
+from deltac.kernels.native import Call
 from deltac.kernels.parallel import check_cancelled, cores, spread
 from deltac.kernels.transposing import aligned, transposing
 from deltac.mechanism.channels import ChannelName
@@ -61,6 +66,9 @@ HALO = 16
 MULTIPLE = 8
 """Rows of a block are a multiple of this."""
 
+AT_ONCE = 264
+"""Rows, about, that go through the equations at once: they stay in a core's second cache."""
+
 
 @dataclass(frozen=True)
 class OnePass:
@@ -80,7 +88,11 @@ class OnePass:
 
 
 class _Layout:
-    """Where things lie among a kernel's outputs, and what is made of them."""
+    """Where things lie among a kernel's outputs, and what is made of them row by row.
+
+    Columns of a block are the outputs, then integrals over h: of the powers of the testing functions, and of
+    what drives channels with a potential; then the interval h itself.
+    """
 
     def __init__(
         self,
@@ -89,34 +101,50 @@ class _Layout:
         functions: Sequence[TestingFunction],
     ) -> None:
         at, own = kernels.at_samples.output_slices, kernels.between.output_slices
-        self.energies, self.conservative = at["energies"], at["conservative"]
-        first = at["potential"].start
-        self.potential = [first + kernels.potential.index(n) for n in kernels.conservative]
-        places = {name: k for k, name in enumerate(kernels.channels)}
-        self.driven = [
-            (k, places[ChannelName("prescribed", name.element)])
-            for k, name in enumerate(kernels.conservative)
-            if name in symbols.driven
-        ]
-        start = own["functions"].start
-        pairs = [
-            (function, start + kernels.functions.index(name))
-            for function in functions
-            for name in variants(symbols, function.name)
-        ]
-        self.functions = [k for _, k in pairs]
-        energies = Energies(*np.eye(4))
-        parts = (*np.eye(4), energies.K)
-        self._weights = np.array([*parts, *(f.E(energies) for f, _ in pairs)])  # E is linear
+        self.energies = at["energies"]
         self.n_between, self.n_out = kernels.between.n_out, kernels.at_samples.n_out
         self.between = slice(self.n_out - self.n_between, self.n_out)
         self.channels = own["channels"]
         self.leading = slice(len(kernels.channels), None)
+        self._functions = [(f, n) for f in functions for n in variants(symbols, f.name)]
+        first = own["functions"].start
+        integrated = [first + kernels.functions.index(name) for _, name in self._functions]
+        places = {name: k for k, name in enumerate(kernels.channels)}
+        driven = {
+            k: places[ChannelName("prescribed", name.element)]
+            for k, name in enumerate(kernels.conservative)
+            if name in symbols.driven
+        }
+        self.integrated = (*integrated, *driven.values())
+        self.n_columns = self.n_out + len(self.integrated) + 1
+        self.n_functions = len(integrated)
+        names = tuple(name for _, name in self._functions)
+        self.rows = symbols.once(("rows", names), lambda: self._rows(kernels, driven))
+        self.flow, self.gain, self.kinetic = self.rows.output_slices.values()
 
-    def of_energies(self, known: Array) -> tuple[Array, Array]:
-        """K2, K1, K0, V and K (5, B), and E of each testing function (f, B)."""
-        found = self._weights @ known[self.energies]
-        return found[:5], found[5:]
+    def _rows(self, kernels: LedgerKernels, driven: Mapping[int, int]) -> Kernel:
+        """Of a row, its columns and those of the next one.
+
+        ``flow``: ∫|P| dt between the two of each channel with a potential, as `flowed` takes it; ``gain``:
+        E − ∫ of each testing function; ``kinetic`` energy. All in J.
+        """
+        now, then = (ca.SX.sym(name, self.n_columns) for name in ("now", "then"))
+        at = kernels.at_samples.output_slices
+        h, potential = now[-1], at["potential"].start
+        flow = []
+        for k, name in enumerate(kernels.conservative):
+            place, power = potential + kernels.potential.index(name), at["conservative"].start + k
+            lost = now[place] - then[place]
+            if k in driven:
+                integral = self.n_out + self.n_functions + [*driven].index(k)
+                lost += h * (then[integral] - now[integral])
+            trapezoid = 0.5 * h * (ca.fabs(now[power]) + ca.fabs(then[power]))
+            flow.append(ca.fmin(trapezoid, LIKELY * ca.fabs(lost)))
+        energies = Energies(*ca.vertsplit(now[self.energies]))
+        gain = [f.E(energies) - h * now[self.n_out + k] for k, (f, _) in enumerate(self._functions)]
+        columns = {"flow": flow, "gain": gain, "kinetic": [energies.K]}
+        outputs = {name: ca.vertcat(ca.SX(0, 1), *entries) for name, entries in columns.items()}
+        return Kernel({"now": now}, outputs, then, name="rows of a ledger")
 
 
 @dataclass(frozen=True)
@@ -129,11 +157,14 @@ class _Sums:
     least: Array
     finer: Array  # what `reduction` compares
     coarser: Array
-    flow: Array  # ∫|P| of channels that have a potential,
-    size: Array  # and Σ|P| of the others
+    size: Array  # Σ|P|
+    flow: Array  # ∫|P| dt of channels that have a potential, J
     lowest: Array  # energies
     highest: Array
     delta_c: Array  # what each testing function gains, J
+
+
+_SUMMED = ("value", "error", "most", "least", "finer", "coarser", "size")
 
 
 @dataclass(frozen=True)
@@ -177,70 +208,87 @@ class _Worker:
     ) -> None:
         self._last, self._size, self._layout = len(samples.t) - 1, size, layout
         self.width = float(samples.t[-1] - samples.t[0]) / self._last
+        room = _whole(max(size, 2 * HALO)) + 2 * HALO + MULTIPLE
         kernel = kernels.at_samples
-        room = -(-max(size, 2 * HALO) // 8) * 8 + 2 * HALO + 8
-        x, self._y = aligned(kernel.n_in, room), aligned(kernel.n_out, room)
-        self._kernel = kernel.bound_batch(x, self._y)
-        self._read = [transposing(a, x[where]) for a, where in _inputs(samples, log, kernels)]
+        self._x, self._y = aligned(kernel.n_in, room), aligned(layout.n_columns, room)
+        self._y[-1] = self.width
+        known, self._integrals = self._y[: layout.n_out], self._y[layout.n_out : -1]
+        self._columns = [(a, self._x[where]) for a, where in _inputs(samples, log, kernels)]
+        self._kernel = kernel.bound_batch(self._x, known)
         self._running = running = Running(size, layout.n_between)
-        self._flow = flow = Flow(size, len(layout.potential), LIKELY / self.width)
-        around, core = self._y[:, : size + 2 * REACH + 1], self._y[:, REACH : REACH + size + 1]
-        pairs = [(around[layout.between], running.powers), (core[layout.conservative], flow.powers)]
-        for k, run in _runs(layout.potential):
-            pairs.append((core[run], flow.works[:, k : k + run.stop - run.start]))
-        self._back = [(transposing(a, b), len(a)) for a, b in pairs if len(a)]
+        self._found = aligned(layout.rows.n_out, room)
+        compared = partial(_bound, layout.rows, self._y, self._found)
+        self._compared = compared(0, _whole(size + 1))
+        rows = size + 2 * REACH + 1
+        step = _whole(-(-rows // max(1, round(rows / AT_ONCE))))
+        calls: list[Call] = []
+        due = list(running.pieces)
+        for start in range(
+            0, rows, step
+        ):  # x of one part is overwritten by the next: it stays in cache
+            here = slice(start, min(start + step, _whole(rows)))
+            x = self._x[:, : here.stop - here.start]
+            for a, where in _inputs(samples, log, kernels):
+                calls.append(transposing(a[start:], x[where], moving=True))
+            calls.append(kernel.bound_batch(x, known[:, here]))
+            some = slice(start, min(here.stop, rows))
+            calls.append(transposing(known[layout.between, some], running.powers[some]))
+            if not start:
+                calls.append(running.start)
+            while due and due[0].needed <= some.stop:
+                piece = due.pop(0)
+                calls.append(piece.call)
+                for k, which in _runs(layout.integrated):
+                    within = slice(REACH + piece.first, REACH + piece.last + 1)
+                    target = self._integrals[k : k + which.stop - which.start, within]
+                    calls.append(transposing(piece.value[:, which], target))
+                calls.append(compared(piece.first, piece.last + (0 if due else MULTIPLE)))
+        self._inside = in_turn(calls)
         self._ends = EvenSums(1.0)
         self._fine: Array | None = None
-        self.known = self._y
-        self.delta_c = np.empty((len(layout.functions), size + 1))
 
     def evaluate(self, first: int) -> tuple[int, _Sums]:
         """The block from that row on: how many rows it has, but for the last, and what they come to."""
         last = min(first + self._size, self._last)
-        inside = first >= REACH and first + self._size + REACH <= self._last
-        return last - first, self._inside(first) if inside else self._at_an_end(first, last)
-
-    def _evaluated(self, low: int, count: int) -> None:
-        for read in self._read:
-            read(low, count, 0)
-        self._kernel()
-
-    def _inside(self, first: int) -> _Sums:
-        layout, running, flow = self._layout, self._running, self._flow
-        self._evaluated(first - REACH, self._size + 2 * REACH + 1)
-        for back, count in self._back:
-            back(0, count, 0)
-        self._fine, self.known = None, self._y[:, REACH : REACH + self._size + 1]
-        running.run()
-        for k, driven in layout.driven:
-            flow.works[:, k] -= self.width * running.of([driven])[0]
-        lowest, highest, delta_c = self._compared(running.of(layout.functions))
-        return _Sums(
-            value=running.whole(),
-            error=running.end("error"),
-            most=running.end("most"),
-            least=running.end("least"),
-            finer=running.end("finer"),
-            coarser=running.end("coarser"),
-            flow=flow.run(),
-            size=running.end("size"),
-            lowest=lowest,
-            highest=highest,
-            delta_c=delta_c,
+        start = first - REACH
+        if start >= 0 and start + _whole(self._size + 2 * REACH + 1) <= self._last + 1:
+            self._inside(start)
+            self._fine, sums = None, self._running.end()
+        else:
+            sums = self._at_an_end(first, last)
+        layout, rows = self._layout, last - first
+        core = slice(REACH, REACH + rows + 1)
+        self.known = self._y[: layout.n_out, core]
+        self.delta_c = self._found[layout.gain, : rows + 1]
+        self.delta_c -= self.delta_c[:, :1].copy()
+        energies = (self.known[layout.energies], self._found[layout.kinetic, : rows + 1])
+        return rows, _Sums(
+            **{name: sums[name] for name in _SUMMED},
+            flow=self._found[layout.flow, :rows].sum(axis=1),
+            lowest=np.concatenate([e.min(axis=1) for e in energies]),
+            highest=np.concatenate([e.max(axis=1) for e in energies]),
+            delta_c=self.delta_c[:, -1].copy(),
         )
 
-    def _at_an_end(self, first: int, last: int) -> _Sums:
-        """By windows that lie aside where the log begins or ends."""
+    def _at_an_end(self, first: int, last: int) -> dict[str, Array]:
+        """What `Running` gives, by windows that lie aside where the log begins or ends."""
         layout, high = self._layout, min(last + HALO, self._last)
         low = max(min(first - HALO, (high - 4 * HALO) // 4 * 4), 0)
-        self._evaluated(low, high - low + 1)
-        found = self._y[:, : high - low + 1]
+        for a, x in self._columns:
+            x[:, : high - low + 1] = a[low : high + 1].T
+        self._kernel(0)
+        found = self._y[: layout.n_out, : high - low + 1]
         between = found[layout.between]
         fine, half, quarter = (
             self._ends.sums(np.ascontiguousarray(between[:, ::n]), n) for n in (1, 2, 4)
         )
         core = slice(first - low, last - low + 1)
-        self.known, self._fine = found[:, core], fine[:, core] - fine[:, core.start, None]
+        size = np.abs(between[:, core][:, :-1]).sum(axis=1)
+        here = slice(REACH, REACH + last - first + 1)
+        self._y[: layout.n_out, here] = found[:, core].copy()
+        self._fine = fine[:, core] - fine[:, core.start, None]
+        self._integrals[:, here] = self._fine[list(layout.integrated)]
+        self._compared(0)
         ahead = (min(last + AHEAD + 1, high) - low) // 2 + 1
         error = fine[:, : 2 * ahead : 2] - half[:, :ahead]
         error = error[:, core.start // 2 :] - error[:, core.start // 2, None]
@@ -248,32 +296,15 @@ class _Worker:
         within = slice(core.start // 4, (last - low) // 4 + 1)
         coarse = half[:, ::2][:, within] - quarter[:, within]
         end = (last - first) // 2
-        lost = -np.diff(self.known[layout.potential], axis=1)
-        for k, driven in layout.driven:
-            lost[k] += self.width * np.diff(self._fine[driven])
-        lowest, highest, delta_c = self._compared(self._fine[layout.functions])
-        return _Sums(
-            value=self._fine[:, -1],
-            error=error[:, end],
-            most=self._most[:, end],
-            least=self._least[:, end],
-            finer=np.abs(np.diff(error[:, : end + 1], axis=1)).sum(axis=1),
-            coarser=np.abs(np.diff(coarse, axis=1)).sum(axis=1),
-            flow=flowed(self.known[layout.conservative], self.width, lost) / self.width,
-            size=np.abs(between[:, core][:, :-1]).sum(axis=1),
-            lowest=lowest,
-            highest=highest,
-            delta_c=delta_c,
-        )
-
-    def _compared(self, integrals: Array) -> tuple[Array, Array, Array]:
-        """Least and largest energies (5,), what each testing function gains; keeps that at all rows."""
-        energies, E = self._layout.of_energies(self.known)
-        integrals *= self.width
-        E -= E[:, :1].copy()
-        E -= integrals
-        self.delta_c = E
-        return energies.min(axis=1), energies.max(axis=1), E[:, -1]
+        return {
+            "value": self._fine[:, -1],
+            "error": error[:, end],
+            "most": self._most[:, end],
+            "least": self._least[:, end],
+            "finer": np.abs(np.diff(error[:, : end + 1], axis=1)).sum(axis=1),
+            "coarser": np.abs(np.diff(coarse, axis=1)).sum(axis=1),
+            "size": size,
+        }
 
     def value(self, rows: NDArray[np.intp]) -> Array:
         """∫P from the block's first row to others (k, n), over h."""
@@ -286,6 +317,17 @@ class _Worker:
         # A bar is that of the next row but one that windows on every second row see.
         seen = np.minimum((rows + AHEAD + 1) // 2, self._most.shape[1] - 1)
         return self._most[:, seen].T, self._least[:, seen].T
+
+
+def _bound(kernel: Kernel, y: Array, out: Array, first: int, last: int) -> Call:
+    """A kernel of rows and of those after them, for some rows of a block."""
+    now, then = (y[:, k + first : k + last] for k in (REACH, REACH + 1))
+    return kernel.bound_batch(now, out[:, first:last], then)
+
+
+def _whole(rows: int) -> int:
+    """So many rows, and those that complete a `MULTIPLE`."""
+    return -(-rows // MULTIPLE) * MULTIPLE
 
 
 def _runs(places: Sequence[int]) -> Iterator[tuple[int, slice]]:
@@ -359,7 +401,7 @@ def in_one_pass(
     kept = _All(layout, count) if keep is None else _Some(layout, part, count)
     turns, sums = _Turns(), list[_Sums]()
     nothing = np.zeros(layout.n_between)
-    before = _Before(nothing, nothing, nothing, np.zeros(len(layout.functions)))
+    before = _Before(nothing, nothing, nothing, np.zeros(layout.n_functions))
     workers = min(cores(), len(starts))
 
     def work(number: int) -> None:
@@ -386,7 +428,7 @@ def in_one_pass(
     leading = layout.leading
     if not exact_to_rounding(bar[leading, -1].max(), size_of[leading].max(), count):
         return None
-    flow = np.append(width * np.sum([s.flow for s in sums], axis=0), size_of[layout.channels])
+    flow = np.append(np.sum([s.flow for s in sums], axis=0), size_of[layout.channels])
     return OnePass(
         rows,
         known,

@@ -34,8 +34,13 @@ class Evaluator(Protocol):
     def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Many states: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_par, B)`."""
 
-    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], object]:
-        """`batch` of these arrays, without arguments; it keeps them."""
+    def bound_batch(
+        self, x: Array, out: Array, parameters: Array | None
+    ) -> Callable[[int], object]:
+        """`batch` of these arrays, whatever row of a log it is called for; it keeps them.
+
+        Rows are contiguous, and as far apart in all of them; no column is to be left out.
+        """
 
 
 class Loop(Protocol):

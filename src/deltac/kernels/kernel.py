@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName, closest
 from deltac.kernels.evaluators import Evaluator, Loop, compile_function, compile_loop
+from deltac.kernels.native import Call
 
 SX: TypeAlias = Any  # casadi.SX
 
@@ -181,19 +182,21 @@ class Kernel:
             self._loop.iterate(rows, p)
         return rows[1:]
 
-    def bound_batch(
-        self, x: Array, out: Array, parameters: Array | None = None
-    ) -> Callable[[], object]:
-        """`flat` of the same arrays every time, as a function without arguments, which keeps them.
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None = None) -> Call:
+        """`flat` of the same arrays every time, which it keeps, to be called for rows of a log (`in_turn`).
 
-        All are contiguous float64: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_parameters, B)`, with
-        whole SIMD vectors of columns.
+        All are float64: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_parameters, B)`, with whole SIMD
+        vectors of columns. They may be parts of larger arrays, whose rows are as long in all of them.
         """
         sizes = (self.n_in, self.n_out, self.n_parameters)
+        lengths = set()
         for array, size in zip((x, out, parameters), sizes, strict=True):
             shape = (0, out.shape[1]) if array is None else array.shape
             assert shape == (size, out.shape[1]), f"{self.name}: {shape} for {size} rows"
-            assert array is None or (array.flags.c_contiguous and array.dtype == np.float64)
+            if array is not None:
+                assert array.dtype == np.float64 and array.strides[1] == array.itemsize
+                lengths |= {array.strides[0]} if len(array) > 1 else set()
+        assert len(lengths) <= 1, f"{self.name}: rows of different lengths"
         assert out.shape[1] % self._for_batches.width == 0, "columns would be left out"
         return self._for_batches.bound_batch(x, out, parameters)
 

@@ -6,9 +6,7 @@ so that reading the log is what takes the time.
 
 from __future__ import annotations
 
-import ctypes
 import math
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -16,44 +14,37 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.kernels.evaluators import evaluator_name
+from deltac.kernels.native import Call, NativeCall
 from deltac.kernels.simd import simd_width
 
 
-def transposing(source: Array, target: Array) -> Callable[[int, int, int], None]:
-    """A function (first, count, to): ``target[:, to : to + count] = source[first : first + count].T``.
+def transposing(source: Array, target: Array, *, moving: bool = False) -> Call:
+    """A call that writes ``target[:] = source.T``, of what lies in `source` then.
 
-    It may be called over and over while both arrays live, and reads what they hold then. Rows of `source`
-    (T, n) and of `target` (n, B) may be strided; `first`, `count` and `to` are not checked.
+    Of a `moving` source (T, n) it takes ``source[first : first + B].T``, where B is the length of the rows of
+    `target` (n, B); `first` is not checked. Rows of both may be strided.
     """
-    assert source.shape[1] == target.shape[0], "each column of the source is a row of the target"
+    n, count = target.shape
+    assert source.shape[1] == n, "each column of the source is a row of the target"
+    assert moving or len(source) == count, "as many rows as columns"
 
-    def plain(first: int, count: int, to: int) -> None:
-        target[:, to : to + count] = source[first : first + count].T
+    def plain(first: int) -> None:
+        start = first * moving
+        target[:] = source[start : start + count].T
 
-    width, each, n = simd_width(), target.itemsize, source.shape[1]
-    strided = source.strides[1] == target.strides[1] == each == source.itemsize
+    width, each = simd_width(), target.itemsize
+    strided = all(a.shape[1] == 1 or a.strides[1] == each for a in (source, target))
     numbers = source.dtype == target.dtype == np.float64 and source.strides[0] >= 0
-    if not (width > 1 and strided and numbers and n and evaluator_name() == "llvm"):
+    if not (width > 1 and strided and numbers and target.size and evaluator_name() == "llvm"):
         return plain
-    columns = min(n, width)
     try:
-        _compiled(width, max(min(len(source), width), 1), columns)
-    except (
-        ImportError,
-        OSError,
-        RuntimeError,
-    ):  # LLVM does not fit the platform, which kernels tell
-        return plain
-    start, over = source.ctypes.data, source.strides[0]
-    end, down = target.ctypes.data, target.strides[0]
-    across, along = over // each, down // each
-
-    def fast(first: int, count: int, to: int) -> None:
-        if count:
-            transpose = _compiled(width, min(count, width), columns)
-            transpose(start + first * over, across, end + to * each, along, count, n)
-
-    return fast
+        code = _compiled(width, min(count, width), min(n, width))
+    except (ImportError, OSError, RuntimeError):
+        return plain  # LLVM does not fit the platform, which kernels tell
+    over = source.strides[0]
+    arguments = (source.ctypes.data, over // each, target.ctypes.data, target.strides[0] // each)
+    kept = (code, source, target)
+    return NativeCall(code["transpose"], (*arguments, count, n), kept, over * moving)
 
 
 @cache
@@ -61,12 +52,7 @@ def _compiled(width: int, rows: int, columns: int) -> Any:
     """The native function that goes by squares of so many `rows` and `columns`, at most `width`."""
     from deltac.kernels.llvm_evaluator import llvm_function
 
-    code = llvm_function("transpose", _text(width, rows, columns))
-    pointer, count = ctypes.c_void_p, ctypes.c_int64
-    kind = ctypes.CFUNCTYPE(None, pointer, count, pointer, count, count, count)
-    function: Any = kind(code["transpose"])
-    function.code = code  # stays as long
-    return function
+    return llvm_function("transpose", _text(width, rows, columns))
 
 
 LINE = 64

@@ -18,7 +18,6 @@ from deltac.diagnosis.residuals.at_samples import (
     CLEAR,
     EquationTerms,
     Sampled,
-    equation_terms,
     total,
 )
 from deltac.diagnosis.residuals.rows import ramped
@@ -36,8 +35,6 @@ from deltac.trajectories.columns import MechanismNames
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
 
-
-DEGREE = float(np.pi / 180.0)
 
 PASSIVE = ("spring", "damper")
 """Kinds that a simulator takes from its model alone: active there, they belong in ours."""
@@ -177,34 +174,6 @@ def forces_of_other_rows(
             f"a combination of up to {REACH} rows on either side leaves {left:.2g} of the residual; the "
             f"forces acted about {abs(late):.2g} rows {'later' if late > 0 else 'earlier'}",
             "The equations are judged from row to row. Log the force that acts in each state",
-        )
-    ]
-
-
-def all_in_degrees(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> list[Finding]:
-    """Angles, their speeds and accelerations in degrees together: then π/180 closes the equations."""
-    if not terms.significant.any():
-        return []
-    angles = [c.index for c in mechanism.coordinates if c.unit == "rad"]
-    speeds = [c.index for c in mechanism.speeds if c.unit == "rad/s"]
-    if not angles or run.udot is None:
-        return []
-    q, u, udot = (np.array(x) for x in (run.q, run.u, run.udot))
-    for values, places in ((q, angles), (u, speeds), (udot, speeds)):
-        values[:, places] *= DEGREE
-    turned = equation_terms(mechanism, replace(run, q=q, u=u, udot=udot))
-    left, was = float(turned.relative.max()), float(terms.relative.max())
-    if left > 0.05 * was:
-        return []
-    return [
-        Finding(
-            "degrees",
-            "the log seems to contain angles, their speeds and accelerations in degrees in place of radians",
-            f"multiplied by π/180 they leave {percent(left)} of the terms of the equations of motion, else "
-            f"{percent(was)}",
-            'Say so in a mapping ([units] angle = "deg", angular_speed = "deg/s"), or multiply them by '
-            f"{DEGREE:.6g}",
-            "doubt",
         )
     ]
 
@@ -446,7 +415,7 @@ def _by_speeds(run: Trajectory, kind: str) -> bool:
 
 
 def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
-    """One finding for all, of the first actuator, or else equality, if there is one.
+    """One finding for all, of the first actuator or equality, if there is one; the others are its equals.
 
     Contacts, limits and friction that never acted need not be logged.
     """
@@ -466,6 +435,7 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
             + ("; of a MuJoCo model `replay` finds it from the controls" if motors else ""),
             "note",
             next(iter([*motors, *equalities]), ""),
+            equals=tuple(("assumed-zero", name) for name in [*motors, *equalities][1:]),
         )
     ]
 

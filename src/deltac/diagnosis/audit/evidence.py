@@ -57,10 +57,13 @@ FEW = 3
 FIRST = 0.4
 """Share of the time left that a search for causes may take before others get theirs."""
 
+CONVENTIONS = 10.0
+"""Seconds that conventions may take beside the search: a log misread accuses nobody however long"""
+
 AGREE = 4.0
 """How many times its disagreement with the speeds a residual of measured accelerations must be."""
 
-BESIDE = 2.0
+STEP_BARS = 2.5
 """How many error bars of the one-step test it must be besides."""
 
 REPRODUCED = 0.75
@@ -215,17 +218,6 @@ def gather(
         told = _of_samples(
             mechanism, log, terms, tolerance, import_report, doubted, deadline, progress
         )
-        stale = next((f for f in told if f.kind == "stale-stage" and f.element == "forces"), None)
-        if stale is not None and not given and log.consecutive is log.run and not log.run.integrals:
-            log, finding = _forces_put_right(mechanism, log, work)
-            found.append(finding)
-            terms, more = _believed(mechanism, log, step, given=given)
-            found += more
-            told = []
-            if terms is not None:
-                told = _of_samples(
-                    mechanism, log, terms, tolerance, import_report, doubted, deadline, progress
-                )
         if any(f.kind == "forces-not-of-this-row" for f in told):
             terms = None
         found += told
@@ -258,7 +250,7 @@ def gather(
         again = {(f.kind, f.element) for f in more}
         found = [f for f in found if (f.kind, f.element) not in again] + more
     if foreign:
-        found = _or_conventions(mechanism, log.run, found, deadline)
+        found = _or_conventions(mechanism, log.run, found, deadline.beside(CONVENTIONS))
     return Evidence(log, terms, step, (*_of_the_log(found), *_left_out(deadline)))
 
 
@@ -271,7 +263,7 @@ def _or_conventions(
     as its equal.
     """
     causes = [f for f in found if f.weight == "cause"]
-    other = conventions.orders_and_signs(mechanism, run)
+    other = conventions.orders_and_signs(mechanism, run, deadline)
     if other is None:
         axis = None if causes else conventions.axes(mechanism, run, deadline)
         return found if axis is None else [axis, *found]
@@ -463,7 +455,7 @@ def _believed(
     doubt = AGREE * disagreement
     if step is not None:
         # Rates made of the logged speeds hold what the integrator did to these.
-        doubt = np.maximum(doubt, np.maximum(BESIDE * step.residual.bar, step.residual.taken))
+        doubt = np.maximum(doubt, np.maximum(STEP_BARS * step.residual.bar, step.residual.taken))
     # What filters leave at the ends of a log is not all along it.
     doubt = np.where(trimmed(terms.residual) <= doubt, np.inf, doubt)
     terms = replace(terms, doubt=doubt)
@@ -524,9 +516,10 @@ def _of_samples(
     whole = log.consecutive is log.run
     nearby = terms if whole else equation_terms(mechanism, log.consecutive)
     stale = checks.stale_stage(mechanism, log.consecutive, nearby)
-    misread = stale or checks.all_in_degrees(mechanism, log.consecutive, nearby)
-    if misread:
-        return misread + checks.blame(terms)
+    if stale:
+        return stale + checks.blame(terms)
+    if terms.significant.any() and (other := conventions.units(mechanism, log.consecutive)):
+        return [other, *checks.blame(terms)]
     if not trusted(log.run):
         elsewhere = checks.forces_of_other_rows(mechanism, log.consecutive, nearby)
         if elsewhere:

@@ -19,6 +19,7 @@ from deltac.diagnosis.explain.regression import (
 )
 from deltac.diagnosis.explain.result import Cause, Explanation, Kind, sentence
 from deltac.diagnosis.explain.search import MOST, Found, plausible, search
+from deltac.diagnosis.explain.turned import turned
 from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_words, other_gears
 from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.measurements.kinematics import accelerations, trusted
@@ -286,7 +287,7 @@ def explanation(
         explained = _explained(prepared, found.best)
         if not regression.stands_out(found.best):
             return made("nothing")
-    unclosed = found.best.left > CLEAR * regression.floor(found.best)
+    unclosed = regression.left(found.best) > CLEAR * regression.floor(found.best)
     if not prepared.sliding and unclosed and not deadline.passed("joints that stick at times"):
         slid = explanation(mechanism, run, left, least, most=most, sliding=True, deadline=deadline)
         if (
@@ -344,9 +345,9 @@ def told(
     """The explanation by causes that were found."""
     explained = _explained(prepared, found.best)
     if not found.alternatives:
-        return _made(mechanism, prepared, "explained", found, explained)
+        return turned(mechanism, _made(mechanism, prepared, "explained", found, explained))
     separating = advice(mechanism, run, prepared, found, deadline or Deadline())
-    return _made(mechanism, prepared, "ambiguous", found, explained, separating)
+    return turned(mechanism, _made(mechanism, prepared, "ambiguous", found, explained, separating))
 
 
 def _made(

@@ -281,7 +281,7 @@ def _of_a_scheme(
     if not extent.all():
         return []
     late, left = 0.0, moved - trapezoid
-    for theta in (0.5, -0.5, 0.0):
+    for theta in (0.0, 0.5, -0.5):  # rates that do not change are not late
         late, rest = theta, np.abs(left - theta * linear)
         if np.all(rest.max(axis=-1) <= EXACT * extent):
             break

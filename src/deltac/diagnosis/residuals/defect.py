@@ -243,20 +243,23 @@ class Intervals:
             chosen += [(rows, p.within(slice(s, s + size))) for s in starts.tolist()]
         return replace(self, parts=chosen)
 
-    def made_by(self, column: Callable[[Rows, Array, NDArray[np.intp], Array], Array]) -> Array:
-        """What generalized forces make of the windows (W, n, P).
+    def made_by(
+        self, column: Callable[[Rows, Array, NDArray[np.intp], Array], Array]
+    ) -> tuple[Array, Array]:
+        """What generalized forces make of the windows (W, n, P), and half of what that changes over a step.
 
         `column` gives them (T, n, P) at some rows of a part: it takes the part's rows, its accelerations
         (T, n) as the motion has them, which rows, and the logged forces (rows, m) there.
         """
-        found = []
+        found, changes = list[Array](), list[Array]()
         for rows, p in self.parts:
             udot, starts, ends = self._udot(rows, p), p.at, p.at + 1
             F = rows.F[starts if self.held else ends]
-            added = self._added(rows, starts, column(rows, udot, starts, rows.F[starts]))
-            added += self._added(rows, ends, column(rows, udot, ends, F))
-            found.append(p.N @ (0.5 * added))
-        return self.windows(found)
+            first = self._added(rows, starts, column(rows, udot, starts, rows.F[starts]))
+            last = self._added(rows, ends, column(rows, udot, ends, F))
+            found.append(p.N @ (0.5 * (first + last)))
+            changes.append(p.N @ (0.5 * (last - first)))
+        return self.windows(found), self.windows(changes)
 
     def _udot(self, rows: Rows, p: _Defects) -> Array:
         """Accelerations (T, n): those of the model, and the defects as far as noise allows."""

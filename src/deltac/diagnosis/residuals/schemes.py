@@ -206,7 +206,7 @@ class Chosen:
 def _after(k: NDArray[np.intp], j: int, count: int) -> slice | NDArray[np.intp]:
     """The rows j after rows k, or the last of so many; neighbours as a slice, which copies nothing."""
     first, last = int(k[0]) + j, int(k[-1]) + j
-    if last < count and last - first == len(k) - 1:
+    if first >= 0 and last < count and last - first == len(k) - 1:
         return slice(first, last + 1)
     return np.minimum(k + j, count - 1)
 
@@ -474,9 +474,9 @@ class Left:
     work: float
 
     @cached_property
-    def closes(self) -> bool:
-        """Whether it leaves no step more than that."""
-        return bool(np.all(np.abs(self.forces) <= self.allowed))
+    def unclosed(self) -> NDArray[np.bool_]:
+        """Steps (W,) of which it leaves more than that."""
+        return np.asarray(np.any(np.abs(self.forces) > self.allowed, axis=1))
 
 
 Identified: TypeAlias = "tuple[Scheme | None, float, Steps | None, Callable[[], Left | None]]"

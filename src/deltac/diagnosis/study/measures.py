@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit import checks
+from deltac.diagnosis.audit import checks, conventions
 from deltac.diagnosis.residuals.at_samples import (
     CLEAR,
     LEAST,
@@ -136,7 +136,8 @@ def residuals_of(
         worst = [*coarser, worst[0]]
         if not trusted:
             findings += checks.stale_stage(mechanism, finest, terms)
-            findings = findings or checks.all_in_degrees(mechanism, finest, terms)
+            if not findings and terms.significant.any():
+                findings = [f for f in [conventions.units(mechanism, finest)] if f is not None]
     else:
         worst = [0.0] * len(known)
     order = 0.0

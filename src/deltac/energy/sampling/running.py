@@ -12,8 +12,9 @@ through SIMD vectors. All numbers here are in units of the interval h.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import casadi as ca
 import numpy as np
@@ -23,6 +24,7 @@ from deltac.arrays import Array
 from deltac.energy.sampling.interpolation import lagrange_kernel
 from deltac.kernels import Kernel
 from deltac.kernels.kernel import SX
+from deltac.kernels.native import Call
 from deltac.kernels.transposing import aligned
 
 SAMPLED = 8
@@ -133,11 +135,30 @@ def _running_kernel(rows: int) -> Kernel:
     return Kernel({"P": P}, columns, given, name="running integrals")
 
 
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """Integrals at rows from the `first` to the `last` of a block: `value` (k, n), after `call`.
+
+    `needed` are the rows of `powers` that it reads, those before the block included.
+    """
+
+    first: int
+    last: int
+    call: Call
+    value: Array
+
+    @property
+    def needed(self) -> int:
+        """Rows of `powers` up to the last one read."""
+        return self.last + 2 * REACH + 1
+
+
 class Running:
     """Integrals within a block of rows, of several columns; it owns the memory that it works in.
 
-    `powers` (rows + 2 `REACH` + 1, n) are to be written before each call of `run`, from row −`REACH` of the
-    block on. A block begins at a multiple of four rows, and `rows` are a multiple of eight.
+    `powers` (rows + 2 `REACH` + 1, n) are to be written first, from row −`REACH` of the block on; then
+    `start` is to be called, and the `pieces` one after the other, each when what it needs is there. A block
+    begins at a multiple of four rows, and `rows` are a multiple of eight.
     """
 
     def __init__(self, rows: int, columns: int) -> None:
@@ -148,17 +169,19 @@ class Running:
         cuts = [0]
         for size in PIECES:
             cuts += range(cuts[-1] + size, rows + 1, size)
-        kernels = [_running_kernel(b - a) for a, b in zip(cuts, cuts[1:])]
+        kernels = [_running_kernel(b - a) for a, b in pairwise(cuts)]
         self._found = aligned(sum(k.n_out for k in kernels), lanes)
         self._value, self._most, self._least = np.zeros((3, rows + 1), dtype=np.intp)
-        start = aligned(len(STATE), lanes)
+        before = aligned(len(STATE), lanes)
         around = self._powers[: 2 * REACH + 1]
-        self._calls = [_start_kernel().bound_batch(around, start[: _start_kernel().n_out])]
-        before, top = start, 0
-        for a, b, kernel in zip(cuts, cuts[1:], kernels):
+        self.start = _start_kernel().bound_batch(around, before[: _start_kernel().n_out])
+        self.pieces: list[Piece] = []
+        top = 0
+        for (a, b), kernel in zip(pairwise(cuts), kernels):
             out = self._found[top : top + kernel.n_out]
             x = self._powers[a : b + 2 * REACH + 1]
-            self._calls.append(kernel.bound_batch(x, out, before))
+            value = out[kernel.output_slices["value"], :columns]
+            self.pieces.append(Piece(a, b, kernel.bound_batch(x, out, before), value))
             places = {name: top + where.start for name, where in kernel.output_slices.items()}
             self._value[a : b + 1] = places["value"] + np.arange(b - a + 1)
             looked = (np.arange(b - a + 1) + 1) // 2
@@ -167,24 +190,11 @@ class Running:
             )
             before = out[kernel.output_slices["state"]]
             top += kernel.n_out
-        self._end = before
-
-    def run(self) -> None:
-        """All rows of the block."""
-        for call in self._calls:
-            call()
+        self._end = before[:, :columns]
 
     def value(self, rows: NDArray[np.intp]) -> Array:
         """∫ from the block's first row to others, and to the one after it (k, n)."""
         return self._found[self._value[rows], : self.columns]
-
-    def whole(self) -> Array:
-        """∫ over the block (n,)."""
-        return self._found[self._value[-1], : self.columns].copy()
-
-    def of(self, columns: Sequence[int]) -> Array:
-        """∫ of some columns from the block's first row to each, and to the one after it (c, rows + 1)."""
-        return self._found[self._value[None, :], np.array(columns, dtype=np.intp)[:, None]]
 
     def reached(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Largest and least error so far (k, n), and `AHEAD`, of the rows of a block."""
@@ -193,48 +203,7 @@ class Running:
             self._found[self._least[rows], : self.columns],
         )
 
-    def end(self, name: str) -> Array:
-        """A state (n,) after the block."""
-        found: Array = self._end[STATE.index(name), : self.columns]
-        return found.copy()
-
-
-@lru_cache(maxsize=4)
-def _flow_kernel(rows: int) -> Kernel:
-    """Σ min(|P_n| + |P_{n+1}|, bound |W_{n+1} − W_n|) over so many intervals, added to what was before."""
-    x, given = ca.SX.sym("x", 2 * (rows + 1)), ca.SX.sym("given", 2)
-    P, W = ca.fabs(x[0::2]), x[1::2]
-    total = given[0]
-    for n in range(rows):
-        total += ca.fmin(P[n] + P[n + 1], given[1] * ca.fabs(W[n + 1] - W[n]))
-    return Kernel({"x": x}, {"total": ca.vertcat(total, given[1])}, given, name="flow")
-
-
-class Flow:
-    """∫|P| dt within a block of rows, of columns that come with the work W up to each row.
-
-    An interval counts no more than `bound` |ΔW|; `bound` is over the interval h. `powers` and `works`
-    (rows + 1, n) are to be written before each call of `run`.
-    """
-
-    def __init__(self, rows: int, columns: int, bound: float) -> None:
-        lanes = -(-columns // LANES) * LANES
-        both = aligned(2 * (rows + 1), lanes)
-        self.powers, self.works = both[0::2, :columns], both[1::2, :columns]
-        self.columns = columns
-        cuts = [0]
-        for size in PIECES:
-            cuts += range(cuts[-1] + size, rows + 1, size)
-        found = aligned(len(cuts), 2, lanes)
-        found[0, 1] = 2.0 * bound
-        self._end = found[-1, 0]
-        self._calls = [
-            _flow_kernel(b - a).bound_batch(both[2 * a : 2 * b + 2], found[k + 1], found[k])
-            for k, (a, b) in enumerate(zip(cuts, cuts[1:]))
-        ]
-
-    def run(self) -> Array:
-        """The sums (n,)."""
-        for call in self._calls:
-            call()
-        return np.asarray(0.5 * self._end[: self.columns])
+    def end(self) -> dict[str, Array]:
+        """The `STATE` after the block (n,), and ∫ over all of it, ``value``."""
+        whole = self._found[self._value[-1], : self.columns]
+        return {**dict(zip(STATE, self._end.copy())), "value": whole.copy()}

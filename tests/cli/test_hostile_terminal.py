@@ -67,7 +67,7 @@ def test_a_model_cannot_make_it_wait(tmp_path: Path) -> None:
 
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "m.xml").write_text('<mujoco><include file="pipe"/></mujoco>')
-    with pytest.raises(InputError, match="no regular file"):
+    with pytest.raises(InputError, match="not a regular file"):
         read_mechanism(tmp_path / "m.xml")
 
 

@@ -141,3 +141,50 @@ def test_wheels_beside_a_floating_body_are_not_its_place() -> None:
     found = floating_base(t, np.hstack([place, quaternion, wheels, speed, turning, rates]))
     assert found is not None
     assert (found.position, found.linear) == (range(3), range(10, 13))
+
+
+def pendulum(place: tuple[float, float, float], spring: float | None = None) -> dc.Mechanism:
+    """A rod on a cart, whose mass centre may be elsewhere, on a spring or not."""
+    return dc.Mechanism(
+        [dc.point_mass("cart", 1.2), dc.body("pole", 0.3, (0.004,) * 3, place)],
+        [
+            dc.prismatic("x", "ground", "cart", "x", damping=0.3),
+            dc.revolute("th", "cart", "pole", damping=0.003, stiffness=spring),
+        ],
+        gravity=(0.0, -9.81, 0.0),
+    )
+
+
+@pytest.mark.parametrize("offset", [0.04, -0.1])
+@pytest.mark.parametrize("accelerations", [True, False])
+def test_a_mass_centre_that_is_turned_is_an_encoders_zero(
+    offset: float, accelerations: bool
+) -> None:
+    """Both leave the same: one number, of the log, comes before two of the model."""
+    model = pendulum((0.0, 0.25, 0.0))
+    run = dc.simulate(model, model.state({"th": 0.6}), 2.0, 5e-3)
+    log = {"time": run.t, "q.x": run.q[:, 0], "q.th": run.q[:, 1] + offset}
+    log |= {"u.x": run.u[:, 0], "u.th": run.u[:, 1]}
+    if accelerations:
+        assert run.udot is not None
+        log |= {"udot.x": run.udot[:, 0], "udot.th": run.udot[:, 1]}
+    (doubt,) = [f for f in dc.audit(model, log).findings if f.weight == "doubt"]
+    assert (doubt.kind, doubt.element) == ("zero-offset", "th")
+    assert doubt.factor == pytest.approx(offset, rel=offset**2 / 3)  # a series to second order
+    if accelerations:  # the series is further off than the mass centre, in an exact log
+        assert ("body-centre", "pole") in doubt.equals
+    longer = dc.audit(pendulum((0.0, 0.26, 0.0)), log | {"q.th": run.q[:, 1]})
+    assert [f.kind for f in longer.findings if f.weight == "doubt"] == []
+
+
+def test_a_spring_tells_a_zero_from_a_mass_centre() -> None:
+    """Turned by 0.04 rad about the joint, the mass centre leaves the spring where it is."""
+    turned = (0.25 * np.sin(0.04), 0.25 * np.cos(0.04), 0.0)
+    moved = pendulum(turned, spring=2.0)
+    run = dc.simulate(moved, moved.state({"th": 0.6}), 2.0, 5e-3)
+    log = {"time": run.t, "q.x": run.q[:, 0], "q.th": run.q[:, 1]}
+    log |= {"u.x": run.u[:, 0], "u.th": run.u[:, 1]}
+    causes = [
+        f for f in dc.audit(pendulum((0.0, 0.25, 0.0), 2.0), log).findings if f.weight == "cause"
+    ]
+    assert "body-centre" in {causes[0].kind, *(kind for kind, _ in causes[0].equals)}

@@ -102,7 +102,7 @@ def test_lines_of_long_files() -> None:
         ({"vary": {"solver": ["ode55"]}}, "ode5"),
         ({"step": 0.3}, "divide"),
         ({"vary": {"step": [0.1, 0.1]}}, "twice"),
-        ({"step": 0.1, "vary": {"step": [0.1]}}, "leave out one"),
+        ({"step": 0.1, "vary": {"step": [0.1]}}, "leave one of them out"),
         (
             {"design": {"kind": "list"}, "vary": {"step": [0.1], "q": {"joint1": [0.1, 0.2]}}},
             "equally many",
@@ -211,7 +211,7 @@ def test_a_list_of_points_from_a_table(ending: str, tmp_path: Path) -> None:
         ("parameter.m1\n1\n", {"kind": "grid"}, "list"),
         ("parameter.m1\n1\nx\n", {}, "row|parameter.m1.1"),
         ("parameter.m1,q.joint1\n1,2\n3,\n", {}, "row 1"),
-        ("parameter.m1\n", {}, "without points"),
+        ("parameter.m1\n", {}, "no rows"),
         ("mass\n1\n", {}, "mass"),
         ("step\n-1\n", {}, "step"),
         ("parameter.m7\n1\n", {}, "m1"),

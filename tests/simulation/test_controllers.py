@@ -147,7 +147,7 @@ def test_motors_and_controllers_need_each_other() -> None:
         InputError, match="joint torque 'motor' has no law; give simulate a controller"
     ):
         dc.simulate(free, free.state(START), 0.1, 0.01)
-    with pytest.raises(InputError, match="no joint torque waits for its value"):
+    with pytest.raises(InputError, match="no joint torque is without a law"):
         dc.simulate(ruled, ruled.state(START), 0.1, 0.01, controller=dc.Controller(answer))
     with pytest.raises(InputError, match="equations by hand and a controller"):
         dc.simulate(

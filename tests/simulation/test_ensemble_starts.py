@@ -187,7 +187,7 @@ Q, U = np.zeros((3, 1)), np.zeros((3, 1))
             {"states": State(0.0, np.zeros(2), np.zeros(1))},
             ["member 0 has 2 coordinates and 1 speeds", "'pendulum' has 1 and 1"],
         ),
-        ({"vary": ["m"]}, ["vary is ['m']", "by name", "Names alone are for `simulate`"]),
+        ({"vary": ["m"]}, ["vary is ['m']", "by name"]),
         ({"vary": "m"}, ["vary is 'm'", "by name"]),
     ],
 )

@@ -244,7 +244,7 @@ def test_a_truncated_parquet(kept: float, tmp_path: Path) -> None:
     write_trajectory(sample(), path)
     data = path.read_bytes()
     path.write_bytes(data[: int(kept * len(data)) if isinstance(kept, float) else kept])
-    with pytest.raises(InputError, match=r"log\.parquet: .*(empty|truncated|no Parquet)"):
+    with pytest.raises(InputError, match=r"log\.parquet: .*(empty|truncated|not a Parquet)"):
         read_trajectory(path)
 
 

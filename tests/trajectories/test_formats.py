@@ -66,7 +66,7 @@ def test_an_npz_that_cannot_be_used(tmp_path: Path) -> None:
         read_trajectory(path)
     np.save(tmp_path / "one.npy", T)
     (tmp_path / "one.npy").rename(path)
-    with pytest.raises(InputError, match="no NPZ archive"):
+    with pytest.raises(InputError, match="not an NPZ archive"):
         read_trajectory(path)
 
 

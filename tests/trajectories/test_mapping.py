@@ -172,7 +172,7 @@ def test_a_quaternion_in_the_schemas_names_but_another_order(tmp_path: Path) -> 
         ),
         ("[coordinates]\nelbow = {constant=nan}\n", "found nan, expected a finite number"),
         ("[units]\nangel = 'deg'\n", "line 2, units.angel: unknown key; did you mean 'angle'"),
-        ("[units]\nangle = 'mm'\n", "'mm' is no unit of angle"),
+        ("[units]\nangle = 'mm'\n", "'mm' is not a unit of angle"),
         ("[quaternions]\nbase = 'wxzy'\n", "found 'wxzy', expected 'wxyz' or 'xyzw'"),
         ("[quaternions]\nbase = ['a']\n", "line 2, quaternions.base: found"),
         ("[quaternions]\nb = {columns=['a'], order='wxyz'}\n", "expected four names"),
@@ -206,9 +206,13 @@ def test_a_mapping_that_is_not_there(tmp_path: Path) -> None:
             r"log\.csv: .*rig\.toml, line 10, coordinates\.elbow: the file has no column 'poss'; did "
             r"you mean 'pos'\? \(it is meant as 'q\.elbow': .*potential energy",
         ),
-        ('"t_ms", unit = "ms"', '"t_ms", unit = "mm"', "'mm' is no unit of 'time'"),
-        ('"pos", unit = "deg"', '"pos", unit = "mm"', "'mm' is no unit of 'q.elbow'; .*rad"),
-        ('unit = "N*mm"', 'unit = "N"', "'N' is no unit of 'force.actuator left motor.elbow'.*N.m"),
+        ('"t_ms", unit = "ms"', '"t_ms", unit = "mm"', "'mm' is not a unit of 'time'"),
+        ('"pos", unit = "deg"', '"pos", unit = "mm"', "'mm' is not a unit of 'q.elbow'; .*rad"),
+        (
+            'unit = "N*mm"',
+            'unit = "N"',
+            "'N' is not a unit of 'force.actuator left motor.elbow'.*N.m",
+        ),
         ('crank = { constant = 30, unit = "deg" }\n', "", r"no column 'q\.crank'.*constant"),
     ],
 )

@@ -88,7 +88,7 @@ def test_a_unit_that_differs_is_named_and_can_be_put_right(
     (found,) = suspicions(wrong, names)
     assert found.kind == kind and found.certain
     if kind in ("sign", "rate"):
-        with pytest.raises(InputError, match="cannot be put right by factors"):
+        with pytest.raises(InputError, match="cannot be corrected by factors"):
             corrected(wrong, found)
         return
     again = corrected(wrong, found)

@@ -82,7 +82,7 @@ def test_between_takes_both_ends_and_restarts_the_integrals() -> None:
     assert np.array_equal(run.integrals["wang"], [0.0, 1.75, 4.0])
     assert len(make().between(-np.inf, np.inf)) == 5
     for t0, t1 in [(4.0, 5.0), (2.0, 1.0), (1.6, 1.9), (np.nan, 2.0), (1.0, np.nan)]:
-        with pytest.raises(InputError, match=r"no row lies there.*1\.0 to 3\.0 s"):
+        with pytest.raises(InputError, match=r"there is no row in between.*1\.0 to 3\.0 s"):
             make().between(t0, t1)
 
 

@@ -132,9 +132,7 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> tuple[list[str], list[
         elif globbing.has_magic(one) and not os.path.exists(one):
             matches = sorted(globbing.glob(one, recursive=True))
             if not matches:
-                raise FileError(
-                    f"{one}: no file matches; quote the pattern, and look at its folder"
-                )
+                raise FileError(f"{one}: no file matches; quote the pattern, and check its folder")
             found += [n for n in matches if os.path.isfile(n) or is_log_folder(Path(n))]
         else:
             found.append(one)
@@ -332,7 +330,7 @@ def plan_audits(
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     if work not in (None, "in-loop", "samples", "discrete"):
         ways = ("in-loop", "samples", "discrete")
-        raise UnknownName(f"unknown way to take the work, {work!r}{closest(str(work), ways)}")
+        raise UnknownName(f"unknown rule for works, {work!r}{closest(str(work), ways)}")
     loaded = load_model(model)
     known = as_mapping(mapping)  # first: one that is none is no error of a log
     text = None if mapping is None else read_text(mapping)

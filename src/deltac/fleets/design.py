@@ -66,16 +66,16 @@ def lay_out(spec: SweepSpec) -> Design:
     for name, values in chosen.items():
         if values is not None and getattr(spec, name) is not None:
             raise SpecificationError(
-                f"{name} is given once for all runs and varied too; leave out one of them"
+                f"{name} is both fixed for all runs and varied; leave one of them out"
             )
         if values is not None and len(set(values)) < len(values) and spec.design.kind != "list":
-            raise SpecificationError(f"vary.{name}: a value is there twice: {values}")
+            raise SpecificationError(f"vary.{name}: a value occurs twice: {values}")
     axes = {f"{g}.{n}": axis for g in GROUPS for n, axis in getattr(spec.vary, g).items()}
     for name in axes:
         group, _, own = name.partition(".")
         if own in getattr(spec, group):
             raise SpecificationError(
-                f"{name} is given once for all runs and varied too; leave out one of them"
+                f"{name} is both fixed for all runs and varied; leave one of them out"
             )
     if spec.design.kind == "list":
         return _listed(spec, chosen, axes)
@@ -151,7 +151,7 @@ def _table_columns(path: Path) -> dict[str, list[Any]]:
         raise FileError(f"{path} cannot be read: {str(error).splitlines()[0]}") from error
     _check_size(len(frame), len(frame.columns))
     if not len(frame):
-        raise SpecificationError(f"{path}: a table without points: it has no rows")
+        raise SpecificationError(f"{path}: the table has no rows, so there are no points")
     for name in frame.columns:
         group, dot, own = name.strip().partition(".")
         if not (own and group in GROUPS if dot else name.strip() in SETTING):

@@ -135,6 +135,6 @@ def _crew(execution: Execution, executor: Executor | None, folder: Path) -> Iter
                 yield crew
         except SchedulerLost as lost:
             raise ProcessLost(
-                f"{lost}. What was done is in {folder}; run it again, with a scheduler or without, and it "
-                "goes on there"
+                f"{lost}. The results so far are in {folder}; run it again, with a scheduler or without, "
+                "to continue there"
             ) from None

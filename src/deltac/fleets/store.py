@@ -125,7 +125,7 @@ class Store:
                 )
         elif folder.exists() and (not folder.is_dir() or _strange(folder)):
             raise FileError(
-                f"{folder} is there already, and no folder of results; choose another one by --out"
+                f"{folder} exists already and is not a folder of results; choose another one by --out"
             )
         with _refusals(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -155,7 +155,7 @@ class Store:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise FileError(
-                    f"{self.folder}: another process is at work there; wait for it ('deltac sweep --status "
+                    f"{self.folder}: another process is working there; wait for it ('deltac sweep --status "
                     f"{self.folder}' says how far it is), or choose another folder by --out"
                 ) from None
             except OSError:  # a file system without locks
@@ -197,7 +197,7 @@ class Store:
                 parts.append(polars.read_parquet(path, glob=False))
             except (polars.exceptions.PolarsError, polars.exceptions.PanicException) as error:
                 raise FileError(
-                    f"{path} is damaged ({error}); run the sweep again, which makes it anew"
+                    f"{path} is damaged ({error}); run the sweep again, which rebuilds it"
                 ) from error
         if not parts:
             return polars.DataFrame({"address": []}, {"address": polars.String})

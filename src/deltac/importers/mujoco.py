@@ -143,7 +143,7 @@ def _try_apart(path: Path) -> None:
         named = os.path.join(path.parent, name)
         if os.path.exists(named) and not (os.path.isfile(named) or os.path.isdir(named)):
             raise FileError(
-                f"model file {path.name!r} names {shown(name)}, which is no regular file"
+                f"model file {path.name!r} names {shown(name)}, which is not a regular file"
             )
     counts = (float(n) for entry in _COUNTS.findall(text) for n in _NUMBER.findall(entry))
     if len(text) < _PLAIN and max(counts, default=0.0) <= _MANY and "<include" not in text:
@@ -172,7 +172,7 @@ def _try_apart(path: Path) -> None:
         )
     if tried.returncode < 0 or tried.returncode == 3:
         raise ModelError(
-            f"model file {path.name!r} brings MuJoCo down, or does not fit into {memory / 1e9:.1f} GB"
+            f"model file {path.name!r} crashes MuJoCo, or does not fit into {memory / 1e9:.1f} GB"
         )
 
 

@@ -104,7 +104,7 @@ class _Reader:
         while waiting:
             ready = [link for link in waiting if self.parent(link, carrier) in done]
             if not ready:
-                raise ModelError(f"{self.file}: links {waiting} hang on each other in a circle")
+                raise ModelError(f"{self.file}: links {waiting} are connected in a circle")
             for link in ready:
                 made.append(self.carried(link, carrier.get(link), static))
                 done.add(link)
@@ -296,7 +296,7 @@ class _Reader:
                 leader = mimic.get("joint", "")
                 if leader not in self.joints or leader == name:
                     raise ModelError(
-                        f"{self.file}: joint {name!r} follows {shown(leader)}, which is no other joint"
+                        f"{self.file}: joint {name!r} follows {shown(leader)}, which is not another joint"
                         f"{closest(leader, [n for n in self.joints if n != name])}"
                     )
                 if name not in single or leader not in single:

@@ -113,7 +113,7 @@ def read_urdf(path: Path) -> Urdf:
     root = xml_root(path)
     if any("xacro" in element.tag for element in root.iter()):
         raise ModelError(
-            f"model file {path.name!r} holds macros of xacro; expand them: xacro {path.name} > expanded.urdf "
+            f"model file {path.name!r} contains xacro macros; expand them: xacro {path.name} > expanded.urdf "
             "(of ROS; or pip install xacro), and give that file"
         )
     if root.tag != "robot" or root.find("link") is None:
@@ -159,7 +159,7 @@ def xml_root(path: Path) -> ElementTree.Element:
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as error:
-        raise ModelError(f"{where} is no XML: {error}") from None
+        raise ModelError(f"{where} is not XML: {error}") from None
     limits, level = Limits.current(), [root]
     for _ in range(limits.nesting):
         level = [child for element in level for child in element]

@@ -70,8 +70,8 @@ def check_request(
         )
     if controller is not None and not motors:
         raise ArgumentsError(
-            "a controller was given, but no joint torque waits for its value; leave out the law of the "
-            "joint torques that it shall set"
+            "a controller was given, but no joint torque is without a law; leave out the laws of the joint "
+            "torques that it is to set"
         )
     if controller is not None and controller.hold and not solver.takes_steps:
         raise SolverError(
@@ -104,7 +104,7 @@ def check_correction(keeping: Keeping, solver: Solver, *, watching: bool) -> Non
         return
     if solver.multistep or solver.family == "taylor":
         raise StateError(
-            f"the energy is corrected after each step, and solver {solver.name!r} goes by states before it; "
+            f"the energy is corrected after each step, and solver {solver.name!r} builds on earlier states; "
             "use a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
         )
     if watching:
@@ -156,7 +156,7 @@ def _tell_digits(
         "stands for"
     )
     if error > LOST:
-        raise StateError(f"{words}. No run of it has a digit. {remedy}")
+        raise StateError(f"{words}. Its accelerations have no correct digit. {remedy}")
     warn_user(f"{words}. Nor can the run be better. {remedy}", IllConditionedWarning)
 
 

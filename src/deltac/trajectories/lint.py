@@ -146,7 +146,7 @@ def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:
     Raises InputError for a suspicion that says no factor and no order.
     """
     if not suspicion.factors and not suspicion.reorder:
-        raise LogError(f"{suspicion.kind}: cannot be put right by factors; {suspicion.remedy}")
+        raise LogError(f"{suspicion.kind}: cannot be corrected by factors; {suspicion.remedy}")
     q = np.array(run.q)
     factor = suspicion.factors.get
     q *= [factor(f"q.{name}", 1.0) for name in run.coordinates]

@@ -141,7 +141,7 @@ def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
     for index, name in enumerate(speeds):
         if index not in found:
             raise LogError(
-                f"no column 'u.{name}', and it cannot be derived: no coordinate is known that it moves. "
+                f"no column 'u.{name}', and it cannot be derived: no logged coordinate changes with it. "
                 "Log the speed."
             )
     return kinematics

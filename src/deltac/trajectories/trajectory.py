@@ -354,8 +354,8 @@ class Trajectory(Shown, Once):
             if what == "multipliers":
                 verb = "evaluate(model, run).multipliers"
             raise StateError(
-                f"{what}: this trajectory does not know its mechanism, as none does that was read from a "
-                f"log; use deltac.{verb}"
+                f"{what}: this trajectory was read from a log and does not know its mechanism; use "
+                f"deltac.{verb}"
             )
         return self.mechanism
 
@@ -395,7 +395,7 @@ class Trajectory(Shown, Once):
         )
         if math.isnan(t0) or math.isnan(t1) or rows.start >= rows.stop:
             raise InputError(
-                f"between({t0!r}, {t1!r}): no row lies there; "
+                f"between({t0!r}, {t1!r}): there is no row in between; "
                 f"the rows go from {self.t[0]} to {self.t[-1]} s"
             )
         part = self.take(rows)

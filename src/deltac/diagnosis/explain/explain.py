@@ -19,6 +19,7 @@ from deltac.diagnosis.explain.regression import (
 )
 from deltac.diagnosis.explain.result import Cause, Explanation, Kind, sentence
 from deltac.diagnosis.explain.search import MOST, Found, plausible, search
+from deltac.diagnosis.explain.turned import turned
 from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_words, other_gears
 from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.measurements.kinematics import accelerations, trusted
@@ -344,9 +345,9 @@ def told(
     """The explanation by causes that were found."""
     explained = _explained(prepared, found.best)
     if not found.alternatives:
-        return _made(mechanism, prepared, "explained", found, explained)
+        return turned(mechanism, _made(mechanism, prepared, "explained", found, explained))
     separating = advice(mechanism, run, prepared, found, deadline or Deadline())
-    return _made(mechanism, prepared, "ambiguous", found, explained, separating)
+    return turned(mechanism, _made(mechanism, prepared, "ambiguous", found, explained, separating))
 
 
 def _made(

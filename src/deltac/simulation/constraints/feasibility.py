@@ -50,7 +50,7 @@ def constraint_start(
     constraints = keeping(constraints)
     if solver.family == "implicit" and isinstance(constraints, Baumgarte):
         raise SolverError(
-            f"solver {solver.name!r} meets the constraints themselves, so {constraints!r} has nothing to act "
+            f"solver {solver.name!r} satisfies the constraints itself, so {constraints!r} has nothing to act "
             "on; use constraints='projection' or None"
         )
     if not mechanism.constraints:

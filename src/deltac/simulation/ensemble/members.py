@@ -94,8 +94,7 @@ def member_parameters(
     """
     if not isinstance(vary, Mapping):
         raise InputError(
-            f"vary is {vary!r}; expected values (N,) by name, such as {{'m': [1.0, 2.0]}}. Names alone are "
-            "for `simulate`, where they say what stays a parameter of the compiled code"
+            f"vary is {vary!r}; expected values (N,) by name, such as {{'m': [1.0, 2.0]}}"
         )
     if isinstance(sensitivity, str) or len(set(sensitivity)) < len(sensitivity):
         raise InputError(f"sensitivity={sensitivity!r}: expected distinct names of parameters")

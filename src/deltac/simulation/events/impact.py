@@ -125,9 +125,7 @@ def _one_by_one(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list
     plastic = [Contact(c.normal, c.drift, c.tangents, c.tangent_drift, 0.0, 0.0) for c in contacts]
     rest = _together(inertia, plastic, u)
     if rest is None:
-        raise DeltacError(
-            f"the simultaneous impacts at {len(contacts)} contacts do not come to an end"
-        )
+        raise DeltacError(f"the simultaneous impacts at {len(contacts)} contacts do not converge")
     for k, impulse in enumerate(rest):
         total[k][0] += impulse[0]
     return total

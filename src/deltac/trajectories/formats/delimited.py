@@ -123,7 +123,9 @@ def _in_utf8(data: bytes) -> bytes:
         try:
             return data.decode("utf-16").encode()
         except UnicodeDecodeError as error:
-            raise FileError(f"the text is no UTF-16, as its first bytes say ({error})") from error
+            raise FileError(
+                f"the text is not UTF-16, contrary to its first bytes ({error})"
+            ) from error
     head = data[:_LOOKED_AT]
     try:
         head.decode()

@@ -138,7 +138,7 @@ class Opened:
         InputError when there are too many, or they lie in other files.
         """
         if item.external or item.is_virtual:
-            raise LogError(f"{shown(item.name)} lies in other files, which are not read")
+            raise LogError(f"{shown(item.name)} is stored in other files, which are not read")
         share = 1.0 if part is None else len(range(item.shape[1])[part]) / max(1, item.shape[1])
         self.budget.take(int(share * item.size) * max(item.dtype.itemsize, 8))
         return item[()] if part is None else item[:, part]
@@ -146,9 +146,9 @@ class Opened:
     def text(self, item: Any) -> str:
         """The text of a dataset that holds one."""
         if getattr(item, "shape", None) != () or item.dtype.kind not in "OS":
-            raise LogError("the deltac metadata are no text; write the log again")
+            raise LogError("the deltac metadata are not text; write the log again")
         if item.external or item.is_virtual:
-            raise LogError("the deltac metadata lie in another file, which is not read")
+            raise LogError("the deltac metadata are stored in another file, which is not read")
         return str(item.asstr()[()])
 
     def refers(self, item: Any) -> bool:

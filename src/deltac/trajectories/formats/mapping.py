@@ -252,7 +252,7 @@ class _Parser:
             found = self.check_unit(f"units.{key}", written)
             if found != unit(DIMENSIONS[key]).dimension:
                 raise self.error(
-                    f"units.{key}", f"{written!r} is no unit of {key.replace('_', ' ')}"
+                    f"units.{key}", f"{written!r} is not a unit of {key.replace('_', ' ')}"
                 )
         return {DIMENSIONS[key]: written for key, written in units.items()}
 

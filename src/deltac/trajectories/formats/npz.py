@@ -69,7 +69,9 @@ def _opened(path: Path, read: Callable[[zipfile.ZipFile, int], T]) -> T:
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
         if not zipfile.is_zipfile(file):
-            raise FileError("this is no NPZ archive of named arrays, or it is damaged or truncated")
+            raise FileError(
+                "this is not an NPZ archive of named arrays, or it is damaged or truncated"
+            )
         with damage_named("NPZ"):
             directory = _Directory(file)
             with zipfile.ZipFile(directory) as archive:
@@ -122,7 +124,7 @@ def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
     if "deltac" in arrays:
         header = arrays["deltac"]
         if header.dtype.kind != "U" or header.size != 1:
-            raise LogError("the deltac metadata are no text; write the log again")
+            raise LogError("the deltac metadata are not text; write the log again")
         return from_arrays(arrays, parse_header(str(header[()])) or {})
     for name, values in labelled(arrays).items():
         if isinstance(values, Mapping):
@@ -142,7 +144,7 @@ def _array(
     """An array of numbers or texts, or a part of its second axis; TypeError says what else it holds."""
     what = f"the array {shown(info.filename)}"
     if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise LogError(f"{what} is compressed by a method that NumPy does not write")
+        raise LogError(f"{what} is compressed by a method that NumPy does not use")
     with archive.open(info) as stream:
         return _values(stream, info.file_size, what, budget, part)
 
@@ -189,7 +191,7 @@ def _header(stream: Any, what: str) -> tuple[np.dtype[Any], tuple[int, ...], Any
     """The type, shape and order of an array, and where its values begin."""
     start = stream.read(8)
     if len(start) < 8 or start[:6] != _MAGIC or start[6] not in (1, 2, 3):
-        raise FileError(f"{what} is none of NumPy's, or it is damaged")
+        raise FileError(f"{what} is not an array of NumPy's, or it is damaged")
     form = "<H" if start[6] == 1 else "<I"
     (length,) = struct.unpack(form, stream.read(struct.calcsize(form)))
     if length > _LONGEST:

@@ -39,7 +39,7 @@ def read_opensim(path: Path) -> RawLog:
         raise FileError("the file is not UTF-8 text; expected an OpenSim table") from error
     end = next((i for i, line in enumerate(lines) if line.strip().lower() == "endheader"), None)
     if end is None:
-        raise FileError("no line 'endheader'; this is no OpenSim table, or it is truncated")
+        raise FileError("no line 'endheader'; this is not an OpenSim table, or it is truncated")
     header = dict(_entry(line) for line in lines[:end] if "=" in line)
     _check_kind(header)
     first = next((i for i in range(end + 1, len(lines)) if lines[i].strip()), None)
@@ -124,7 +124,7 @@ def _check_header(content: bytes) -> None:
     limits = Limits.current()
     if _END.search(content, 0, limits.header) is None:
         limits.check("header", len(content), "no line 'endheader' is found: the header is of")
-        raise FileError("no line 'endheader'; this is no OpenSim table, or it is truncated")
+        raise FileError("no line 'endheader'; this is not an OpenSim table, or it is truncated")
 
 
 def _entry(line: str) -> tuple[str, str]:
@@ -136,7 +136,7 @@ def _check_kind(header: dict[str, str]) -> None:
     kind = header.get("DataType", "double")
     if kind != "double":
         raise LogError(
-            f"DataType={kind[:80]}: expected double. Vectors and rotations of markers or frames are no "
+            f"DataType={kind[:80]}: expected double. Vectors and rotations of markers or frames are not "
             "generalized coordinates; export the states or the coordinates of the motion"
         )
     version = header.get("version", "1")

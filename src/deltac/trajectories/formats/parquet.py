@@ -103,7 +103,7 @@ def _check(path: Path) -> None:
         file.seek(max(0, size - 8))
         length, end = file.read(4), file.read()
     if start != _MAGIC:
-        raise FileError("this is no Parquet file; is the suffix right?")
+        raise FileError("this is not a Parquet file; is the suffix right?")
     if size < 12 or end != _MAGIC:
         raise FileError("the Parquet file is truncated; copy or write it again")
     footer = int.from_bytes(length, "little")

@@ -108,7 +108,7 @@ def damage_named(what: str) -> Iterator[None]:
         raise LimitError(f"the {what} file does not fit into memory; take a part of it") from error
     except Exception as error:
         raise FileError(
-            f"the {what} file is damaged, truncated, or no {what} file; write it again. "
+            f"the {what} file is damaged, truncated, or not a {what} file; write it again. "
             f"{str(error)[:LONGEST]}"
         ) from error
 

@@ -96,7 +96,7 @@ def interpret(
     if raw.header is not None:
         if mapping is not None:
             raise ArgumentsError(
-                "the log has deltac's own metadata, which say all that a mapping could; leave the "
+                "the log has deltac's own metadata, which contain all that a mapping could say; leave the "
                 "mapping out"
             )
         return [ColumnReading(name, name) for name in raw.columns]
@@ -303,7 +303,7 @@ def in_schema_frames(
             or letter not in usual
         ):
             raise LogError(
-                f"a frame is said of {parts[0]!r} and its like; expected one frame for the three components "
+                f"a frame is given for {parts[0]!r}; expected one frame for the three components "
                 "of a floating body's velocity, vx, vy, vz or wx, wy, wz, and the columns of its quaternion"
             )
         if told == {usual[letter]}:
@@ -514,7 +514,7 @@ def _factor(target: str, written: str, si: str | None, source: Source, column: s
     if found.dimension not in allowed:
         expected = si or " or ".join(_ALLOWED[target.partition(".")[0]])
         raise LogError(
-            f"{place}: {written!r} is no unit of {target!r}; expected one that converts to {expected}"
+            f"{place}: {written!r} is not a unit of {target!r}; expected one that converts to {expected}"
         )
     return found.factor
 
@@ -575,7 +575,7 @@ def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
     """
     if raw.header is not None:
         raise ArgumentsError(
-            "the log has deltac's own metadata, which say all that a mapping could; it needs none"
+            "the log has deltac's own metadata, which contain all that a mapping could say; it needs none"
         )
     sources, _ = _sources(raw, None, names)
     found = {one.target: one for one in recognise(raw, names)}

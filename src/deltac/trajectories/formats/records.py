@@ -33,7 +33,7 @@ def read_json(path: Path) -> RawLog:
         return _of_records(value)
     raise LogError(
         f'the JSON is {shown(value)}, expected an object of arrays, {{"time": […], "q": [[…], …]}}, or a '
-        "of records"
+        "list of records"
     )
 
 
@@ -48,7 +48,7 @@ def read_json_lines(path: Path) -> RawLog:
                 raise FileError(f"line {number}: {error}") from None
             Limits.current().check("rows", len(records), "the log has")
     if not _records(records):
-        raise LogError('expected a JSON object a line, such as {"time": 0.0, "q": [0.1, 0.2]}')
+        raise LogError('expected one JSON object per line, such as {"time": 0.0, "q": [0.1, 0.2]}')
     return _of_records(records)
 
 

@@ -104,9 +104,7 @@ def unit(text: str) -> Unit:
         a, b, c, d = (x + exponent * y for x, y in zip(dimension, _ATOMS[name].dimension))
         dimension, end = (a, b, c, d), match.end()
     if end != len(written):
-        raise InputError(
-            f"cannot take the unit {shown(text)} apart; write it like 'deg/s' or 'N*mm'"
-        )
+        raise InputError(f"cannot parse the unit {shown(text)}; write it like 'deg/s' or 'N*mm'")
     return Unit(factor, dimension)
 
 

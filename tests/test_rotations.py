@@ -31,6 +31,14 @@ def test_no_quaternion_is_no_turn_and_quarter_turns_have_zeros() -> None:
     assert quarter[0, 0] == quarter[1, 1] == 0.0
 
 
+@pytest.mark.parametrize("length", [1e-200, 1e200])
+def test_quaternions_of_any_length(length: float) -> None:
+    expected = np.array([0.5, 0.5, -0.5, 0.5])
+    np.testing.assert_array_equal(
+        rotations.matrices(length * expected), rotations.matrices(expected)
+    )
+
+
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_turns_about_axes(axis: int) -> None:
     angles = np.array([0.3, -2.0, 4.0])

@@ -174,7 +174,7 @@ def _modules() -> list[tuple[str, str, list[tuple[str, str]]]]:
     for name, home in _public(ROOT / "src" / "deltac" / "__init__.pyi"):
         package = home.split(".")[1]
         if home.count(".") > 1:
-            grouped.setdefault(package, []).append((f"dc.{name}", home))
+            grouped.setdefault(package, []).append((f"dc.{name}", _defined(home)))
     ordered = sorted(grouped, key=lambda p: list(TITLES).index(p) if p in TITLES else len(TITLES))
     pages = [(TITLES.get(p, p.capitalize()), f"api/{p}.md", grouped[p]) for p in ordered]
     for space in NAMESPACES:
@@ -185,7 +185,7 @@ def _modules() -> list[tuple[str, str, list[tuple[str, str]]]]:
 
 
 def _defined(home: str) -> str:
-    """Where a name is defined: that of a class, for the classes of parts that are called like functions."""
+    """Where a name is defined: that of a class, for classes that are called like functions."""
     module, _, name = home.rpartition(".")
     made = getattr(import_module(module), name, None)
     return f"{made.__module__}.{made.__qualname__}" if isinstance(made, type) else home
@@ -194,8 +194,8 @@ def _defined(home: str) -> str:
 def _api(title: str, names: list[tuple[str, str]]) -> str:
     parts = [f"# {title}\n"]
     for shown, home in names:
-        # A class that is called by the name of a function is a part: no user calls its methods.
-        called = shown.rpartition(".")[2] != home.rpartition(".")[2]
+        # A part that is made by the name of a function: no user calls its methods.
+        called = shown.rpartition(".")[2] != home.rpartition(".")[2] and ".mechanism." in home
         parts.append(
             f"::: {home}\n    options:\n      heading: {shown}\n      toc_label: {shown}\n"
             + "      members: false\n" * called

@@ -63,6 +63,10 @@ class Deadline:
         left = self._seconds - (time.monotonic() - self._start)
         return Deadline(share * max(left, 0.0), self.left_out)
 
+    def beside(self, seconds: float) -> Deadline:
+        """A deadline of its own, so many seconds from now, which tells this one what it left out."""
+        return Deadline(seconds, self.left_out)
+
     @property
     def spent(self) -> float:
         """The share of the time that has gone; 0 where there is no end."""

@@ -11,7 +11,8 @@ from deltac.arrays import Array
 def matrices(quaternions: ArrayLike) -> Array:
     """Rotation matrices (…, 3, 3) of quaternions (…, 4) of any length; the identity where one is zero."""
     q = np.asarray(quaternions, dtype=np.float64)
-    q = np.where(q.any(axis=-1, keepdims=True), q, [1.0, 0.0, 0.0, 0.0])
+    largest = np.abs(q).max(axis=-1, keepdims=True)
+    q = np.where(largest == 0.0, [1.0, 0.0, 0.0, 0.0], q / np.where(largest == 0.0, 1.0, largest))
     w, x, y, z = np.moveaxis(q / np.linalg.norm(q, axis=-1, keepdims=True), -1, 0)
     # Written so that quarter turns have zeros.
     rows = [

@@ -237,3 +237,28 @@ def test_actuators_without_forces_in_the_log(
     found = dc.audit(mujoco.MjModel.from_xml_string(ARM.format(density=1000)), log)
     assert found.verdict.kind == kind
     assert code in {f.code for f in found.verdict.findings}
+
+
+@pytest.mark.parametrize("control", ["gravity", "gravity and spring", "constant"])
+@pytest.mark.parametrize("accelerations", [True, False])
+def test_controllers_without_forces_in_the_log_accuse_no_model(
+    control: str, accelerations: bool
+) -> None:
+    """What gravity compensation, springs and constant torques leave has no more directions than motors."""
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_string(ARM.format(density=1000))
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.5, -0.3
+    rows = []
+    for _ in range(800):
+        mujoco.mj_forward(model, data)
+        spring = -0.3 * (data.qpos - 0.2) if "spring" in control else 0.0
+        gravity = data.qfrc_bias if "gravity" in control else np.array([0.2, 0.1])
+        data.ctrl[:] = gravity + spring
+        mujoco.mj_forward(model, data)
+        rows.append((data.time, *data.qpos, *data.qvel, *data.qacc))
+        mujoco.mj_step(model, data)
+    table = np.array(rows)
+    log = {"time": table[:, 0], "qpos": table[:, 1:3], "qvel": table[:, 3:5]}
+    log |= {"qacc": table[:, 5:]} if accelerations else {}
+    assert dc.audit(model, log).verdict.kind == "unresolved"

@@ -57,6 +57,21 @@ def test_nothing_is_blamed_for_a_right_log(relative: float, measured: bool) -> N
 # --- one cause ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("solver", ["ode1", "semi-implicit-euler"])
+def test_what_a_method_of_first_order_makes_of_the_cause_is_no_other_cause(solver: str) -> None:
+    """Euler's methods take a force at one end of a step: of a damper's h/2 times its rate is left."""
+
+    def pendulum(damping: float | None) -> dc.Mechanism:
+        hinge = dc.revolute("hinge", "ground", "rod", axis="y", damping=damping)
+        return dc.Mechanism([dc.rod("rod", 1.0, 0.6)], [hinge], gravity=(0, 0, -9.81))
+
+    damped = pendulum(0.1)
+    run = dc.simulate(damped, damped.state({"hinge": 0.5}), 2.0, 1e-3, solver)
+    rows = dc.Trajectory(t=run.t, q=run.q, u=run.u, coordinates=("hinge",), speeds=("hinge",))
+    cause = the_cause(dc.explain_residual(pendulum(None), rows), "missing-damper", "hinge")
+    assert cause.values[0] == pytest.approx(0.1, rel=5e-3)  # h c/J = 8e-4 of it
+
+
 def test_the_mass_of_a_body() -> None:
     model = with_changes(ARM, body_mass=[1, 1, 1 / 1.02])
     cause = the_cause(dc.explain_residual(model, arm_run()), "body-mass", "lower")

@@ -124,3 +124,12 @@ def test_differenced_accelerations_are_recognised(which: str) -> None:
     }[which]
     assert accelerations(replace(run, udot=udot)).difference == which
     assert accelerations(run).difference == ""
+
+
+def test_what_does_not_change_is_not_late() -> None:
+    """Of constant accelerations no row tells an instant."""
+    t = np.linspace(0.0, 1.0, 101)[:, None]
+    run = Trajectory(
+        t=t[:, 0], q=0.5 * t**2, u=t, udot=np.ones_like(t), coordinates=("z",), speeds=("z",)
+    )
+    assert accelerations(run).late == 0.0

@@ -161,6 +161,12 @@ def test_a_mat_of_structures_named_like_the_schema(tmp_path: Path) -> None:
     assert_elbow(read_trajectory(tmp_path / "log.mat"))
 
 
+def test_a_mat_with_a_structure_without_fields(tmp_path: Path) -> None:
+    values = {"time": T, "q": {"elbow": T**2}, "u": {"elbow": 2 * T}, "options": {}}
+    savemat(tmp_path / "log.mat", values)
+    assert_elbow(read_trajectory(tmp_path / "log.mat"))
+
+
 def test_simulink_structure_with_time(tmp_path: Path) -> None:
     signals = np.zeros(2, dtype=[("values", "O"), ("dimensions", "O"), ("label", "O")])
     signals[0] = (T[:, None] ** 2, 1.0, "elbow angle")

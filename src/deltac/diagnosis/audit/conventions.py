@@ -112,16 +112,21 @@ def _rates(run: Trajectory) -> Places:
 
 def units(mechanism: Mechanism, run: Trajectory) -> Finding | None:
     """Coordinates and their speeds both in another unit, all of them or those of one joint."""
-    return _best(mechanism, run, list(_units(mechanism, run)))
+    return _best(mechanism, run, list(_units(mechanism, run)), Deadline())
 
 
-def orders_and_signs(mechanism: Mechanism, run: Trajectory) -> Finding | None:
+def orders_and_signs(mechanism: Mechanism, run: Trajectory, deadline: Deadline) -> Finding | None:
     """Directions, zeros and the order of columns and forces that are not the model's; absolute angles."""
-    return _best(mechanism, run, list(_orders_and_signs(mechanism, run)))
+    return _best(mechanism, run, list(_orders_and_signs(mechanism, run)), deadline)
 
 
-def _best(mechanism: Mechanism, run: Trajectory, readings: list[Reading]) -> Finding | None:
-    """The reading that takes nearly all away of what the equations leave, if one does."""
+def _best(
+    mechanism: Mechanism, run: Trajectory, readings: list[Reading], deadline: Deadline
+) -> Finding | None:
+    """The reading that takes nearly all away of what the equations leave, if one does.
+
+    Of those that come first, where the `deadline` passes.
+    """
     if not readings or not len(mechanism.free.u) or len(run) < 8:
         return None
     part = _some(run)
@@ -129,7 +134,11 @@ def _best(mechanism: Mechanism, run: Trajectory, readings: list[Reading]) -> Fin
     was = _left(model, part)
     if not was > LARGE:
         return None
-    left = [_left(model, reading.of(part)) for reading in readings]
+    left = list[float]()
+    for reading in readings:
+        if deadline.passed("all conventions"):
+            break
+        left.append(_left(model, reading.of(part)))
     order = [int(k) for k in np.argsort(left) if left[int(k)] < LEFT * was]
     for k in order[:3]:
         tested = one_step(mechanism, readings[k].of(run))

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.diagnosis.audit.evidence import OF_THE_LOG, Evidence, beyond
 from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.residuals.at_samples import CLEAR, EquationTerms
@@ -23,11 +24,8 @@ DOMINATES = 4.0
 SMOOTH = 2.0
 """Order of convergence from which on an error bar above the tolerance is believed."""
 
-AS_OF_AN_ACTUATOR = (
-    "missing-spring", "missing-damper", "missing-drag", "missing-friction", "missing-stop", "constant-force",
-    "damping", "stiffness", "rest-angle",
-)  # fmt: skip
-"""Causes that a controlled actuator looks like whose force is not in the log."""
+OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
+"""Causes that no controlled actuator looks like whose force is not in the log."""
 
 BEYOND = 30.0
 """So many error bars count whatever their order."""
@@ -150,7 +148,9 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     if causes == {"missing-contact"} and impacts is not None:
         # What the log does not hold the model has: they do not contradict each other.
         return verdict("unresolved", "high", balance, f"{impacts}")
-    if unlogged and causes and causes <= {*AS_OF_AN_ACTUATOR}:
+    # That an equality's own force is the one that is lacking is no excuse of another kind.
+    actuated = unlogged is not None and not causes <= {*OF_INERTIA, "missing-equality"}
+    if unlogged and actuated and _like_actuators(evidence, 1 + len(unlogged.equals)):
         alike = "; ".join(f.what for f in findings if f.weight == "cause")
         findings = tuple(replace(f, weight="note") if f.weight == "cause" else f for f in findings)
         lacking = f"It may be {alike}; or a force that the log lacks: {unlogged.evidence}"
@@ -248,6 +248,13 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         return verdict("unresolved", "medium", balance, *equations, wanted)
     if impacts is not None:
         return verdict("unresolved", "high", balance, *equations, f"{impacts}")
+    few = step.by_scheme() if step is not None and proven else None
+    if few is not None and few.work >= HALF * measures.left:
+        when = ", ".join(f"{t:.4g}" for t in few.t[few.unclosed][:FEW])
+        wanted = (
+            f"The energy error comes from single steps, near t = {when} s: log what acted there"
+        )
+        return verdict("unresolved", "medium", balance, *equations, wanted)
     if any(f.kind == "forces-not-of-this-row" for f in findings):
         wanted = "The energy error may come from the logged forces, which belong to other rows"
         return verdict("unresolved", "medium", balance, *equations, wanted)
@@ -257,6 +264,24 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
         balance,
         *equations,
         _smaller_step(measures),
+    )
+
+
+def _like_actuators(evidence: Evidence, count: int) -> bool:
+    """Whether so many actuators may have done what the equations leave: it has no more directions than that.
+
+    Controllers look like springs and dampers, or compensate gravity.
+    """
+    step, terms = evidence.step, evidence.terms
+    left = list[Array]()
+    if step is not None and step.significant.any():
+        left.append(step.residual.forces / np.maximum(step.clear * step.residual.bar, 1e-300))
+    elif step is not None and step.standing_out.any():
+        left.append(step.local.forces[step.standing_out] / np.maximum(step.residual.scale, 1e-300))
+    if terms is not None and terms.significant.any():
+        left.append(terms.residual / np.maximum(CLEAR * terms.precision, 1e-300))
+    return all(
+        np.sum(np.linalg.svd(x, compute_uv=False) > math.sqrt(len(x))) <= count for x in left
     )
 
 
@@ -323,8 +348,11 @@ def _steps(step: OneStep | None) -> str:
     if step.closes and step.scheme is not None:
         several = f"one step of several methods ({', '.join(step.scheme.among[:FEW])})"
         by = f"a step of {step.scheme.name}" if step.scheme.name else several
+        few = step.by_scheme()
+        out = 0 if few is None else int(few.unclosed.sum())
+        but = f" but {out}" if out else ""
         return (
-            f"Each of {step.rows} rows follows from the previous one by {by}, to "
+            f"Each of {step.rows} rows{but} follows from the previous one by {by}, to "
             f"{max(step.scheme.defect, 1e-16):.1g} of the accelerations: the motion obeys the model's "
             f"equations"
         )

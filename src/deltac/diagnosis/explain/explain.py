@@ -287,7 +287,7 @@ def explanation(
         explained = _explained(prepared, found.best)
         if not regression.stands_out(found.best):
             return made("nothing")
-    unclosed = found.best.left > CLEAR * regression.floor(found.best)
+    unclosed = regression.left(found.best) > CLEAR * regression.floor(found.best)
     if not prepared.sliding and unclosed and not deadline.passed("joints that stick at times"):
         slid = explanation(mechanism, run, left, least, most=most, sliding=True, deadline=deadline)
         if (

@@ -69,6 +69,7 @@ class Regression:
         precision: sum of squares of r that the log's digits and rounding account for.
         weights: place of each body's mass and first moments -> that of their weight.
         blur: triangular factor (P + 1, P + 1) of how far the columns may be off, None where they are exact.
+        steps: [X r] row by row, and half of what X changes over a step (rows, P); None at samples.
     """
 
     blocks: Array
@@ -78,6 +79,7 @@ class Regression:
     precision: float
     weights: Mapping[int, int] = field(default_factory=dict)
     blur: Array | None = None
+    steps: tuple[Array, Array] | None = None
 
     @cached_property
     def R(self) -> Array:
@@ -104,6 +106,21 @@ class Regression:
         if self.blur is None:
             return 0.0
         return float(np.sum((self.blur[:, :-1] @ self._at(fit)[0]) ** 2))
+
+    def left(self, fit: Fit) -> float:
+        """What a fit leaves, whenever within a step the integrator took its causes.
+
+        The columns are means of both ends of a step, Euler's methods take one end.
+        """
+        if self.steps is None:
+            return fit.left
+        rows, change = self.steps
+        c, J = self._at(fit)
+        e, late = rows[:, :-1] @ c + rows[:, -1], change @ c
+        Q = np.linalg.qr(rows[:, :-1] @ J)[0]
+        late = late - Q @ (Q.T @ late)  # the fit's numbers follow
+        theta = np.clip(-(late @ e) / max(float(late @ late), 1e-300), -1.0, 1.0)
+        return float(np.sum((e + theta * late) ** 2))
 
     def calmed(self, fits: Sequence[Fit]) -> Regression:
         """The same with as much noise as the best of these fits leaves, where it was taken for far more.
@@ -406,8 +423,8 @@ def _over_steps(kernels: ColumnKernels, run: Trajectory, left: Residual, sliding
         samples = [rows.t[k, None], rows.q[k], rows.u[k], udot[k], F, rate[k], curve[k]]
         return evaluate(function, samples, kernels.speeds)[0][..., 1:]
 
-    whole, residual = intervals.made_by(columns), -intervals.defects
-    matrix = np.concatenate([whole, residual[..., None]], axis=2)
+    (whole, change), residual = intervals.made_by(columns), -intervals.defects
+    matrix = np.concatenate([whole, residual[..., None], change], axis=2)
     weight = 1.0 / np.hypot(left.bar, LEAST * left.scale)
     moving = _where_it_moves(intervals.slowest, sliding)
     counts = (weight * moving)[..., None]
@@ -416,13 +433,19 @@ def _over_steps(kernels: ColumnKernels, run: Trajectory, left: Residual, sliding
     spanned = scheme.reshape(len(flat), scheme.shape[2])
     U, size, _ = np.linalg.svd(spanned, full_matrices=False)
     kept = 1.0 / np.sqrt(1.0 + size**2)
-    rows = (flat - U @ ((1.0 - kept)[:, None] * (U.T @ flat))).reshape(rows.shape)
+    flat = flat - U @ ((1.0 - kept)[:, None] * (U.T @ flat))
+    count = len(kernels.columns) + 1
+    rows, steps = (
+        flat[:, :count].reshape(*rows.shape[:2], count),
+        (flat[:, :count], flat[:, count:]),
+    )
     # White noise is known by its size: what no cause explains, and nothing predicts.
     noise = left.bars["noise"] * weight
     shaken = np.append(np.zeros(len(kernels.columns)), np.sqrt(len(rows) * np.sum(noise**2)))
     return _prepared(
         kernels, run, "steps", rows, whole, intervals.u, moving, shaken[None], float(np.sum(1.0 - noise**2)),
         left.scale, np.sqrt(np.mean(residual**2, axis=0)), left.bars["noise"], len(rows), sliding,
+        steps,
     )  # fmt: skip
 
 
@@ -464,6 +487,7 @@ def _prepared(
     noise: Array,
     samples: int,
     sliding: bool,
+    steps: tuple[Array, Array] | None = None,
 ) -> Prepared:
     """The regression of weighted equations [X r] (rows, n, P + 1), of which `shaken` is noise.
 
@@ -480,6 +504,7 @@ def _prepared(
         factored([shaken])[0],
         len(matrix) * precise,
         weights_of(kernels.columns),
+        steps=steps,
     )
     free = [mechanism.speeds[int(k)].name for k in mechanism.free.u]
     t = run.t

@@ -118,7 +118,8 @@ def promise(regression: Regression) -> float:
 
 def _closed(regression: Regression, fit: Fit) -> bool:
     """Whether a fit leaves no more than noise and rounding, or next to nothing."""
-    return fit.left <= max(CLOSED * regression.floor(fit), SLIGHT * regression.total)
+    enough = max(CLOSED * regression.floor(fit), SLIGHT * regression.total)
+    return fit.left <= enough or regression.left(fit) <= enough
 
 
 def _pruned(regression: Regression, fit: Fit) -> Fit:

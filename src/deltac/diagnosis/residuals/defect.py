@@ -214,6 +214,21 @@ class Intervals:
         lengths = [len(_window(p.w, rows.h[p.at, 0], self.width)) for rows, p in self.parts]
         return np.concatenate([x[:k] for x, k in zip(least, lengths)])
 
+    @property
+    def early(self) -> float:
+        """The share of their changes by which held forces act before the row that tells them."""
+        along = total = 0.0
+        for rows, p in self.parts:
+            changing = np.setdiff1d(np.arange(len(rows.h)), p.at)
+            w = _plain(self.model, rows, self.held)[1][changing]
+            before = rows.taken(changing)
+            after = replace(before, F=rows.F[changing + 1])
+            x = self.model.at(after) - self.model.at(before)
+            N = self.model.inertia(before.t, before.q)
+            along += mass_product(x, N, w)
+            total += mass_product(x, N, x)
+        return along / total if total > 0.0 else 0.0
+
     def few(self, most: int) -> Intervals:
         """Those of stretches of so many intervals together, over the whole log."""
         count = sum(len(p.at) for _, p in self.parts)
@@ -228,20 +243,23 @@ class Intervals:
             chosen += [(rows, p.within(slice(s, s + size))) for s in starts.tolist()]
         return replace(self, parts=chosen)
 
-    def made_by(self, column: Callable[[Rows, Array, NDArray[np.intp], Array], Array]) -> Array:
-        """What generalized forces make of the windows (W, n, P).
+    def made_by(
+        self, column: Callable[[Rows, Array, NDArray[np.intp], Array], Array]
+    ) -> tuple[Array, Array]:
+        """What generalized forces make of the windows (W, n, P), and half of what that changes over a step.
 
         `column` gives them (T, n, P) at some rows of a part: it takes the part's rows, its accelerations
         (T, n) as the motion has them, which rows, and the logged forces (rows, m) there.
         """
-        found = []
+        found, changes = list[Array](), list[Array]()
         for rows, p in self.parts:
             udot, starts, ends = self._udot(rows, p), p.at, p.at + 1
             F = rows.F[starts if self.held else ends]
-            added = self._added(rows, starts, column(rows, udot, starts, rows.F[starts]))
-            added += self._added(rows, ends, column(rows, udot, ends, F))
-            found.append(p.N @ (0.5 * added))
-        return self.windows(found)
+            first = self._added(rows, starts, column(rows, udot, starts, rows.F[starts]))
+            last = self._added(rows, ends, column(rows, udot, ends, F))
+            found.append(p.N @ (0.5 * (first + last)))
+            changes.append(p.N @ (0.5 * (last - first)))
+        return self.windows(found), self.windows(changes)
 
     def _udot(self, rows: Rows, p: _Defects) -> Array:
         """Accelerations (T, n): those of the model, and the defects as far as noise allows."""

@@ -104,8 +104,8 @@ class OneStep:
         if self.scheme is None or self.scheme.defect > PROVES:
             return False
         left = self.by_scheme()
-        closes = left is not None and left.closes
-        return closes or bool(self.standing_out.sum() < FEWEST)
+        every = left is not None and not left.unclosed.any()
+        return every or bool(self.standing_out.sum() < FEWEST)
 
     @property
     def closes_mostly(self) -> bool:

@@ -270,6 +270,8 @@ def _value(value: Any, budget: Budget, depth: int) -> Any:
 
     if depth > (limits := Limits.current()).nesting:
         limits.refuse("nesting", f"its structures are nested {depth} levels deep")
+    if value is None:  # what SciPy makes of a structure without fields
+        return {}
     if isinstance(value, matlab.MatlabFunction):
         return MatlabObject("function_handle")
     if isinstance(value, matlab.MatlabOpaque):

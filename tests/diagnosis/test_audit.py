@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import importlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -196,6 +197,20 @@ def test_problems_by_name_and_logs_by_path(tmp_path: Path) -> None:
     assert (found.verdict.kind, found.ledger.method) == ("consistent", "in-loop")
     euler = dc.simulate(problem.mechanism, problem.state, duration=1.0, step=1e-3, solver="ode1")
     assert audit(problem, euler).verdict.kind == "integration-error"
+
+
+def test_the_ledger_of_a_large_log_keeps_some_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    from deltac.diagnosis.inputs import logs
+
+    run = hopper_run()
+    whole = audit(model_of(HOPPER), run)
+    monkeypatch.setattr(logs, "LARGE", 1000)
+    monkeypatch.setattr(importlib.import_module("deltac.diagnosis.audit.audit"), "KEPT", 20)
+    few = audit(model_of(HOPPER), run)
+    assert len(few.ledger.t) <= 0.1 * len(run) < len(whole.ledger.t) == len(run)
+    assert few.verdict.kind == whole.verdict.kind
+    assert [f.kind for f in few.findings] == [f.kind for f in whole.findings]
+    assert few.relative == pytest.approx(whole.relative, rel=1e-9)
 
 
 def test_a_log_read_in_parts_has_the_same_verdict(

@@ -54,7 +54,7 @@ def test_the_same_numbers(rows: int, step: float, keep: int) -> None:
     some = dc.balance(mechanism, run, work="samples", keep=keep)
     at = np.searchsorted(run.t, some.t)
     assert some.t[0] == run.t[0] and some.t[-1] == run.t[-1]
-    assert min(keep, rows) <= len(at) <= max(2 * keep, rows / PART * 2) + rows / ROWS + 3
+    assert min(keep, rows) <= len(at) <= max(2 * keep, rows / PART * 2) + rows / ROWS + 3 + 4 * 4
     assert some.rule == full.rule
     expected = full.at(at)
     size = full.energy_exchanged + float(np.abs(full.potential_energy).max())
@@ -66,6 +66,8 @@ def test_the_same_numbers(rows: int, step: float, keep: int) -> None:
             np.testing.assert_allclose(found[name], wanted[name], rtol=1e-9, atol=bound)
     for name, found_one in full.functions().items():
         assert some.functions()[name]["delta_c"] == pytest.approx(found_one["delta_c"], abs=bound)
+    for name in ("kinetic", "potential_energy"):  # all of what moved is among the rows kept
+        assert np.ptp(getattr(some, name)) == pytest.approx(np.ptp(getattr(full, name)), rel=1e-9)
     assert some.energy_exchanged == pytest.approx(full.energy_exchanged, rel=1e-9)
     for name, values in full.violation.items():
         assert some.violation[name].max() == values.max()
@@ -117,7 +119,7 @@ def test_rows_that_are_not_equidistant_are_all_looked_at() -> None:
         forces={name: force[uneven] for name, force in run.forces.items()},
     )
     full, kept = dc.balance(mechanism, some), dc.balance(mechanism, some, keep=10)
-    assert len(kept.t) <= 12
+    assert len(kept.t) <= 16
     assert np.abs(kept.delta_c["wang"]).max() == np.abs(full.delta_c["wang"]).max()
     assert kept.energy_exchanged == full.energy_exchanged
 

@@ -34,7 +34,16 @@ from deltac.energy.terms import (
     residual_kernel,
     variants,
 )
-from deltac.energy.works import Work, certain, exchanged, in_loop, largest, of_potential, widened
+from deltac.energy.works import (
+    Work,
+    certain,
+    exchanged,
+    growth_of_rounding,
+    in_loop,
+    largest,
+    of_potential,
+    widened,
+)
 from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, WrongType
 from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
@@ -73,10 +82,10 @@ def balance(
         coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson); by default
             those in which the run's integrals were taken.
         keep: about how many rows the ledger is to have, one in 512 of the run at least: of equal
-            parts of the run those where |ΔC| is largest, the first and the last. Works, ΔC, bars and
-            the energy exchanged are taken over all rows, and violations are the largest since the row
-            before. A long log of equidistant samples takes a fraction of the time and of the memory so. By
-            default all rows.
+            parts of the run those where |ΔC| is largest, the first and the last, extremes of K and V.
+            Works, ΔC, bars and the energy exchanged are taken over all rows, and violations are the largest
+            since the row before. A long log of equidistant samples takes a fraction of the time and of the
+            memory so. By default all rows.
 
     Returns:
         The ledger. Works of channels are those that the solver integrated, where `work` is "in-loop" and
@@ -156,6 +165,7 @@ def balance(
             bars[name] = bar
 
     # The works: those of forces, of impulses, and of corrections.
+    growth = growth_of_rounding(places)
     potential = dict(zip(kernels.potential, here["potential"]))
     corrected = _corrections(mechanism, run)
     quadrature = dict(zip(kernels.channels, sums["channels"]))
@@ -173,7 +183,7 @@ def balance(
         for name in kernels.conservative:
             driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
             explicit = None if driven is None else works[driven]
-            works[name] = of_potential(potential[name], explicit, places)
+            works[name] = of_potential(potential[name], explicit, growth)
         works = {name: works[name] for name in kernels.powers}
     if passed is None:
         flows = [exchanged(w, power[name], t) for name, w in works.items()]
@@ -186,7 +196,7 @@ def balance(
         sum(flows) + jumped.exchanged + float((largest - least)[-2:].sum())
     )  # V and K
     scale = energy_exchanged + float(np.maximum(np.abs(least), np.abs(largest))[:-1].sum())
-    rounding = EPS * scale * (4.0 + np.sqrt(places))
+    rounding = EPS * scale * growth
     bars = {name: bar + rounding for name, bar in bars.items()}
     impulsive = {ChannelName("impact", e.name) for e in mechanism.events if e.impulsive}
     for name in dict.fromkeys((*impulsive, *jumped.work)):

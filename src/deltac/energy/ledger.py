@@ -225,7 +225,7 @@ class Ledger(
 
 
 def worst_rows(ledger: Ledger, places: NDArray[np.intp], rows: int, keep: int) -> NDArray[np.intp]:
-    """Of each of about `keep` equal parts of a log the row where |ΔC| is largest; the ends too.
+    """Of each of about `keep` equal parts of a log the row where |ΔC| is largest, the ends, extremes of K, V.
 
     `places` are those of the ledger's rows in the log, which has so many `rows`.
     """
@@ -234,7 +234,9 @@ def worst_rows(ledger: Ledger, places: NDArray[np.intp], rows: int, keep: int) -
     order = np.lexsort((-worst, places // size))
     first = np.concatenate([[True], np.diff((places // size)[order]) > 0])
     ends = np.flatnonzero((places == 0) | (places == rows - 1))
-    return np.unique(np.concatenate([order[first], ends]))
+    energies = (ledger.kinetic, ledger.potential_energy)
+    extremes = [int(f(e)) for e in energies for f in (np.argmin, np.argmax)]
+    return np.unique(np.concatenate([order[first], ends, extremes]))
 
 
 _WHAT = {

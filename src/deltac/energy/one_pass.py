@@ -175,6 +175,8 @@ class _Before:
     error: Array
     worst: Array
     delta_c: Array  # of each testing function, J
+    lowest: Array  # energies, J
+    highest: Array
 
     def after(self, block: _Sums) -> _Before:
         """With one more block."""
@@ -183,6 +185,8 @@ class _Before:
             self.error + block.error,
             self.reached(block.most, block.least),
             self.delta_c + block.delta_c,
+            np.minimum(self.lowest, block.lowest),
+            np.maximum(self.highest, block.highest),
         )
 
     def reached(self, most: Array, least: Array) -> Array:
@@ -261,14 +265,17 @@ class _Worker:
         self.known = self._y[: layout.n_out, core]
         self.delta_c = self._found[layout.gain, : rows + 1]
         self.delta_c -= self.delta_c[:, :1].copy()
-        energies = (self.known[layout.energies], self._found[layout.kinetic, : rows + 1])
-        return rows, _Sums(
+        own = rows + (last == self._last)  # the row after the last is the next block's
+        self.V, self.K = self.known[layout.energies][-1, :own], self._found[layout.kinetic][0, :own]
+        energies = (self.known[layout.energies, :own], self.K[None])
+        self.sums = _Sums(
             **{name: sums[name] for name in _SUMMED},
             flow=self._found[layout.flow, :rows].sum(axis=1),
             lowest=np.concatenate([e.min(axis=1) for e in energies]),
             highest=np.concatenate([e.max(axis=1) for e in energies]),
             delta_c=self.delta_c[:, -1].copy(),
         )
+        return rows, self.sums
 
     def _at_an_end(self, first: int, last: int) -> dict[str, Array]:
         """What `Running` gives, by windows that lie aside where the log begins or ends."""
@@ -401,7 +408,8 @@ def in_one_pass(
     kept = _All(layout, count) if keep is None else _Some(layout, part, count)
     turns, sums = _Turns(), list[_Sums]()
     nothing = np.zeros(layout.n_between)
-    before = _Before(nothing, nothing, nothing, np.zeros(layout.n_functions))
+    gained, beyond = np.zeros(layout.n_functions), np.full(5, np.inf)
+    before = _Before(nothing, nothing, nothing, gained, beyond, -beyond)
     workers = min(cores(), len(starts))
 
     def work(number: int) -> None:
@@ -464,7 +472,7 @@ class _All:
 
 
 class _Some:
-    """Keeps of each `part` of the rows the one where |ΔC| is largest, and the ends of the log."""
+    """Keeps of each `part` of the rows the one where |ΔC| is largest, the log's ends, extremes of V, K."""
 
     def __init__(self, layout: _Layout, part: int, count: int) -> None:
         self._layout, self._part, self._last = layout, part, count - 1
@@ -474,6 +482,8 @@ class _Some:
         """Some rows of a block."""
         off = np.abs(worker.delta_c + before.delta_c[:, None]).max(axis=0)
         rows = _picked(off, self._part, first == 0, first + steps == self._last)
+        if more := _extremes(worker, before):
+            rows = np.unique(np.append(rows, more))
         self._found[first] = (
             rows + first,
             worker.known[:, rows],
@@ -486,6 +496,17 @@ class _Some:
         parts = zip(*(self._found[first] for first in sorted(self._found)))
         rows, known, value, worst = (np.concatenate(part, axis=-1) for part in parts)
         return rows, known, value, worst
+
+
+def _extremes(worker: _Worker, before: _Before) -> list[int]:
+    """Rows of a block at which V or K is larger or smaller than ever before."""
+    found, here = list[int](), worker.sums
+    for k, energy in ((-2, worker.V), (-1, worker.K)):
+        if here.highest[k] > before.highest[k]:
+            found.append(int(energy.argmax()))
+        if here.lowest[k] < before.lowest[k]:
+            found.append(int(energy.argmin()))
+    return found
 
 
 def _picked(off: Array, part: int, first: bool, last: bool) -> NDArray[np.intp]:

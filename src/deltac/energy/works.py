@@ -42,21 +42,23 @@ class Work:
     way: str = "samples"
 
     @staticmethod
-    def exact(
-        value: Array, way: str, size: float = 0.0, rows: NDArray[np.intp] | None = None
-    ) -> Work:
+    def exact(value: Array, way: str, size: float = 0.0, growth: Array | None = None) -> Work:
         """A work known but for rounding.
 
-        `size` is that of the numbers it is a difference of; `rows` are the samples' places in the run, if
-        they are not all of them.
+        `size` is that of the numbers it is a difference of; `growth` is `growth_of_rounding` at the samples,
+        if they are not all of the run or it is known already.
         """
-        bar = np.sqrt(np.arange(len(value)) if rows is None else rows)
-        bar += 4.0
-        bar *= EPS * (largest(value) + size)
-        return Work(value, bar, way)
+        if growth is None:
+            growth = growth_of_rounding(np.arange(len(value)))
+        return Work(value, growth * (EPS * (largest(value) + size)), way)
 
     def __add__(self, other: Work) -> Work:
         return Work(self.value + other.value, self.bar + other.bar, self.way)
+
+
+def growth_of_rounding(rows: NDArray[np.intp]) -> Array:
+    """Roundings at the samples (T,), at these `rows` of a run, that add up as a random walk does."""
+    return 4.0 + np.sqrt(rows)
 
 
 def largest(x: Array) -> float:
@@ -64,9 +66,9 @@ def largest(x: Array) -> float:
     return max(float(x.max()), -float(x.min()))
 
 
-def of_potential(V: Array, explicit: Work | None, rows: NDArray[np.intp] | None = None) -> Work:
+def of_potential(V: Array, explicit: Work | None, growth: Array | None = None) -> Work:
     """V̇ = −(power of its force) + ∂V/∂t; `explicit` is the integral of the last, None if it is zero."""
-    lost = Work.exact(V[0] - V, "potential", largest(V), rows)
+    lost = Work.exact(V[0] - V, "potential", largest(V), growth)
     return lost if explicit is None else lost + explicit
 
 

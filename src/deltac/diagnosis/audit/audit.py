@@ -21,6 +21,7 @@ from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stret
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.energy import Ledger, balance
+from deltac.energy.streaming import KEPT
 from deltac.errors import InputError
 from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
@@ -337,7 +338,7 @@ def _known(
 ) -> Known:
     """A log that was read and balanced, with what its columns say before the equations are looked at."""
     mechanism = loaded.mechanism
-    log_read = read_log(mechanism, log, work, mapping, progress=progress or untold)
+    log_read = read_log(mechanism, log, work, mapping, keep=KEPT, progress=progress or untold)
     found = [*findings, *log_read.findings]
     found += checks.suspicious_conventions(mechanism, log_read.consecutive, found)
     found += checks.violations(mechanism, log_read.run, log_read.ledger, tolerance)
@@ -396,7 +397,7 @@ def _judged(
         held=held,
         tolerance=tolerance,
         spacing=float(np.median(np.diff(log_read.consecutive.t))),
-        step=run.provenance.step,
+        step=known.log.run.provenance.step,  # of the log, not of how forces were held
         method=ledger.method,
         outside_gaps=_outside_gaps(mechanism, log_read, function),
         bar_growth=_bar_growth(mechanism, log_read.consecutive, function),

@@ -291,7 +291,7 @@ def violations(
     found: list[Finding] = []
     for name, values in ledger.violation.items():
         what, _, element = name.partition(" ")
-        worst, when = float(values.max()), float(run.t[int(values.argmax())])
+        worst, when = float(values.max()), float(ledger.t[int(values.argmax())])
         evidence = f"by up to {worst:.3g}, at t = {when:.4g} s"
         if what in ("coordinate", "speed"):
             column = run.q if what == "coordinate" else run.u
@@ -337,7 +337,7 @@ def violations(
         elif what in ("position", "velocity") and worst > 1e-6 + _digits(run, what):
             moved = np.ptp(run.q, axis=0) if what == "position" else np.abs(run.u)
             large = worst > tolerance * float(moved.max(initial=0.0)) + 4.0 * _digits(run, what)
-            along = _follows(run, values) if what == "position" else ""
+            along = _follows(run, ledger.t, values) if what == "position" else ""
             drifted = float(values[0]) < 0.5 * worst and not along
             how = ", increasingly" if drifted else ", from the start"
             if along:
@@ -367,17 +367,21 @@ def _digits(run: Trajectory, what: str) -> float:
     )
 
 
-def _follows(run: Trajectory, values: Array) -> str:
-    """The coordinate that a violation is proportional to, where time explains it far less; "" if none is."""
+def _follows(run: Trajectory, t: Array, values: Array) -> str:
+    """The coordinate that a violation is proportional to, where time explains it far less; "" if none is.
+
+    `values` (k,) are those at `t`: all rows of the run, or those that the ledger kept.
+    """
+    rows = slice(None) if len(t) == len(run) else np.searchsorted(run.t, t)
 
     def left(x: Array) -> float:
         size = float(x @ x)
         rest = values - x * (float(x @ values) / size) if size > 0.0 else values
         return float(np.linalg.norm(rest))
 
-    total, passed = float(np.linalg.norm(values)), run.t - run.t[0]
+    total, passed = float(np.linalg.norm(values)), t - t[0]
     by_time = min(left(passed), left(passed**2))
-    for name, column in zip(run.coordinates, run.q.T):
+    for name, column in zip(run.coordinates, run.q[rows].T):
         by_column = min(left(np.abs(column)), left(np.abs(column - column[0])))
         if by_column < 0.05 * total and by_column < 0.2 * by_time:
             return name

@@ -11,6 +11,7 @@ import numpy as np
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
+from deltac.energy.terms import LoggedForces
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -58,9 +59,8 @@ def foreign_channels(
     What the importer left to the log, for the file has it, is not foreign; nor is what never acted.
     """
     told = " ".join(str(r) for r in import_report.ignored) if import_report else ""
-    asked = [
-        n for n, f in run.forces.items() if n.kind in OF_MODELS and f"'{n}'" not in told and f.any()
-    ]
+    acting = LoggedForces.of(run).places
+    asked = [n for n in run.forces if n.kind in OF_MODELS and f"'{n}'" not in told and acting[n]]
     if not asked:
         return {}
     ours = {channel.name for channel in equations_of_motion(mechanism).channels}

@@ -92,7 +92,8 @@ def _shown(names: Sequence[str]) -> str:
 # --- what a user calls a log ---------------------------------------------------------------------
 
 LARGE = 16_000_000
-"""Numbers in a Parquet log (128 MB; balancing takes several times that) above which it is read in parts."""
+"""Numbers in a log (128 MB; a ledger of all rows takes several times that) above which an audit's ledger
+keeps some rows, and a Parquet file is read in parts."""
 
 STRETCH = 16
 """Rows that a part of a log has at least to be balanced on its own."""
@@ -126,6 +127,7 @@ def read_log(
     mapping: Any,
     *,
     measured: bool = True,
+    keep: int | None = None,
     progress: Progress = untold,
 ) -> Log:
     """Read and balance what `source` means: a Trajectory, or a file of a run of `mechanism`.
@@ -133,26 +135,29 @@ def read_log(
     What an ODE solver returned (see `Trajectory.from_scipy`) is taken as a log, and so is a table.
     `work` is as for `balance`, by default as the log's engine took it. `mapping` says what the columns of
     another program's file are: a path, or a `LogMapping`. A run that is not `measured`, since it was just
-    computed here, is not searched for slips of its columns. `progress` is told the share of the rows that are
-    read, where they are read in parts.
+    computed here, is not searched for slips of its columns. Of a log of more than
+    `LARGE` numbers the ledger may `keep` about so many rows, as `balance` does. `progress` is told the share
+    of the rows that are read, where they are read in parts.
 
     Raises InputError for a log that cannot be read, or is of another model.
     """
     if isinstance(source, Trajectory):
         if mapping is not None:
             raise ArgumentsError("mapping= is for log files; this log is a Trajectory already")
-        return _whole(mechanism, source, work, measured=measured)
+        return _whole(mechanism, source, work, measured=measured, keep=keep)
     if is_table(source):
-        return _whole(mechanism, read_trajectory(source, mapping, mechanism), work)
+        return _whole(mechanism, read_trajectory(source, mapping, mechanism), work, keep=keep)
     if not isinstance(source, str | Path):
-        return _whole(mechanism, Trajectory.from_scipy(source, mechanism), work, measured=measured)
+        return _whole(
+            mechanism, Trajectory.from_scipy(source, mechanism), work, measured=measured, keep=keep
+        )
     path = Path(source)
     if path.suffix.lower() == ".parquet" and os.path.isfile(path):
         rows, columns = _size(path)
         if rows * columns > LARGE:
             part = max(4, PART // columns // 4 * 4)
             return _in_parts(mechanism, path, work, mapping, part, progress)
-    return _whole(mechanism, read_trajectory(path, mapping, mechanism), work)
+    return _whole(mechanism, read_trajectory(path, mapping, mechanism), work, keep=keep)
 
 
 def _size(path: Path) -> tuple[int, int]:
@@ -163,7 +168,12 @@ def _size(path: Path) -> tuple[int, int]:
 
 
 def _whole(
-    mechanism: Mechanism, given: Trajectory, work: str | None, *, measured: bool = True
+    mechanism: Mechanism,
+    given: Trajectory,
+    work: str | None,
+    *,
+    measured: bool = True,
+    keep: int | None = None,
 ) -> Log:
     run, findings = in_model_order(mechanism, given)
     if told := given.provenance.notes.get(LEFT_OUT):
@@ -181,10 +191,13 @@ def _whole(
         )
         findings.append(Finding("by-law", what, told, remedy))
     _refuse_garbage(run)
+    numbers = len(run) * (run.q.shape[1] + (2 + len(run.forces)) * run.u.shape[1])
+    keep = keep if numbers > LARGE else None
     if not measured:
-        return balanced(mechanism, run, work, tuple(findings))
+        return balanced(mechanism, run, work, tuple(findings), keep=keep)
     clean = cleaned(mechanism, run)
-    return balanced(mechanism, clean.run, work, (*findings, *clean.findings), clean.comparisons)
+    found = (*findings, *clean.findings)
+    return balanced(mechanism, clean.run, work, found, clean.comparisons, keep=keep)
 
 
 def balanced(
@@ -193,9 +206,11 @@ def balanced(
     work: str | None,
     findings: tuple[Finding, ...] = (),
     comparisons: Mapping[str, Comparison] | None = None,
+    *,
+    keep: int | None = None,
 ) -> Log:
-    """A run in memory with its ledger."""
-    ledger = balance(mechanism, run, work or _work(run))
+    """A run in memory with its ledger, at all rows or as many as it is to `keep`."""
+    ledger = balance(mechanism, run, work or _work(run), keep=keep)
     _refuse_undefined(ledger)
     return Log(run, run, ledger, findings, comparisons or {})
 

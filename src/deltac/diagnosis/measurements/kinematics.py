@@ -520,7 +520,7 @@ def _difference(run: Trajectory) -> str:
         [slice(a, b) for a, b in stretches(run)] if len(run) > MOST_ROWS else [slice(0, len(run))]
     )
     digits, least = digits_of(run), float(np.diff(run.t).min())
-    largest = np.abs(run.udot).max(axis=0)
+    largest = np.maximum(run.udot.max(axis=0), -run.udot.min(axis=0))
     off: dict[str, list[Mask]] = {"backward": [], "forward": [], "central": []}
     moving = np.zeros(run.u.shape[1], dtype=np.bool_)
     for part in parts:
@@ -622,19 +622,6 @@ def trusted(run: Trajectory) -> bool:
     return run.provenance.simulator == "deltac" or bool(run.provenance.stage)
 
 
-def _rows(run: Trajectory, keep: Mask) -> Trajectory:
-    return replace(
-        run,
-        t=run.t[keep],
-        q=run.q[keep],
-        u=run.u[keep],
-        udot=None if run.udot is None else run.udot[keep],
-        forces={n: f[keep] for n, f in run.forces.items()},
-        integrals={n: x[keep] for n, x in run.integrals.items()},
-        works={n: x[keep] for n, x in run.works.items()},
-    )
-
-
 def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
     """Rows that repeat the one before though its speeds say that it moves on."""
     same = _repeated(run.q) & _repeated(run.u)
@@ -656,7 +643,7 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
         "They were left out. Write each state once, at its own time",
         "note" if len(copies) <= 0.34 * len(run) else "doubt",
     )
-    return _rows(run, keep), [finding]
+    return run.take(keep), [finding]
 
 
 def _repeated(values: Array, columns: Sequence[int] | NDArray[np.intp] | None = None) -> Mask:
@@ -699,7 +686,7 @@ def _at_the_pace_of_the_slower(
             f"{int(keep.sum())} of {len(run)} rows hold new ones",
             "The others were left out. Log all columns of a row at one instant",
         )
-        return _rows(run, keep), [finding]
+        return run.take(keep), [finding]
     return run, []
 
 
@@ -714,10 +701,17 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
         return run, []
     turn = 2.0 * np.pi
     places, rates = (list(of) for of in zip(*pairs))
-    excess = np.diff(run.q[:, places], axis=0)
-    excess -= 0.5 * np.diff(run.t)[:, None] * (run.u[1:, rates] + run.u[:-1, rates])
-    if not np.abs(excess).max(initial=0.0) > 0.5 * turn:
+
+    def beyond(rows: slice) -> Array:
+        """What coordinates change by from each row to the next beyond what their speeds say."""
+        t, q, u = run.t[rows], run.q[rows][:, places], run.u[rows][:, rates]
+        return np.asarray(np.diff(q, axis=0) - 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1]))
+
+    few = max(1, AT_ONCE // len(pairs))
+    parts = (beyond(slice(k, k + few + 1)) for k in range(0, len(run), few))
+    if not any(np.abs(part).max(initial=0.0) > 0.5 * turn for part in parts):
         return run, []
+    excess = beyond(slice(None))
     q, found = np.array(run.q), []
     turns = np.round(excess / turn)
     jumping = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)
@@ -775,7 +769,7 @@ def _without_spikes(
         "They were left out. Look for what wrote them",
         element=rows[first],
     )
-    return _rows(run, keep), [finding]
+    return run.take(keep), [finding]
 
 
 def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:

@@ -97,7 +97,7 @@ def sweep_beside_ensemble(runs: int, steps: int, workers: int) -> None:
     print(f"memory, largest    {peak[0]:8.0f} MB main process, {peak[1]:.0f} MB worker")
 
 
-def batched_beside_single_audits(episodes: int, samples: int, dof: int) -> None:
+def batched_beside_single_audits(episodes: int, samples: int, dof: int, digits: str) -> None:
     """Episodes of a chain without accelerations, as semi-implicit Euler of an engine leaves them."""
     from check_chain import chain
 
@@ -106,12 +106,11 @@ def batched_beside_single_audits(episodes: int, samples: int, dof: int) -> None:
     motion = dc.simulate_ensemble(
         mechanism, tuple(starts), 2e-3 * (samples - 1), 2e-3, "semi-implicit-euler", record=1
     )
-    arrays = {"t": motion.t, "qpos": motion.q, "qvel": motion.u}
+    q, u = (x.astype(digits) for x in (motion.q, motion.u))
+    arrays = {"t": motion.t, "qpos": q, "qvel": u}
     names = {"coordinates": motion.coordinates, "speeds": motion.speeds}
     few = min(episodes, 20)
-    runs = [
-        dc.Trajectory(t=motion.t, q=motion.q[:, k], u=motion.u[:, k], **names) for k in range(few)
-    ]
+    runs = [dc.Trajectory(t=motion.t, q=q[:, k], u=u[:, k], **names) for k in range(few)]
     dc.audit(mechanism, runs[0])
     before = processor()
     alone = [dc.audit(mechanism, run) for run in runs]
@@ -119,7 +118,7 @@ def batched_beside_single_audits(episodes: int, samples: int, dof: int) -> None:
     folder = Path(tempfile.mkdtemp())
     try:
         np.savez(folder / "batch.npz", **arrays)
-        np.savez(folder / "one.npz", t=motion.t, qpos=motion.q[:, 0], qvel=motion.u[:, 0])
+        np.savez(folder / "one.npz", t=motion.t, qpos=q[:, 0], qvel=u[:, 0])
         of_chain = f"from check_chain import chain\n\n\ndef model():\n    return chain({dof})\n"
         (folder / "model.py").write_text(of_chain)
         command = [sys.executable, "-m", "deltac", "audit", f"{folder}/model.py:model"]
@@ -201,11 +200,16 @@ if __name__ == "__main__":
     parser.add_argument("--steps", type=int, default=1000)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--episodes", type=int, default=0, help="batched audits instead")
+    parser.add_argument(
+        "--float32", action="store_true", help="logs of single precision, as of GPUs"
+    )
     parser.add_argument("--dask", action="store_true", help="one and two workers of a Dask cluster")
     given = parser.parse_args()
     if given.dask:
         dask_workers(given.runs, given.steps)
     elif given.episodes:
-        batched_beside_single_audits(given.episodes, 1000, 10)
+        batched_beside_single_audits(
+            given.episodes, 1000, 10, "float32" if given.float32 else "float64"
+        )
     else:
         sweep_beside_ensemble(given.runs, given.steps, given.workers)

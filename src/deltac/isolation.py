@@ -41,9 +41,6 @@ T = TypeVar("T")
 VARIABLE = "DELTAC_ISOLATION"
 """Environment variable; "off" has logs decoded in the process that asks for them."""
 
-FLEET = ("polars", "deltac.simulation.simulate")
-"""What workers of fleets load in any case."""
-
 
 @dataclass(frozen=True)
 class Failure:
@@ -65,13 +62,10 @@ class Failure:
 
 
 class Workers:
-    """Worker processes, as many as there are calls at the same time.
+    """Worker processes, as many as there are calls at the same time; what the `quiet` print goes nowhere."""
 
-    `preload` are modules that all need; what the `quiet` print goes nowhere.
-    """
-
-    def __init__(self, preload: Sequence[str] = (), quiet: bool = False) -> None:
-        self._preload, self._quiet = tuple(preload), quiet
+    def __init__(self, quiet: bool = False) -> None:
+        self._quiet = quiet
         self._idle: list[_Worker] = []
         self._busy: set[_Worker] = set()
 
@@ -79,7 +73,8 @@ class Workers:
         """What `work()` returns in a worker process, or a `Failure`.
 
         Args:
-            work: picklable, and what it returns.
+            work: picklable, and what it returns. The modules that it `needs` are loaded when a process
+                starts, which is no part of the work.
             time_limit: seconds after which the process is ended, from when it has started.
         """
         try:
@@ -87,7 +82,7 @@ class Workers:
         except IndexError:
             worker = _Worker(self._quiet)
             self._busy.add(worker)
-            worker.ask(functools.partial(_started, self._preload), STARTING)  # no part of the work
+            worker.ask(functools.partial(_started, getattr(work, "needs", ())), STARTING)
         else:
             self._busy.add(worker)
         try:
@@ -119,7 +114,7 @@ def _started(modules: Sequence[str]) -> None:
         import_module(name)
 
 
-_of_fleets, _of_readers = Workers(FLEET), Workers(quiet=True)
+_of_fleets, _of_readers = Workers(), Workers(quiet=True)
 for _workers in (_of_fleets, _of_readers):
     atexit.register(_workers.end)
     if hasattr(os, "register_at_fork"):

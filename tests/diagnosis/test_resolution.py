@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltac.diagnosis.measurements.digits import medians, resolution
+from deltac.diagnosis.measurements.digits import Digits, medians, resolution
 
 RNG = np.random.default_rng(1)
 VALUES = RNG.normal(size=1000) * 10.0 ** RNG.integers(-3, 3, size=1000)
@@ -43,6 +43,20 @@ def test_half_precision_is_not_taken_for_decimals() -> None:
     """Numbers of ten bits have few decimals, which are no sign of their exactness."""
     half = resolution(VALUES.astype(np.float16).astype(float)[:, None])[:, 0]
     assert np.all(np.abs(VALUES.astype(np.float16) - VALUES) <= half)
+
+
+def test_a_number_beyond_half_precision_between_the_probes_has_a_last_digit() -> None:
+    column = np.tile(np.arange(8.0) / 3.0, 500).astype(np.float16).astype(float)[:, None]
+    expected = resolution(column)
+    column[1] = 1e6
+    assert np.isfinite(resolution(column)).all()
+    np.testing.assert_array_equal(np.delete(resolution(column), 1), np.delete(expected, 1))
+
+
+def test_a_log_that_begins_at_rest_has_the_digits_of_its_motion() -> None:
+    column = np.concatenate([np.zeros(1000), VALUES.astype(np.float32)])[:, None]
+    assert Digits(column).few
+    assert not Digits(np.concatenate([np.zeros(1000), VALUES])[:, None]).few
 
 
 def test_counts_of_an_encoder() -> None:

@@ -120,7 +120,7 @@ def test_the_command(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture
     assert code == 0 and json.loads(said)["verdicts"] == {"consistent": 2}
     code, _, said = command("audit", NAME, f"{folder}/*.xyz", *options, capsys=capsys)
     assert code == 2 and "matches" in said
-    code, said, _ = command("sweep", "--status", out, capsys=capsys)
+    code, said, _ = command("audit", "--status", out, capsys=capsys)
     assert code == 0 and "2 audits" in said
 
 

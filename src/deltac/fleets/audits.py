@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from deltac.arguments import checked
 from deltac.errors import FileError, InputError, UnknownName, closest, listed
@@ -68,6 +68,8 @@ class Log:
 @dataclass(frozen=True, eq=False)
 class AuditPiece:
     """Some logs, or some episodes of one log."""
+
+    needs: ClassVar[tuple[str, ...]] = ("polars", "deltac.diagnosis.audit.audit")
 
     task: AuditTask
     logs: tuple[Log, ...]

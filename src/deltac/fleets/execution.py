@@ -14,10 +14,10 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 from deltac.errors import PackageError, ProcessLost
-from deltac.isolation import FLEET, Failure, Workers, isolated
+from deltac.isolation import Failure, Workers, isolated
 from deltac.kernels.parallel import cores
 
 TICK = 0.5
@@ -29,6 +29,9 @@ AHEAD = 2
 
 class Work(Protocol):
     """A piece of work: a picklable call, of several rows of the table."""
+
+    needs: ClassVar[tuple[str, ...]]
+    """Modules that a worker loads when it starts."""
 
     @property
     def addresses(self) -> tuple[str, ...]:
@@ -82,7 +85,7 @@ class Crew:
 @contextlib.contextmanager
 def local_crew(workers: int | None) -> Iterator[Crew]:
     """Worker processes of this machine, by default one a core."""
-    size, own = workers or cores(), Workers(FLEET)
+    size, own = workers or cores(), Workers()
     executor = ThreadPoolExecutor(size, "deltac-fleet")
     try:
         yield Crew(executor, size, own)

@@ -7,7 +7,7 @@ import time
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -90,6 +90,8 @@ class Refused:
 @dataclass(frozen=True, eq=False)
 class RunPiece:
     """Some runs: the values of their axes (N, axes), and their addresses."""
+
+    needs: ClassVar[tuple[str, ...]] = ("polars", "deltac.simulation.simulate")
 
     task: Task | Refused
     values: Array

@@ -397,7 +397,7 @@ def _judged(
         held=held,
         tolerance=tolerance,
         spacing=float(np.median(np.diff(log_read.consecutive.t))),
-        step=run.provenance.step,
+        step=known.log.run.provenance.step,  # of the log, not of how forces were held
         method=ledger.method,
         outside_gaps=_outside_gaps(mechanism, log_read, function),
         bar_growth=_bar_growth(mechanism, log_read.consecutive, function),

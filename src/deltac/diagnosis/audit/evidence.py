@@ -72,6 +72,9 @@ REPRODUCED = 0.75
 ALONE, PREDICTED = 0.97, 0.9
 """Shares of what is within ten error bars that one cause must explain, and parts of the log predict."""
 
+EARLY = 0.02
+"""Share of its changes that a force may act before its row and still counts as held over the step."""
+
 OF_THE_LOG = ("actuator-delay", "late-rows", "zero-offset")
 """Causes that leave the equations as they are."""
 
@@ -205,7 +208,7 @@ def gather(
     if step is not None and step.scheme is not None and step.closes and step.scheme.late_forces:
         log, finding = _forces_put_right(mechanism, log, work)
         found.append(finding)
-    if step is not None and step.closes:
+    if step is not None:
         log = _held(mechanism, log, work, step)
     terms = None
     if measured:
@@ -384,29 +387,34 @@ def _is_motion(
 
 
 def _held(mechanism: Mechanism, log: Log, work: str | None, step: OneStep) -> Log:
-    """The log with its work taken as an identified integrator took it: by forces held over each step.
+    """The log with its work taken as its forces acted: held over each step.
 
-    Methods of first order take other forces from the start of a step too; of better ones these change
-    along it.
+    So an identified integrator took them, or the rows show it where forces rest over several. Methods of
+    first order take other forces from the start of a step too; of better ones these change along it.
     """
     run, scheme = log.run, step.scheme
     moving = [n for n, f in run.forces.items() if np.any(f[1:] != f[:-1])]
     known = work or run.integrals or run.events or run.provenance.held is not None
-    if (
-        scheme is None
-        or scheme.forces == "smooth"
-        or not moving
-        or known
-        or log.consecutive is not run
-    ):
+    if not moving or known or log.consecutive is not run or len(gap_rows(run.t)):
         return log
-    if scheme.name not in EXPLICIT or len(gap_rows(run.t)):
+    order = 2
+    if step.closes and scheme is not None:
+        order = scheme.order
+        if scheme.forces == "smooth" or scheme.name not in EXPLICIT:
+            return log
+    elif not _resting_until_told(step) and not (step.steps is not None and step.steps.held):
         return log
     width = float(np.median(np.diff(run.t)))
     held = tuple(n for n in run.forces if n.kind not in ("prescribed", "constraint"))
     told = replace(run.provenance, step=width, held=held)
-    way = "discrete" if scheme.order < 2 else "samples"
+    way = "discrete" if order < 2 else "samples"
     return balanced(mechanism, replace(run, provenance=told), way, log.findings, log.comparisons)
+
+
+def _resting_until_told(step: OneStep) -> bool:
+    """Whether forces are held over several rows, and change with the row that tells it."""
+    intervals = step.residual.intervals
+    return intervals.held and abs(intervals.early) <= EARLY
 
 
 def _forces_put_right(mechanism: Mechanism, log: Log, work: str | None) -> tuple[Log, Finding]:

@@ -148,7 +148,8 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     if causes == {"missing-contact"} and impacts is not None:
         # What the log does not hold the model has: they do not contradict each other.
         return verdict("unresolved", "high", balance, f"{impacts}")
-    actuated = unlogged is not None and not causes <= {*OF_INERTIA}
+    # That an equality's own force is the one that is lacking is no excuse of another kind.
+    actuated = unlogged is not None and not causes <= {*OF_INERTIA, "missing-equality"}
     if unlogged and actuated and _like_actuators(evidence, 1 + len(unlogged.equals)):
         alike = "; ".join(f.what for f in findings if f.weight == "cause")
         findings = tuple(replace(f, weight="note") if f.weight == "cause" else f for f in findings)

@@ -73,7 +73,8 @@ class Digits:
     @property
     def few(self) -> bool:
         """Whether a column has fewer digits than doubles."""
-        some = slice(0, PROBES)
+        last = len(self._values) - 1
+        some = np.linspace(0, last, min(last + 1, PROBES)).astype(np.intp)
         return bool(np.any(self.half(some) > 2.0 * EPS * np.abs(self._values[some])))
 
     @cached_property
@@ -182,7 +183,11 @@ def _count(column: Array) -> float:
 
 def _half_of_half_precision(size: Array) -> Array:
     """Nobody computes in half precision: numbers were rounded once, to the nearest."""
-    return np.asarray(0.5 * np.spacing(size.astype(np.float16)).astype(np.float64) * (size > 0.0))
+    # Rows that were no probes may be beyond; the largest number has no neighbour.
+    rounded = np.minimum(size, np.nextafter(np.float16(MOST_HALF), np.float16(0))).astype(
+        np.float16
+    )
+    return np.asarray(0.5 * np.spacing(rounded).astype(np.float64) * (size > 0.0))
 
 
 def _significant(probes: Array) -> Rule | None:

@@ -214,6 +214,21 @@ class Intervals:
         lengths = [len(_window(p.w, rows.h[p.at, 0], self.width)) for rows, p in self.parts]
         return np.concatenate([x[:k] for x, k in zip(least, lengths)])
 
+    @property
+    def early(self) -> float:
+        """The share of their changes by which held forces act before the row that tells them."""
+        along = total = 0.0
+        for rows, p in self.parts:
+            changing = np.setdiff1d(np.arange(len(rows.h)), p.at)
+            w = _plain(self.model, rows, self.held)[1][changing]
+            before = rows.taken(changing)
+            after = replace(before, F=rows.F[changing + 1])
+            x = self.model.at(after) - self.model.at(before)
+            N = self.model.inertia(before.t, before.q)
+            along += mass_product(x, N, w)
+            total += mass_product(x, N, x)
+        return along / total if total > 0.0 else 0.0
+
     def few(self, most: int) -> Intervals:
         """Those of stretches of so many intervals together, over the whole log."""
         count = sum(len(p.at) for _, p in self.parts)

@@ -54,6 +54,9 @@ NEARLY_ALL, EVERY = 0.9, 5
 ALIKE = 1e-11
 """Share of the accelerations up to which the relations of two methods are the same."""
 
+HELD = 3.0
+"""How many times more than with held forces all methods must leave with others for forces to be held."""
+
 DISTINCT = 10.0
 """How much better than all others a scheme must close to be named."""
 
@@ -238,6 +241,16 @@ class Steps:
     def offs(self, places: Sequence[int]) -> Array:
         """The same of relations at some places of the dictionary (I, number of them)."""
         return _offs(self.D, self.N, [self.relations[k] for k in places])
+
+    @property
+    def held(self) -> bool:
+        """Whether forces act from the start of a step on: all methods that take others leave more."""
+        places = [k for k, r in enumerate(self.relations) if r.name != ACCURATE]
+        left = np.quantile(self.offs(places), NEARLY_ALL, axis=0)
+        first = np.array([self.relations[k].forces == "start" for k in places])
+        if first.all() or not first.any():
+            return False
+        return float(left[~first].min()) > HELD * float(left[first].min())
 
     def candidates(self, level: float) -> list[int]:
         """Places of the relations that may leave less than `level` of nearly all steps.

@@ -51,7 +51,7 @@ def run(rows: int, rounds: int) -> dict[str, Any]:
     ledger = ours()
     accuracy = _checked(ledger, theirs())
     found = {"name": name, "target": TARGET, **contest(ours, theirs, rounds).summary()}
-    reading = median_seconds(lambda: _read(log), rounds)
+    reading = median_seconds(lambda: read_once(log), rounds)
     kept = median_seconds(lambda: dc.balance(mechanism, log, work="samples", keep=KEPT), rounds)
     bare = _bare(mechanism, log, rounds)
     return {
@@ -104,7 +104,7 @@ def _bare(mechanism: dc.Mechanism, log: dc.Trajectory, rounds: int) -> float:
     return median_seconds(lambda: spread(some, share), rounds)
 
 
-def _read(log: dc.Trajectory) -> float:
+def read_once(log: dc.Trajectory) -> float:
     """Read q, u and every force array once."""
     return float(sum(a.sum() for a in (log.q, log.u, *log.forces.values())))
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from deltac import Audit, Finding, Trajectory
@@ -22,13 +20,4 @@ def the_cause(found: Audit, kind: str) -> Finding:
 
 def cut(run: Trajectory, first: int, last: int) -> Trajectory:
     """The run without the rows from `first` to `last`."""
-    kept = np.r_[0:first, last : len(run)]
-    assert run.udot is not None
-    return replace(
-        run,
-        t=run.t[kept],
-        q=run.q[kept],
-        u=run.u[kept],
-        udot=run.udot[kept],
-        forces={n: f[kept] for n, f in run.forces.items()},
-    )
+    return run.take(np.r_[0:first, last : len(run)])

@@ -186,3 +186,17 @@ def test_a_trajectory_checks_its_events(events: Any, words: str) -> None:
             speeds=("x",),
             events=events,
         )
+
+
+def test_rows_are_taken_by_slice_places_and_mask() -> None:
+    whole = run()
+    places = np.arange(3, len(whole), 2)
+    mask = np.zeros(len(whole), dtype=bool)
+    mask[places] = True
+    for rows in (slice(3, None, 2), places, mask):
+        part = whole.take(rows)
+        np.testing.assert_array_equal(part.t, whole.t[3::2])
+        np.testing.assert_array_equal(part.u, whole.u[3::2])
+        assert part.events == tuple(e for e in whole.events if part.t[0] <= e.t <= part.t[-1])
+    with pytest.raises(dc.InputError):
+        whole.take(places[:0])

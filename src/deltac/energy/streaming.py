@@ -70,7 +70,7 @@ def balance_chunks(
         carried = state.advance(ledger, core)
         picked = worst_rows(carried, chunk.first_row + core, chunk.rows, kept)
         parts.append(carried.at(picked))
-        rows.append(_rows(chunk.run, core[picked]))
+        rows.append(replace(chunk.run, events=()).take(core[picked]))
         happened |= {(event.t, event.names): event for event in chunk.run.events}
     if state is None:
         raise LogError("the log has no rows; a balance needs at least two")
@@ -130,20 +130,6 @@ def _joined(parts: Sequence[Ledger]) -> Ledger:
     }
     rule = ", ".join(dict.fromkeys(part.rule for part in parts))
     return replace(parts[0], **arrays, **groups, rule=rule)
-
-
-def _rows(run: Trajectory, rows: NDArray[np.intp]) -> Trajectory:
-    return replace(
-        run,
-        t=run.t[rows],
-        q=run.q[rows],
-        u=run.u[rows],
-        udot=None if run.udot is None else run.udot[rows],
-        forces={name: force[rows] for name, force in run.forces.items()},
-        works={name: values[rows] for name, values in run.works.items()},
-        integrals={name: values[rows] for name, values in run.integrals.items()},
-        events=(),
-    )
 
 
 def _joined_rows(parts: Sequence[Trajectory]) -> Trajectory:

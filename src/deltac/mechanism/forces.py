@@ -161,6 +161,7 @@ class JointTorque(Element):
         return [self.channel("actuator", scene.on_joint(self.joint, force), logged=logged)]
 
 
+@constructor
 @dataclass(frozen=True)
 class PointForce(Element):
     """A force at a point of a body and a moment on it. Channel ``applied <name>``.
@@ -171,10 +172,10 @@ class PointForce(Element):
 
     name: str
     body: MovingBody
-    point: Point
-    force: VectorOfMotion
-    moment: VectorOfMotion
-    frame: Literal["world", "body"]
+    force: VectorOfMotion = ZERO
+    point: Point = ZERO
+    moment: VectorOfMotion = field(default=ZERO, kw_only=True)
+    frame: Literal["world", "body"] = field(default="world", kw_only=True)
 
     noun = "point force"
     channel_kinds = ("applied",)
@@ -430,20 +431,6 @@ def joint_spring(
 
 
 @constructor
-def point_force(
-    name: str,
-    body: str,
-    force: Sequence[Any] = ZERO,
-    point: Sequence[Any] = ZERO,
-    *,
-    moment: Sequence[Any] = ZERO,
-    frame: Literal["world", "body"] = "world",
-) -> PointForce:
-    """A force at a point of a body, and a moment on it; see `PointForce`."""
-    return PointForce(name, body, point, force, moment, frame)
-
-
-@constructor
 def tendon(
     name: str,
     path: Sequence[tuple[str, Sequence[Any]]] = (),
@@ -518,4 +505,5 @@ def _integral(torque: Any, joint: str, where: str) -> Any:
 gravity_compensation = GravityCompensation
 joint_damper = JointDamper
 joint_torque = JointTorque
+point_force = PointForce
 spring_damper = SpringDamper

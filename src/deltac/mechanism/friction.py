@@ -169,6 +169,7 @@ class JointFriction(Element):
         return [self.channel("friction", scene.on_joint(self.joint, forces))]
 
 
+@constructor
 @dataclass(frozen=True)
 class PointFriction(Element):
     """Friction at a point of a body that slides along a plane. Channel ``friction <name>``.
@@ -177,17 +178,19 @@ class PointFriction(Element):
     part v_t across `normal` (fixed in `on`), the force on the body is −N f(|v_t|) v_t/|v_t| (N), its
     opposite acts on `on` there. N >= 0 is `normal_force` (N), a law of t, q, u and parameters; it is the
     strength of friction only: something else (a joint, a constraint) carries it. Where the law is
-    negative it counts as zero. Power −N f |v_t| <= 0.
+    negative it counts as zero. Power −N f |v_t| <= 0. `friction` is a coefficient or a `friction_law`.
+
+    >>> block = point_friction("rub", "block", "m*9.81*cos(0.3)", 0.2, normal="y")
     """
 
     name: str
     body: AnyBody
-    point: Point
-    on: AnyBody
-    normal: Axis
     normal_force: LawOfMotion
-    law: Friction
-    allow_energy_source: bool = field(default=False, repr=False)
+    friction: Friction
+    point: Point = field(default=ZERO, kw_only=True)
+    on: AnyBody = field(default=GROUND, kw_only=True)
+    normal: Axis = field(default="z", kw_only=True)
+    allow_energy_source: bool = field(default=False, repr=False, kw_only=True)
 
     noun = "point friction"
     channel_kinds = ("friction",)
@@ -199,13 +202,13 @@ class PointFriction(Element):
     def check(self, scope: Scope) -> None:
         """InputError for unknown bodies and symbols, and a law that does not fit."""
         super().check(scope)
-        self.law.check(scope, self.where, scope.in_motion, source=self.allow_energy_source)
+        self.friction.check(scope, self.where, scope.in_motion, source=self.allow_energy_source)
 
     def channels(self, scene: Scene) -> list[Channel]:
         """−N f(|v_t|) v_t/|v_t| at the body's point, its opposite on the body beneath."""
         touch = scene.sliding(self.body, self.point, self.on, self.normal)
         strength = scene.maximum(scene.number(self.normal_force), 0)
-        force = self.law.slip_force(scene, strength, touch.n, touch.relative_velocity)
+        force = self.friction.slip_force(scene, strength, touch.n, touch.relative_velocity)
         return [self.channel("friction", scene.generalized(touch.loads(force)))]
 
 
@@ -241,22 +244,4 @@ def joint_friction(
     return JointFriction(name, joint, laws, allow_energy_source)
 
 
-@constructor
-def point_friction(
-    name: str,
-    body: str,
-    normal_force: Any,
-    friction: Any,
-    *,
-    point: Point = ZERO,
-    on: str = GROUND,
-    normal: Axis = "z",
-    allow_energy_source: bool = False,
-) -> PointFriction:
-    """Friction between a point of a body and a plane, of a given normal force; see `PointFriction`.
-
-    `friction` is a coefficient or a `friction_law`; `normal` is in the frame of the body `on`.
-
-    >>> block = point_friction("rub", "block", "m*9.81*cos(0.3)", 0.2, normal="y")
-    """
-    return PointFriction(name, body, point, on, normal, normal_force, friction, allow_energy_source)
+point_friction = PointFriction

@@ -137,16 +137,7 @@ def _some(run: Trajectory) -> Trajectory:
     size = MANY // STRETCHES
     starts = np.linspace(0, len(run) - size, STRETCHES).astype(np.intp)
     rows = np.unique((starts[:, None] + np.arange(size)).ravel())
-    return replace(
-        run,
-        t=run.t[rows],
-        q=run.q[rows],
-        u=run.u[rows],
-        udot=None,
-        forces={},
-        works={},
-        integrals={},
-    )
+    return replace(run.take(rows), udot=None, forces={}, works={}, integrals={})
 
 
 def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:

@@ -383,7 +383,7 @@ class Trajectory(Shown, Once):
             stride = 0
         if stride < 1:
             raise InputError(f"every({n!r}): expected a whole number of rows, 1 or more")
-        return self._rows(slice(None, None, stride))
+        return self.take(slice(None, None, stride))
 
     def between(self, t0: float, t1: float) -> Trajectory:
         """The rows with t0 <= t <= t1 (s); works and integrals start anew, from zero at the first of them.
@@ -398,17 +398,21 @@ class Trajectory(Shown, Once):
                 f"between({t0!r}, {t1!r}): there is no row in between; "
                 f"the rows go from {self.t[0]} to {self.t[-1]} s"
             )
-        part = self._rows(rows)
+        part = self.take(rows)
         works = {name: values - values[0] for name, values in part.works.items()}
         integrals = {name: values - values[0] for name, values in part.integrals.items()}
         return replace(part, works=works, integrals=integrals)
 
-    def _rows(self, rows: slice) -> Trajectory:
+    def take(self, rows: slice | npt.NDArray[np.intp] | npt.NDArray[np.bool_]) -> Trajectory:
+        """Some of the rows, at least one: a slice, places in ascending order, or a mask (T,).
+
+        Works and integrals keep their values; of the events those between the first and the last row stay.
+        """
         t = self.t[rows]
         return replace(
             self,
             t=t,
-            events=tuple(e for e in self.events if t[0] <= e.t <= t[-1]),
+            events=tuple(e for e in self.events if len(t) and t[0] <= e.t <= t[-1]),
             q=self.q[rows],
             u=self.u[rows],
             udot=None if self.udot is None else self.udot[rows],

@@ -204,12 +204,7 @@ def _some(run: Trajectory) -> Trajectory:
     else:
         starts = np.linspace(0, len(run) - ROWS, PARTS).astype(np.intp)
         kept = np.unique((starts[:, None] + np.arange(ROWS)).ravel())
-    return replace(
-        run, t=run.t[kept], q=run.q[kept], u=run.u[kept],
-        udot=None if run.udot is None else run.udot[kept],
-        forces={name: force[kept] for name, force in run.forces.items()},
-        integrals={}, works={}, events=(),
-    )  # fmt: skip
+    return replace(run.take(kept), integrals={}, works={}, events=())
 
 
 def _left(model: Model, run: Trajectory) -> float:

@@ -622,19 +622,6 @@ def trusted(run: Trajectory) -> bool:
     return run.provenance.simulator == "deltac" or bool(run.provenance.stage)
 
 
-def _rows(run: Trajectory, keep: Mask) -> Trajectory:
-    return replace(
-        run,
-        t=run.t[keep],
-        q=run.q[keep],
-        u=run.u[keep],
-        udot=None if run.udot is None else run.udot[keep],
-        forces={n: f[keep] for n, f in run.forces.items()},
-        integrals={n: x[keep] for n, x in run.integrals.items()},
-        works={n: x[keep] for n, x in run.works.items()},
-    )
-
-
 def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
     """Rows that repeat the one before though its speeds say that it moves on."""
     same = _repeated(run.q) & _repeated(run.u)
@@ -656,7 +643,7 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
         "They were left out. Write each state once, at its own time",
         "note" if len(copies) <= 0.34 * len(run) else "doubt",
     )
-    return _rows(run, keep), [finding]
+    return run.take(keep), [finding]
 
 
 def _repeated(values: Array, columns: Sequence[int] | NDArray[np.intp] | None = None) -> Mask:
@@ -699,7 +686,7 @@ def _at_the_pace_of_the_slower(
             f"{int(keep.sum())} of {len(run)} rows hold new ones",
             "The others were left out. Log all columns of a row at one instant",
         )
-        return _rows(run, keep), [finding]
+        return run.take(keep), [finding]
     return run, []
 
 
@@ -782,7 +769,7 @@ def _without_spikes(
         "They were left out. Look for what wrote them",
         element=rows[first],
     )
-    return _rows(run, keep), [finding]
+    return run.take(keep), [finding]
 
 
 def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:

@@ -479,7 +479,7 @@ def _places(kane: Kane) -> Iterator[Place]:
             touch = sliding_point(s, element.body, element.point, element.on, element.normal)
             slip = _slip(touch)
             yield Place(
-                kane, f"friction {element.name!r}", slip, None, _scales(mechanism, element.law)
+                kane, f"friction {element.name!r}", slip, None, _scales(mechanism, element.friction)
             )
         elif isinstance(element, Contact):
             rubbing, depth = element.friction, _depth(mechanism, element)

@@ -35,7 +35,7 @@ def point_friction(now: Situation, element: PointFriction) -> list[ChannelForce]
     n = now.tree.frames[element.on].turned @ np.array(element.normal)
     N = max(evaluate(element.normal_force, now.known), 0.0)
     velocity = now.velocity(element.body, place) - now.velocity(element.on, place)
-    force, nothing = -N * _drag(now, element.law, n, velocity), np.zeros(3)
+    force, nothing = -N * _drag(now, element.friction, n, velocity), np.zeros(3)
     acting = [(element.body, place, force, nothing), (element.on, place, -force, nothing)]
     return [ChannelForce(f"friction {element.name}", now.stack(acting))]
 

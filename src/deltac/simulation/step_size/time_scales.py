@@ -183,7 +183,9 @@ def _found(mechanism: Mechanism, state: State) -> Iterator[TimeScale]:
                     yield from _of_contact(mechanism, element, touch, lies=lies)
             case PointFriction():
                 (touch,) = touches[element.name]
-                slope = max(evaluate(element.normal_force, known), 0.0) * _slope(element.law, known)
+                slope = max(evaluate(element.normal_force, known), 0.0) * _slope(
+                    element.friction, known
+                )
                 name = f"point friction {element.name!r}"
                 yield from _decay(
                     name, touch.sliding_mass, slope, "slip within the friction's width"

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.study.convergence import order_text
+from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.results import number
 
 if TYPE_CHECKING:
@@ -323,47 +323,61 @@ def resampled(t: Array, y: Array, at: Array) -> Array:
     return found
 
 
+SEEN = 0.02
+"""Points of one step that differ by more than this are drawn as two."""
+
+
 def orders(report: Study) -> LogPlot:
-    """Largest |ΔC| and state difference over the step, with the fitted slopes."""
+    """Largest |ΔC| and state difference over the step, each with the line of its observed order.
+
+    An order may be of a part of the runs alone: what it was fitted to is then drawn as points of their own.
+    """
     exchanged = report.energy_exchanged or 1.0
-    clouds = []
-    steps, left = report.measures.steps, report.measures.left
-    order = report.observed_order
-    for name, sizes, at in (
-        (f"|ΔC| {report.function}", [x / exchanged for x in left], steps),
-        ("motion, to the next finer run", order["state"].sizes, steps),
-    ):
-        points = [(h, s) for h, s in zip(at, sizes) if s > 0.0 and np.isfinite(s)]
-        if not points:
-            continue
-        converged = order["state"] if name.startswith("motion") else order[report.function]
-        fit = None
-        if converged.order is not None and len(points) > 1:
-            h0, s0 = points[-1]
-            h1 = points[0][0]
-            fit = ((h0, s0), (h1, s0 * (h1 / h0) ** converged.order))
-        clouds.append(
-            Cloud(
-                name,
-                tuple(p[0] for p in points),
-                tuple(p[1] for p in points),
-                joined=fit is None,
-                fit=fit,
-                fit_name="" if converged.order is None else f"slope {order_text(converged)}",
-            )
-        )
-    knob = "step h (s)" if report.measures.unit else "tolerance"
-    energy = order[report.function]
+    steps = np.asarray(report.measures.steps)
+    left = np.asarray(report.measures.left) / exchanged
+    energy, state = report.observed_order[report.function], report.observed_order["state"]
+    fitted = np.asarray(energy.sizes) / exchanged
+    common = steps[len(steps) - len(fitted) :]
     limited = energy.trend == "tends to a limit"
+    whole = bool((np.abs(fitted - left[len(steps) - len(fitted) :]) <= SEEN * fitted).all())
+    part = report.horizon < report.comparison.t[-1]
+    same = f"the same, {'before the motions part' if part else 'at times that all steps share'}"
+    moved = np.asarray(state.sizes)
+    clouds = [
+        _cloud(f"|ΔC| {report.function}", steps, left, energy if whole and not limited else None),
+        None if whole else _cloud(same, common, fitted, None if limited else energy),
+        _cloud(
+            "motion, to the next finer run",
+            steps[len(steps) - 1 - len(moved) : -1] if len(moved) else moved,
+            moved,
+            state,
+        ),
+    ]
     limit = (Guide("limit of |ΔC|", energy.limit / exchanged),) if limited else ()
     return LogPlot(
         "How the errors fall with the step",
-        knob,
+        "step h (s)" if report.measures.unit else "tolerance",
         "share of the energy exchanged, or of the ranges",
-        tuple(clouds),
+        tuple(cloud for cloud in clouds if cloud is not None),
         (Guide("accepted", report.tolerance), *limit),
         note="" if report.nominal is None else f"The solver's own order is {report.nominal}.",
     )
+
+
+def _cloud(name: str, h: Array, sizes: Array, found: Convergence | None) -> Cloud | None:
+    """Positive sizes over the step, and the observed order through the finest of the points that gave it."""
+    seen = np.isfinite(sizes) & (sizes > 0.0)
+    if not seen.any():
+        return None
+    h, sizes = h[seen], sizes[seen]
+    fit, said = None, ""
+    if found and found.order is not None and found.steps and found.trend != "does not settle":
+        near = int(np.argmin(np.abs(h - found.steps[-1])))
+        ends = [
+            (float(x), float(sizes[near] * (x / h[near]) ** found.order)) for x in (h[-1], h[0])
+        ]
+        fit, said = (ends[0], ends[1]), f"order {order_text(found)}"
+    return Cloud(name, tuple(h), tuple(sizes), joined=fit is None, fit=fit, fit_name=said)
 
 
 def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimePlot]:

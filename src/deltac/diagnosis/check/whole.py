@@ -9,7 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, islice, permutations
+from itertools import combinations, islice, permutations, takewhile
+from time import monotonic
 
 import numpy as np
 
@@ -30,6 +31,9 @@ AGREES = 1e-7
 
 MOST = 600
 """Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
+
+PATIENCE = 20.0
+"""Seconds that calls of a function in other coordinates may take, where it is slow."""
 
 FEW = 4
 """Coordinates of which all orders are tried."""
@@ -75,7 +79,8 @@ def _coordinates(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
     # One state refutes nearly every hypothesis, and functions may be slow.
     k = int(np.argmax(np.abs(right).max(axis=0)))
     one = some.take(np.array([k]))
-    for frame in islice(_frames(test), MOST):
+    until = monotonic() + PATIENCE
+    for frame in takewhile(lambda _: monotonic() < until, islice(_frames(test), MOST)):
         if _agree(_called(caller, frame.seen(one)), frame.B @ right[:, [k]]) and _agree(
             _called(caller, frame.seen(some)), frame.B @ right
         ):

@@ -231,6 +231,8 @@ def _units(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:
     unit = {entry.name: entry.unit for entry in mechanism.coordinates}
     of = np.array([unit[run.coordinates[k]] for k in rates[:, 0]])
     for kind, ours, many in UNITS:
+        if ours == "m" and mechanism.constraints:
+            continue  # constraints tell lengths: at a thousandth of them there is no motion to compare
         some = np.flatnonzero(of == ours)
         alone = [some[k : k + 1] for k in range(len(some))] if len(some) > 1 else []
         for group in [some, *alone] if len(some) else ():

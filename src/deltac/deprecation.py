@@ -64,7 +64,9 @@ def _renaming(function: Target, name: str, names: Mapping[str, str]) -> Target:
         for old in names.keys() & kwargs.keys():
             new = names[old]
             if new in kwargs:
-                raise ArgumentsError(f"{name}: {old}= is the old name of {new}=; give {new}= alone")
+                raise ArgumentsError(
+                    f"{name}: {old}= is now a part of {new}=, which is given too; say both in {new}="
+                )
             warn_renamed(f"{name}({old}=…)", f"{name}({new}=…)")
             kwargs[new] = kwargs.pop(old)
         try:

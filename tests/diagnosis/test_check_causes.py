@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.diagnosis.check import whole
 from deltac.diagnosis.check.numbers import formula
 from deltac.dynamics import system
 
@@ -235,3 +236,16 @@ def test_hypotheses_about_parameters_share_one_trace(monkeypatch: pytest.MonkeyP
     found = dc.check_equations(replace(ARM, name="renamed"), lambda t, q, u: arm(t, q, u, I2=0.4))
     assert [f.kind for f in found.verdict.findings if f.weight == "cause"] == ["parameter-value"]
     assert len(made) == 2 and sum(map(bool, made)) == 1
+
+
+def test_a_slow_function_ends_the_search_for_other_coordinates(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Right in degrees: calls in other coordinates show it, and without time for any it stays unknown."""
+
+    def rhs(t: float, q: Any, u: Any) -> Any:
+        return np.degrees(arm(t, np.radians(q), np.radians(u)))
+
+    assert "coordinates" in {f.kind for f in dc.check_equations(ARM, rhs).findings}
+    monkeypatch.setattr(whole, "PATIENCE", 0.0)
+    assert "coordinates" not in {f.kind for f in dc.check_equations(ARM, rhs).findings}

@@ -74,6 +74,24 @@ def test_a_wrong_force_of_a_constraint(squares: str, udot: bool, expected: str) 
     assert blamed == ({"rod"} if expected == "equation-error" else set())
 
 
+def test_a_wrong_force_of_a_constraint_is_no_log_in_millimetres() -> None:
+    """The rod fixes the length, so a thousandth of the coordinates is no reading."""
+    problem = dc.problems.load("spherical-pendulum")
+
+    def rhs(t: float, q: Any, u: Any) -> Any:
+        r, v = np.array(q), np.array(u)
+        pull = v @ v - 9.81 * r[2]
+        return pull * r * [1.0, -1.0, -1.0] - np.array([0.0, 0.0, 9.81])  # one sign is wrong
+
+    def run(step: float) -> Trajectory:
+        equations = dc.Equations(rhs)
+        return dc.simulate(problem.mechanism, problem.state, 1.0, step, "ode2", (), equations)
+
+    found = of_runs(problem.mechanism, run, True, order=2)
+    assert "millimetres" not in kinds(found)
+    assert found.verdict.kind == "equation-error", found.verdict.explain()
+
+
 @pytest.mark.parametrize("constraints", ["projection", None, dc.Baumgarte(20.0, 20.0)])
 @pytest.mark.parametrize("coarser", [4, 64])
 @pytest.mark.parametrize(

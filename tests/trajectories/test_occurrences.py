@@ -198,5 +198,12 @@ def test_rows_are_taken_by_slice_places_and_mask() -> None:
         np.testing.assert_array_equal(part.t, whole.t[3::2])
         np.testing.assert_array_equal(part.u, whole.u[3::2])
         assert part.events == tuple(e for e in whole.events if part.t[0] <= e.t <= part.t[-1])
-    with pytest.raises(dc.InputError):
-        whole.take(places[:0])
+    for bad in (
+        places[:0],
+        places[::-1],
+        np.array([0, 0]),
+        np.array([len(whole)]),
+        np.array([0.5]),
+    ):
+        with pytest.raises(dc.InputError, match="^rows: "):
+            whole.take(bad)

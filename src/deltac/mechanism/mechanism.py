@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from deltac.arguments import checked
 from deltac.caching import FrozenDict
-from deltac.errors import NO_NUMBER, ModelError, UnknownName, closest, shown
+from deltac.errors import NO_NUMBER, ModelError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.addresses import ADDRESSED, numbers, opened
 from deltac.mechanism.bodies import Body
 from deltac.mechanism.coordinates import Entries, Entry, Free
@@ -190,6 +190,11 @@ class Mechanism(Shown):
         `simulate` then compiles once for all of their values, which `with_parameters` changes; all other
         numbers are constants of the code. Raises UnknownName, with near ones, for a name of no number.
         """
+        for name in names:
+            if not isinstance(name, str):
+                raise WrongType(
+                    f"varying: found {shown(name)}; expected names of parameters, each a text"
+                )
         return replace(self.opened(*names), varied=tuple(dict.fromkeys((*self.varied, *names))))
 
     def with_parameters(self, **values: float) -> Mechanism:

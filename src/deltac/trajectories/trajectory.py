@@ -407,12 +407,28 @@ class Trajectory(Shown, Once):
         """Some of the rows, at least one: a slice, places in ascending order, or a mask (T,).
 
         Works and integrals keep their values; of the events those between the first and the last row stay.
+
+        Raises:
+            InputError: no rows, rows that the trajectory does not have, or not in ascending order.
         """
+        try:
+            places = np.arange(len(self))[rows]
+        except IndexError as error:
+            raise InputError(
+                f"rows: {error}; expected a slice, places from 0 to {len(self) - 1} or a mask ({len(self)},)"
+            ) from None
+        if not len(places) or (np.diff(places) <= 0).any():
+            found = (
+                "none"
+                if not len(places)
+                else f"row {places[np.diff(places).argmin() + 1]} twice or late"
+            )
+            raise InputError(f"rows: found {found}; expected at least one, in ascending order")
         t = self.t[rows]
         return replace(
             self,
             t=t,
-            events=tuple(e for e in self.events if len(t) and t[0] <= e.t <= t[-1]),
+            events=tuple(e for e in self.events if t[0] <= e.t <= t[-1]),
             q=self.q[rows],
             u=self.u[rows],
             udot=None if self.udot is None else self.udot[rows],

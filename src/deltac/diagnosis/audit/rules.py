@@ -185,7 +185,8 @@ def judge(measures: Measures, evidence: Evidence, findings: tuple[Finding, ...])
     if step is not None and beyond(step, measures.tolerance):
         r = step.residual
         far = step.significant & (r.ratio > BEYOND) & (r.relative > FAR * measures.tolerance)
-        if far.any() and like_a_mistake and impacts is not None and terms is not None:
+        closed = terms is not None and not terms.significant.any()
+        if far.any() and like_a_mistake and impacts is not None and closed:
             # The equations hold at every row and not across steps: impulses, which the model has.
             return verdict("unresolved", "high", balance, *equations, f"{impacts}")
         if far.any() and like_a_mistake:

@@ -33,7 +33,7 @@ MOST = 600
 """Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
 
 PATIENCE = 20.0
-"""Seconds that calls of a function in other coordinates may take, where it is slow."""
+"""Seconds that the calls of a slow function in other coordinates may take; others are bounded by `MOST`."""
 
 FEW = 4
 """Coordinates of which all orders are tried."""

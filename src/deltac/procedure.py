@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Unpack
 
 from deltac.analysis.classify import Classification, classify
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
+from deltac.calls.progress import Parts, Progress
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
 from deltac.diagnosis.recommend.recommend import TOLERANCE, recommend
@@ -21,7 +22,6 @@ from deltac.diagnosis.study.simulators import SimulationOptions, handed_on
 from deltac.diagnosis.study.study import Study, study
 from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.progress import Parts, Progress
 from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.solvers import find_solver
 

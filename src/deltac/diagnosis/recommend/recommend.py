@@ -11,7 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Unpack
 
-from deltac.deprecation import renamed_keywords
+from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.channels import not_simulated
 from deltac.diagnosis.recommend.families import families
 from deltac.diagnosis.recommend.result import SAME_TIME, Recommendation, failing, setting_of
@@ -31,9 +33,7 @@ from deltac.diagnosis.study.simulators import (
     starting,
 )
 from deltac.errors import NO_NUMBER, InputError, SolverError
-from deltac.interrupts import interruptible
 from deltac.models import ModelLike, StateLike, load_model
-from deltac.progress import Progress
 
 TOLERANCE = 1e-6
 """Accepted by default: |ΔC| as a share of the energy exchanged, q and u as shares of their ranges."""

@@ -9,7 +9,7 @@ from typing import Any, TypedDict, cast
 
 import numpy as np
 
-from deltac.arguments import named, unknown_argument
+from deltac.calls.arguments import named, unknown_argument
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, states_along

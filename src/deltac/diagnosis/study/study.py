@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
+from deltac.calls.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.inputs.channels import not_simulated, told
 from deltac.diagnosis.study import findings as noticed
@@ -42,10 +44,8 @@ from deltac.diagnosis.study.simulators import (
 )
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import ArgumentsError, InputError, SolverError
-from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.progress import Progress
 from deltac.results import Section, Table, number, percent
 from deltac.simulation.flow import stabilised
 from deltac.simulation.solvers import Options, solver_options

@@ -1,4 +1,4 @@
-"""Figures, JSON and texts as files, which appear whole or not at all (see `deltac.foreign.files.appearing`)."""
+"""Figures, JSON and texts as files, which appear whole or not at all (see `foreign.files`)."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ def command(
     from deltac.trajectories import read_trajectory
 
     source = options.with_parameters(model, values)
-    chosen: str | list[Options] = solver or ""
+    chosen: str | list[Options] | None = solver
     if (wanted := _numbers(tolerances, "--tolerances")) is not None:
         chosen = [solver_options(solver or "DOP853", tolerance) for tolerance in wanted]
     with progress_bar() as progress:

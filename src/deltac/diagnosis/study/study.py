@@ -422,7 +422,7 @@ def study(
     state: StateLike | Any = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
-    solver: str | Options | Sequence[Options] = "",
+    solver: str | Options | Sequence[Options] | None = None,
     *,
     runs: Simulator | Sequence[Trajectory | str | Path] | None = None,
     order: int | None = None,
@@ -465,7 +465,7 @@ def study(
     options = handed_on(study, given)
     findings: list[Finding] = []
     unit = "s"
-    if runs is not None and (solver or options):
+    if runs is not None and (solver is not None or options):
         raise ArgumentsError(
             "runs= come from another program: leave out solver and "
             f"{', '.join(SimulationOptions.__annotations__)}"
@@ -482,7 +482,7 @@ def study(
             maker = other_program(runs, order)
         else:
             duration = loaded.lasting(duration)
-            solver = solver or _default_solver(loaded)
+            solver = _default_solver(loaded) if solver is None else solver
             if isinstance(solver, str) and solver.startswith(MUJOCO):
                 name = solver.removeprefix(MUJOCO)
                 maker = in_mujoco(model, loaded, state, duration, name, options, order)
@@ -512,8 +512,8 @@ def _refined(solver: str | Options | Sequence[Options]) -> tuple[Options, tuple[
     several = [solver] if isinstance(solver, str | Options) else list(solver)
     options = [solver_options(one) for one in several]
     if not options:
-        raise ArgumentsError(
-            "solver is an empty list; give one solver, or several tolerances of it"
+        raise InputError(
+            "no solver was given; give three, each with a tenth of the tolerance before"
         )
     first = options[0]
     if first.solver.takes_steps and len(options) == 1:
@@ -551,12 +551,12 @@ def _tells_tolerance(run: Trajectory) -> bool:
 
 def _as_before(
     old: dict[str, Any],
-    solver: str | Options | Sequence[Options],
+    solver: str | Options | Sequence[Options] | None,
     steps: Sequence[float] | None,
     runs: Simulator | Sequence[Trajectory | str | Path] | None,
     loaded: Model,
 ) -> tuple[
-    str | Options | Sequence[Options],
+    str | Options | Sequence[Options] | None,
     Sequence[float] | None,
     Simulator | Sequence[Trajectory | str | Path] | None,
 ]:
@@ -585,7 +585,7 @@ def _as_before(
         if tolerances is not None and runs is not None:
             steps = tolerances
         elif tolerances is not None:
-            solver = solver or "DOP853"
+            solver = "DOP853" if solver is None else solver
             assert isinstance(solver, str | Options)
             options = solver_options(solver)
             if options.solver.takes_steps:

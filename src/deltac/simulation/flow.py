@@ -17,8 +17,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arguments import checked
-from deltac.caching import Once
+from deltac.calls.arguments import checked
+from deltac.calls.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 from deltac.dynamics.spatial import SX

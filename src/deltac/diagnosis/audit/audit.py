@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.deprecation import RenamedAttribute
+from deltac.calls.arguments import checked
+from deltac.calls.deprecation import RenamedAttribute
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Deadline, Parts, Progress, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.evidence import Known, first_tests, gather
 from deltac.diagnosis.audit.noise import energy_of_noise
@@ -23,10 +25,8 @@ from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import KEPT
 from deltac.errors import InputError
-from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import Model, ModelLike, load_model
-from deltac.progress import Deadline, Parts, Progress, untold
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.calls.progress import Deadline, Parts, Progress, untold
 from deltac.diagnosis.audit import checks, conventions
 from deltac.diagnosis.audit.acted import as_acted
 from deltac.diagnosis.audit.checks import withheld_equalities
@@ -40,7 +41,6 @@ from deltac.diagnosis.residuals.schemes import EXPLICIT
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Deadline, Parts, Progress, untold
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
 from deltac.trajectories.lint import gap_rows

@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as ca
 
-from deltac.caching import derived
+from deltac.calls.caching import derived
 from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.kkt import DEPENDENT
 from deltac.dynamics.spatial import SX

@@ -12,10 +12,10 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.calls.interrupts import check_interrupted
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
-from deltac.interrupts import check_interrupted
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.implicit.form import Form, Point

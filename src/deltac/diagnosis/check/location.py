@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,14 @@ from deltac.diagnosis.check.matching import (
     explain_residual,
     explain_row,
 )
-from deltac.diagnosis.check.terms import FEW, plain_parts
+from deltac.diagnosis.check.terms import (
+    FEW,
+    plain_parts,
+    polarised,
+    product_of,
+    rays,
+    with_rates,
+)
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import times
@@ -229,37 +235,20 @@ def _monomials(caller: Caller, test: EquationTest, row: int, limit: float) -> tu
     Both are polynomials of the second degree in the rates (else nothing is said): found by polarisation, from
     values at rest, along single speeds and along pairs of them.
     """
-    n = len(test.speeds)
-    if n > FEW:
+    if len(test.speeds) > FEW:
         return ()
-    unit = np.eye(n)
-    pairs = list(combinations(range(n), 2))
-    rays = [np.zeros(n), *unit, *(-unit), *(unit[i] + unit[j] for i, j in pairs)]
     states = test.states
-    batch = len(states)
-    along = [replace(states, u=np.repeat(ray[:, None], batch, axis=1)) for ray in rays]
-    repeated = joined([*along, states])
+    repeated = joined([rays(states), states])
     there = EquationTest(test.kane, repeated, scales=test.scales, strict=False)
     udot = caller(repeated)
     if not np.isfinite(udot).all():
         return ()
     found: list[Monomial] = []
-    split: list[dict[str, Array]] = []
+    split: list[dict[tuple[int, ...], Array]] = []
     for given in (udot, there.acceleration):
-        values = times(there.M, given)[row].reshape(-1, batch)
-        rest, plus, minus = values[0], values[1 : n + 1], values[n + 1 : 2 * n + 1]
-        both, whole = values[2 * n + 1 : -1], values[-1]
-        parts = {"": rest}
-        u = states.u
-        total = rest.copy()
-        for i, name in enumerate(test.speeds):
-            parts[f"u.{name}"] = 0.5 * (plus[i] - minus[i])
-            parts[f"u.{name}²"] = 0.5 * (plus[i] + minus[i]) - rest
-            total += parts[f"u.{name}"] * u[i] + parts[f"u.{name}²"] * u[i] ** 2
-        for k, (i, j) in enumerate(pairs):
-            mixed = both[k] - plus[i] - plus[j] + rest
-            parts[f"u.{test.speeds[i]}·u.{test.speeds[j]}"] = mixed
-            total += mixed * u[i] * u[j]
+        along, whole = np.split(times(there.M, given)[row], [-len(states)])
+        parts = polarised(along, states)
+        total = sum(with_rates(parts, states.u).values())
         if not np.allclose(total, whole, atol=1e-6 * np.abs(whole).max(initial=1e-300)):
             return ()
         split.append(parts)
@@ -273,7 +262,7 @@ def _monomials(caller: Caller, test: EquationTest, row: int, limit: float) -> tu
             "0" if np.abs(x).max() <= 10 * limit * size else _as_sum(test, still, x)
             for x in (mine[rates], right)
         ]
-        found.append(Monomial(rates, *told))
+        found.append(Monomial(product_of(test.speeds, rates), *told))
     told_all = all({m.found, m.right} & {"0"} or (m.found and m.right) for m in found)
     return tuple(found) if len(found) <= MOST_MONOMIALS and told_all else ()
 

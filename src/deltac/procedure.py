@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from deltac.analysis.classify import Classification, classify
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
+from deltac.calls.progress import Parts, Progress
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
 from deltac.diagnosis.recommend.recommend import TOLERANCE, recommend
@@ -20,7 +21,6 @@ from deltac.diagnosis.recommend.result import Recommendation
 from deltac.diagnosis.study.study import Study, study
 from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.progress import Parts, Progress
 from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.equations import Equations
 from deltac.simulation.solvers import find_solver

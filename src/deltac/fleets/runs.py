@@ -14,7 +14,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, halved, rows_as_parquet
-from deltac.isolation import Failure
+from deltac.foreign.isolation import Failure
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.deprecation import RenamedAttribute
+from deltac.calls.arguments import checked
+from deltac.calls.deprecation import RenamedAttribute
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Deadline, Parts, Progress, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.evidence import gather
 from deltac.diagnosis.audit.facts import facts_of
@@ -23,10 +25,13 @@ from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.energy import Ledger
 from deltac.errors import InputError
-from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
+<<<<<<< HEAD
 from deltac.models import ModelLike, load_model
-from deltac.progress import Deadline, Parts, Progress, untold
+from deltac.calls.progress import Deadline, Parts, Progress, untold
+=======
+from deltac.models import Model, ModelLike, load_model
+>>>>>>> main
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.calls.progress import Deadline
 from deltac.diagnosis.residuals.one_step import one_step
 from deltac.diagnosis.residuals.rows import Model
 from deltac.diagnosis.verdict import Finding
@@ -25,7 +26,6 @@ from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Deadline
 from deltac.results import percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics

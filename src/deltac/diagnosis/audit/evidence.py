@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from deltac.calls.progress import Deadline, Progress, untold
 from deltac.diagnosis.audit import conventions, samples, steps
 from deltac.diagnosis.audit.corrections import corrected
 from deltac.diagnosis.audit.reading import Known, Reference
@@ -16,7 +17,6 @@ from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.residuals.at_samples import EquationTerms
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Finding
-from deltac.progress import Deadline, Progress, untold
 
 OF_THE_LOG = ("actuator-delay", "late-rows", "zero-offset")
 """Causes that leave the equations as they are."""

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from deltac.calls.progress import Progress, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.verdict import Finding
 from deltac.energy.streaming import KEPT
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Progress, untold
 from deltac.trajectories.trajectory import INTERPOLATED, ROWS
 
 if TYPE_CHECKING:

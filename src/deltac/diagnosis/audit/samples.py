@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.calls.progress import Deadline, Progress
 from deltac.diagnosis.audit import conventions
 from deltac.diagnosis.audit.reading import Known, Reference
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
@@ -38,7 +39,6 @@ from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scene import Constraint
-from deltac.progress import Deadline, Progress
 from deltac.trajectories import Trajectory
 
 AGREE = 4.0

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.calls.progress import Deadline, Parts, Progress, untold
 from deltac.diagnosis.audit.corrections import lateness
 from deltac.diagnosis.audit.reading import Known, Reference
 from deltac.diagnosis.audit.samples import FIRST, not_reproducible, upward_push
@@ -35,7 +36,6 @@ from deltac.diagnosis.residuals.rows import rms, stairs
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Deadline, Parts, Progress, untold
 
 ALONE, PREDICTED = 0.97, 0.9
 """Shares of what is within ten error bars that one cause must explain, and parts of the log predict."""

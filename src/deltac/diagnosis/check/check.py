@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.deprecation import renamed_keywords
+from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Parts, Progress, untold
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame, blame_at
 from deltac.diagnosis.check.whole import whole_causes
@@ -33,10 +35,8 @@ from deltac.diagnosis.residuals.states import (
 )
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError, ModelError, SourceError, StateError
-from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, chosen_map, load_model
-from deltac.progress import Parts, Progress, untold
 from deltac.results import Section, Table, number
 from deltac.simulation.equations import Equations, as_equations
 from deltac.simulation.state_form import PLAIN, StateForm

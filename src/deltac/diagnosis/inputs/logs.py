@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.calls.progress import Progress, untold
 from deltac.diagnosis.measurements.kinematics import Comparison, cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
@@ -17,7 +18,6 @@ from deltac.energy.streaming import OVERLAP, balance_chunks
 from deltac.errors import ArgumentsError, LogError, closest
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Progress, untold
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
 from deltac.trajectories.formats.objects import is_table
 from deltac.trajectories.formats.parquet import parquet_facts

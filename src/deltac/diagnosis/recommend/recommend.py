@@ -11,7 +11,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from deltac.deprecation import renamed_keywords
+from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.channels import not_simulated
 from deltac.diagnosis.recommend.families import MUJOCO, families
 from deltac.diagnosis.recommend.result import SAME_TIME, Recommendation, failing, setting_of
@@ -25,9 +27,7 @@ from deltac.diagnosis.recommend.work_precision import (
     Trials,
 )
 from deltac.errors import NO_NUMBER, InputError, SolverError
-from deltac.interrupts import interruptible
 from deltac.models import ModelLike, StateLike, load_model
-from deltac.progress import Progress
 from deltac.simulation.equations import Controller, Equations
 
 TOLERANCE = 1e-6

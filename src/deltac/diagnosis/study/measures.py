@@ -31,7 +31,7 @@ from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.results import Record
+from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
 
 SHARE = 0.02
@@ -42,7 +42,7 @@ FALLS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals(Record, omit=("findings",)):
+class Residuals(Serialisable, omit=("findings",)):
     """What is left of Kane's equations at the states of the runs.
 
     Attributes:

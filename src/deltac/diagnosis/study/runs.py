@@ -12,14 +12,14 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.deprecation import RenamedAttribute
+from deltac.calls.deprecation import RenamedAttribute
+from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
 from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import NO_NUMBER, DeltacError, InputError, WrongType
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Progress
 from deltac.simulation.arguments import IllConditionedWarning
 from deltac.simulation.simulate import SimulationStoppedWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning

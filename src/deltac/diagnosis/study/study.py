@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
+from deltac.calls.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.inputs.channels import not_simulated, told
 from deltac.diagnosis.residuals.function import Caller
@@ -34,11 +36,9 @@ from deltac.diagnosis.study.runs import (
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.dynamics.system import trace
 from deltac.errors import ArgumentsError, InputError, SolverError, SourceError, WrongType
-from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.progress import Progress
 from deltac.results import Section, Table, number, percent
 from deltac.simulation.equations import Controller, Equations, as_equations, explicit
 from deltac.simulation.flow import Keeping, stabilised

@@ -26,12 +26,7 @@ from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
-<<<<<<< HEAD
 from deltac.models import ModelLike, load_model
-from deltac.calls.progress import Deadline, Parts, Progress, untold
-=======
-from deltac.models import Model, ModelLike, load_model
->>>>>>> main
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
 

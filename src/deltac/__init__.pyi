@@ -57,12 +57,12 @@ from deltac.fleets.compare import compare as compare
 from deltac.fleets.result import Fleet as Fleet
 from deltac.fleets.result import fleet_status as fleet_status
 from deltac.fleets.sweep import sweep as sweep
+from deltac.foreign.limits import Limits as Limits
 from deltac.importers import ImportReport as ImportReport
 from deltac.importers import equations_from_sympy as equations_from_sympy
 from deltac.importers import read_mechanism as read_mechanism
 from deltac.importers import read_shapes as read_shapes
 from deltac.importers import symbolic_equations as symbolic_equations
-from deltac.limits import Limits as Limits
 from deltac.mechanism.bodies import body as body
 from deltac.mechanism.bodies import point_mass as point_mass
 from deltac.mechanism.bodies import rod as rod

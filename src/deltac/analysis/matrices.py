@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from deltac.analysis.model import instants, motors
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.dynamics.matrices import Matrices, matrices_at, stacked
 from deltac.models import ModelLike, StateLike
 from deltac.trajectories import Trajectory

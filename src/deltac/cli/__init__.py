@@ -19,9 +19,9 @@ from typing import Annotated, Any, NoReturn
 import typer
 import typer.core
 
+from deltac.calls.interrupts import interruptible
 from deltac.cli.output import COMMAND
 from deltac.errors import InputError
-from deltac.interrupts import interruptible
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED, CLOSED = 2, 70, 130, 141
 

@@ -258,7 +258,7 @@ def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None
 
 def _draft(model: str, log: Path, path: Path) -> None:
     """Write a mapping to edit, and say what is to be done with it."""
-    from deltac.files import appearing
+    from deltac.foreign.files import appearing
     from deltac.models import load_model
     from deltac.trajectories import draft_mapping
 

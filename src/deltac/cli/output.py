@@ -15,9 +15,9 @@ from typing import Any, NoReturn
 
 import typer
 
+from deltac.calls.progress import Progress
 from deltac.cli import options
 from deltac.cli.formats import Case, github, junit, sarif
-from deltac.progress import Progress
 from deltac.results import Report, Section, as_text, headed
 
 UNKNOWN, WIDEST = 100, 120

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from deltac.calls.progress import Progress
 from deltac.cli import options
 from deltac.cli.formats import Case
 from deltac.cli.output import print_cases, print_json, print_sections, progress_bar
 from deltac.errors import ArgumentsError, FileError
-from deltac.progress import Progress
 
 if TYPE_CHECKING:
     from deltac.fleets.result import Fleet

@@ -21,8 +21,8 @@ from pydantic import (
 )
 
 from deltac.errors import InputError, SpecificationError, UnknownName, closest, listed
-from deltac.files import read_text
-from deltac.limits import parse_toml
+from deltac.foreign.files import read_text
+from deltac.foreign.limits import parse_toml
 
 
 def _radians(value: Any) -> Any:

@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.diagnosis.check.check import EquationCheck, check_states
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, draw, from_told, natural_scales, told
 from deltac.errors import FileError, LimitError, LogError, shown
-from deltac.files import appearing, read_text
+from deltac.foreign.files import appearing, read_text
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.trajectories.formats.files import naming

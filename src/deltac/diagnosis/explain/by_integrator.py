@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.calls.progress import Deadline, Progress, counted, untold
 from deltac.diagnosis.explain.causes import candidates
 from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels, evaluate
 from deltac.diagnosis.explain.explain import told
@@ -45,7 +46,6 @@ from deltac.diagnosis.residuals.schemes import (
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.forces import JointDamper, JointSpring
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Deadline, Progress, counted, untold
 from deltac.trajectories import Trajectory
 
 FAR_LESS = 0.1

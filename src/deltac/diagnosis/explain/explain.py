@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Deadline, Progress, untold
 from deltac.diagnosis.explain.columns import evaluate
 from deltac.diagnosis.explain.regression import (
     Fit,
@@ -27,10 +29,8 @@ from deltac.diagnosis.residuals.at_samples import Sampled
 from deltac.diagnosis.residuals.defect import Residual
 from deltac.diagnosis.residuals.one_step import one_step
 from deltac.errors import ArgumentsError, ModelError
-from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Deadline, Progress, untold
 from deltac.trajectories import Trajectory
 
 STATES = 60

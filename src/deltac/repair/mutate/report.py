@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
+from deltac.calls.interrupts import interruptible
 from deltac.errors import FileError, InputError
-from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
@@ -21,7 +21,7 @@ from deltac.repair.mutate.suite import copied
 from deltac.repair.tracing.program import Reading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, source_of
-from deltac.results import Record, Report, Section, Table
+from deltac.results import Report, Section, Serialisable, Table
 from deltac.simulation.equations import Equations
 
 SUITE = "your tests"
@@ -40,7 +40,7 @@ REASONS = {
 
 
 @dataclass(frozen=True)
-class Trial(Record, also=("missed",)):
+class Trial(Serialisable, also=("missed",)):
     """A mutant and the size of what each test sees of it: relative, 0 being right.
 
     `reason` says why some test, or every test, does not see it (see `REASONS`); empty if all do.

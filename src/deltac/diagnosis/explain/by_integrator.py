@@ -35,14 +35,7 @@ from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.residuals.rows import trimmed
-from deltac.diagnosis.residuals.schemes import (
-    INSTANTS,
-    ORDERS,
-    TABLEAUS,
-    Relation,
-    Scheme,
-    Steps,
-)
+from deltac.diagnosis.residuals.schemes import METHODS, Relation, Scheme, Steps
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.forces import JointDamper, JointSpring
 from deltac.mechanism.mechanism import Mechanism
@@ -66,12 +59,6 @@ CLEAR = 30.0
 
 NEARLY = 1.1
 """How many times what an implicit step makes a cause may be to be that."""
-
-DAMPS_AT_THE_END = (
-    "implicit-damping-euler", "linearly-implicit-euler", "implicit-euler", "implicit-speed-euler",
-)  # fmt: skip
-SPRINGS_AT_THE_END = ("implicit-euler", "semi-implicit-euler-vu")
-"""Methods that take the forces of dampers, and of springs, from the end of a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +111,12 @@ def known_but_for_one(
         still = np.zeros_like(at.F)
         columns = [at.t[:, None], at.q, at.u, udot, at.F, still, still]
         whole = evaluate(function, columns, kernels.speeds)[0]
-        if relation.name in INSTANTS and not np.array_equal(udot, steps.D):
+        method = METHODS.get(relation.name)
+        if method is not None and method.at and not np.array_equal(udot, steps.D):
             # What implicit terms take off an acceleration is no part of what inertias multiply.
             columns[3] = steps.D
             whole[..., 1:] = evaluate(function, columns, kernels.speeds)[0][..., 1:]
-        several = ORDERS.get(relation.name, 2) > 1  # instants, of which the columns are of one
+        several = method is None or method.order > 1  # instants, of which the columns are of one
         change = np.gradient(whole, at.t, axis=0) * h if several else None
         tried.append((relation, *_regression(whole, kernels, change)))
     tried.sort(key=lambda item: promise(item[1].regression))
@@ -167,7 +155,8 @@ def _distinct(steps: Steps) -> list[Relation]:
     """The relations, of methods of high order those that see their forces and the rows in their own way."""
     found: list[Relation] = []
     for r in steps.relations:
-        accurate = r.name in TABLEAUS and ORDERS[r.name] > 2
+        method = METHODS.get(r.name)
+        accurate = method is not None and method.order > 2 and not method.on_group
         if accurate and (r.name != "rk4" or r.forces == "smooth"):
             continue
         if not any(np.allclose(r.a, x.a, rtol=1e-12, atol=0.0) for x in found):
@@ -229,12 +218,14 @@ def _of_an_integrator(pair: _Pair, h: float) -> bool:
 
     A relation that takes these at the end already has that; more of it is no integrator's.
     """
-    mechanism, name = pair.prepared.kernels.evaluator.mechanism, pair.relation.name
+    mechanism = pair.prepared.kernels.evaluator.mechanism
+    method = METHODS.get(pair.relation.name)
+    at_end = method.at_end if method is not None else ()
     for k, theta in zip(pair.found.best.chosen, pair.found.best.theta):
         c = pair.prepared.regression.candidates[k]
         joint = c.element.split(".")[0]  # of a speed of several: joint.speed
-        damping = 0.0 if name in DAMPS_AT_THE_END else _largest(mechanism, JointDamper, joint)
-        stiffness = 0.0 if name in SPRINGS_AT_THE_END else _largest(mechanism, JointSpring, joint)
+        damping = 0.0 if "damper" in at_end else _largest(mechanism, JointDamper, joint)
+        stiffness = 0.0 if "spring" in at_end else _largest(mechanism, JointSpring, joint)
         like = {
             "armature": h * damping + h * h * stiffness,
             "missing-rotor-inertia": h * damping + h * h * stiffness,
@@ -265,6 +256,7 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         np.maximum(pair.left, math.sqrt(pair.prepared.regression.precision / len(r))) / pair.weight
     )
     u = steps.start.u
+    order = METHODS[name].order if name else 0
     time_ = float(step.residual.t[-1] - step.residual.t[0])
     left = replace(
         step.residual,
@@ -280,7 +272,7 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
     )
     return replace(
         step,
-        scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces, 1.0),
+        scheme=Scheme(name, order, 1.0, steps.digits, pair.relation.forces, 1.0),
         found=lambda: left,
         by_scheme=lambda: None,
         known_but_for_causes=True,

@@ -16,19 +16,16 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.progress import Deadline, Progress, counted, untold
-from deltac.diagnosis.explain.causes import candidates
-from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels, evaluate
+from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels
 from deltac.diagnosis.explain.explain import told
 from deltac.diagnosis.explain.regression import (
-    BLOCKS,
     LEAST,
     NOISY,
     Prepared,
-    Regression,
     arranged,
     factored,
+    regression_of,
     terms_of,
-    weights_of,
 )
 from deltac.diagnosis.explain.search import Found, promise, search
 from deltac.diagnosis.measurements.digits import digits_of
@@ -101,7 +98,6 @@ def known_but_for_one(
     for end, of in zip(evaluator.reach, (np.min, np.max)):  # of the rows that are looked at
         end[mechanism.free.q] = of(steps.start.q, axis=0)
     kernels = column_kernels(evaluator)
-    function = kernels.pointwise()
     tried, h = [], float(np.median(np.diff(run.t)))
     for relation in counted(list(_distinct(steps)), progress):
         if deadline.passed("all integrators together with one cause"):
@@ -109,16 +105,14 @@ def known_but_for_one(
         at = relation.at
         udot = steps.model.acceleration(at.t, at.q, at.u, at.F) + steps.D - relation.a
         still = np.zeros_like(at.F)
-        columns = [at.t[:, None], at.q, at.u, udot, at.F, still, still]
-        whole = evaluate(function, columns, kernels.speeds)[0]
+        whole = kernels(at.t, at.q, at.u, udot, at.F, still, still)
         method = METHODS.get(relation.name)
         if method is not None and method.at and not np.array_equal(udot, steps.D):
             # What implicit terms take off an acceleration is no part of what inertias multiply.
-            columns[3] = steps.D
-            whole[..., 1:] = evaluate(function, columns, kernels.speeds)[0][..., 1:]
+            whole[..., 1:] = kernels(at.t, at.q, at.u, steps.D, at.F, still, still)[..., 1:]
         several = method is None or method.order > 1  # instants, of which the columns are of one
         change = np.gradient(whole, at.t, axis=0) * h if several else None
-        tried.append((relation, *_regression(whole, kernels, change)))
+        tried.append((relation, *_regression(whole, kernels, run, at.u, change)))
     tried.sort(key=lambda item: promise(item[1].regression))
     pairs = [
         _Pair(relation, prepared, residual, weight, search(prepared.regression, 1, deadline))
@@ -132,7 +126,7 @@ def known_but_for_one(
     known = _with(step, best, name if min(others, default=math.inf) > APART * best.left else "")
     if not known.significant.any():
         return None
-    return known, told(mechanism, run, best.prepared, best.found).findings
+    return known, told(best.prepared, best.found, run).findings
 
 
 def _below_digits(run: Trajectory, step: OneStep, steps: Steps) -> bool:
@@ -165,7 +159,7 @@ def _distinct(steps: Steps) -> list[Relation]:
 
 
 def _regression(
-    whole: Array, kernels: ColumnKernels, change: Array | None
+    whole: Array, kernels: ColumnKernels, run: Trajectory, u: Array, change: Array | None
 ) -> tuple[Prepared, Array, Array]:
     """The regression of [r X] (I, n, 1 + P), with r and the weights of the equations.
 
@@ -173,30 +167,15 @@ def _regression(
     """
     scale = terms_of(whole, kernels)
     weight = 1.0 / np.maximum(NOISY * scale, 1e-300)
-    matrix = arranged(whole * weight[:, None])
-    width = matrix.shape[2]
-    count = min(BLOCKS, max(2, len(matrix) // 8))
-    blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
-    # What digits and noise leave needs no estimate: no cause takes it off.
-    precise = np.sum((LEAST * scale * weight) ** 2)
+    matrix, width = arranged(whole * weight[:, None]), whole.shape[2]
     blur: Array | None = None
     if change is not None:
         blur = factored([arranged(change * weight[:, None]).reshape(-1, width)])[0]
-    regression = Regression(
-        factored(blocks),
-        candidates(kernels.evaluator, kernels.columns),
-        whole.shape[0] * whole.shape[1],
-        np.zeros((width, width)),
-        float(len(matrix) * precise),
-        weights_of(kernels.columns),
-        blur,
-    )
-    mechanism = kernels.evaluator.mechanism
-    speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)
-    residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
-    prepared = Prepared(
-        regression, kernels, "samples", speeds, scale, residual, np.zeros_like(scale), whole[..., 1:],
-        np.zeros(whole.shape[:2]), 0.0, len(whole), 0.0, False,
+    # What digits and noise leave needs no estimate: no cause takes it off.
+    precise = float(np.sum((LEAST * scale * weight) ** 2))
+    prepared = regression_of(
+        kernels, run, matrix, whole[..., 1:], u, whole[..., 0], np.zeros_like(scale), scale, precise,
+        np.zeros((1, width)), np.ones(whole.shape[:2]), blur=blur,
     )  # fmt: skip
     return prepared, whole[..., 0], weight
 

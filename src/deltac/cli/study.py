@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from deltac.simulation.equations import Equations
 
 
-def command(
+def study(
     model: options.Model,
     steps: Annotated[
         str | None,
@@ -69,7 +69,7 @@ def command(
             tolerance=tolerance,
             progress=progress,
         )
-    deliver(found, form.unless(as_json), name=model, figure=figure, page=page)
+    deliver(found, form=form, as_json=as_json, name=model, figure=figure, page=page)
 
 
 def _numbers(text: str | None, option: str) -> tuple[float, ...] | None:

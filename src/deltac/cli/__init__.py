@@ -64,7 +64,7 @@ COMMANDS = {
         "Run a motion at several steps: is the error the integrator's?",
         "deltac study triple-pendulum --steps 0.02,0.01,0.005 --solver ode5\n"
         "  deltac study arm.xml --logs coarse.csv --logs middle.csv --logs fine.csv",
-        "study",
+        "verbs",
         "study",
     ),
     "sweep": Command(

@@ -125,11 +125,29 @@ MappingFile = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Column names and units of the log (TOML).")
 ]
 
+
+def _by(name: str, home: str) -> Callable[[str], Any]:
+    """A reader of the text of an option, which is loaded when there is some."""
+    return lambda text: getattr(import_module(home), name)(text)
+
+
 OwnEquations = Annotated[
     str | None,
     typer.Option(
         metavar="FILE.py:FUNCTION", help="Hand-written equations of motion: u̇ = FUNCTION(t, q, u)."
     ),
+    _by("load_equations", "deltac.diagnosis.inputs.equations"),
+]
+
+OwnController = Annotated[
+    str | None,
+    typer.Option(
+        "--controller",
+        "--control",
+        metavar="FILE.py:FUNCTION",
+        help="Controller of a MuJoCo model: a function of (model, data).",
+    ),
+    _by("load_callable", "deltac.models"),
 ]
 
 OwnCoordinates = Annotated[
@@ -139,6 +157,7 @@ OwnCoordinates = Annotated[
         help="The coordinates of the equations: joint, absolute, or a CoordinateMap. By default those of "
         "the dc.Equations, or of the problem's own equations, else joint.",
     ),
+    _by("load_map", "deltac.diagnosis.inputs.equations"),
 ]
 
 
@@ -182,6 +201,7 @@ SHARED: dict[str, Any] = {
     "duration": Duration,
     "mapping": MappingFile,
     "equations": OwnEquations,
+    "controller": OwnController,
     "coordinates": OwnCoordinates,
     "figure": FigureFile,
     "page": PageFile,
@@ -191,26 +211,21 @@ SHARED: dict[str, Any] = {
 """Options by the arguments that mean the same to all verbs."""
 
 
-def _by(name: str, home: str) -> Callable[[str], Any]:
-    """A function that is loaded when it is called."""
-    return lambda text: getattr(import_module(home), name)(text)
+def _words(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",") if word.strip()]
 
 
-READ: dict[str, Callable[[Any], Any]] = {
-    "equations": _by("load_equations", "deltac.diagnosis.inputs.equations"),
-    "coordinates": _by("load_map", "deltac.diagnosis.inputs.equations"),
-    "solvers": lambda text: [name.strip() for name in text.split(",") if name.strip()],
+KINDS: dict[str, tuple[Any, str | None, Callable[[Any], Any] | None]] = {
+    "bool": (bool, None, None),
+    "int": (int, "N", None),
+    "float": (float, "NUMBER", None),
+    "str": (str, "TEXT", None),
+    "Sequence[str]": (str, "A,B", _words),
 }
-"""What the text of an option means to a verb, where it is no text to it."""
+"""Annotations of arguments that text can give: the type for typer, the name of a value, how it is read."""
 
-KINDS: dict[str, tuple[Any, str | None]] = {
-    "bool": (bool, None),
-    "int": (int, "N"),
-    "float": (float, "NUMBER"),
-    "str": (str, "TEXT"),
-    "Sequence[str]": (str, "A,B"),
-}
-"""Annotations of arguments that text can give: the type to typer, and what stands for a value."""
+HANDED_ON = ("equations", "controller")
+"""Options that verbs hand on to `simulate`, as their last argument says."""
 
 Verb: TypeAlias = functools.partial[Any]
 """A verb with the options of the command line bound to it."""
@@ -246,9 +261,8 @@ def complete(command: Command) -> Command:
 
     def run(**given: Any) -> None:
         def bound(name: str) -> Verb:
-            said = {n: given[n] for n in offered[name] if given[n] is not None}
-            values = {n: READ[n](value) if n in READ else value for n, value in said.items()}
-            return functools.partial(verbs[name], **values)
+            said = ((n, p, given[n]) for n, p in offered[name].items() if given[n] is not None)
+            return functools.partial(verbs[name], **{n: _read(p, value) for n, p, value in said})
 
         command(**{name: bound(name) for name in verbs}, **{name: given[name] for name in own})
 
@@ -260,10 +274,22 @@ def complete(command: Command) -> Command:
     return run
 
 
+def _read(option: inspect.Parameter, value: Any) -> Any:
+    """What is given for an option, as the verb takes it."""
+    read = option.annotation.__metadata__[-1]
+    return read(value) if callable(read) else value
+
+
 def _offered(verb: Callable[..., Any], left_out: Collection[str]) -> Iterator[inspect.Parameter]:
     """The arguments of a verb that may be left out and that text can give, as options for typer."""
     told = described(verb)
-    for p in inspect.signature(verb).parameters.values():
+    given = list(inspect.signature(verb).parameters.values())
+    if given[-1].name == "simulation":  # what it hands on to `simulate`
+        given[-1:] = [
+            given[-1].replace(name=n, kind=inspect.Parameter.KEYWORD_ONLY, default=None)
+            for n in HANDED_ON
+        ]
+    for p in given:
         if p.default is not p.empty and p.name not in left_out:
             annotation = SHARED.get(p.name) or _option(p, told.get(p.name, ""))
             default = None if isinstance(p.default, tuple) else p.default
@@ -276,11 +302,11 @@ def _option(p: inspect.Parameter, told: str) -> Any:
     kind, _, rest = str(p.annotation).partition(" | ")
     if not told or kind not in KINDS or rest not in ("", "None"):
         return None
-    made, value = KINDS[kind]
+    made, value, read = KINDS[kind]
     value = "SECONDS" if told.startswith("seconds") else value
     names = [f"--{p.name.replace('_', '-')}"] if made is bool else []
     option = typer.Option(*names, metavar=value, help=f"{told[:1].upper()}{told[1:]}")
-    return Annotated[made if p.default is not None and made is not str else made | None, option]
+    return Annotated[made if p.default is not None and read is None else made | None, option, read]
 
 
 def described(verb: Callable[..., Any]) -> dict[str, str]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from deltac.cli.options import Model, Parameters, Verb, of, with_parameters
+from deltac.cli.options import MappingFile, Model, Parameters, Verb, of, with_parameters
 from deltac.cli.output import progress_bar
+from deltac.errors import InputError
 
 PRINTED = "deltac.cli.output"
 
@@ -55,31 +56,75 @@ def describe(
     typer.echo(json.dumps(found) if deliver.keywords["as_json"] else "\n".join(lines))
 
 
-@of(recommend="deltac.diagnosis.recommend.recommend", deliver=PRINTED, without="equations")
-def recommend(
-    recommend: Verb,
+@of(study="deltac.diagnosis.study.study", deliver=PRINTED)
+def study(
+    study: Verb,
     deliver: Verb,
     model: Model,
-    controller: Annotated[
+    steps: Annotated[
         str | None,
         typer.Option(
-            "--controller",
-            "--control",
-            metavar="FILE.py:FUNCTION",
-            help="Controller of a MuJoCo model: a function of (model, data).",
+            metavar="A,B,C", help="Steps (s): three or more, each half of the previous one."
         ),
     ] = None,
+    solver: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SOLVER",
+            help="ode1 … ode8, …, or mujoco:rk4, mujoco:euler, … (if MODEL is a file).",
+        ),
+    ] = None,
+    tolerances: Annotated[
+        str | None,
+        typer.Option(metavar="A,B,C", help="In place of steps, for adaptive solvers (DOP853 …)."),
+    ] = None,
+    logs: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="LOG", help="A log of the motion at one step; repeat for each step."),
+    ] = None,
+    mapping: MappingFile = None,
     values: Parameters = None,
 ) -> None:
+    """Study a motion at several steps: is the energy error the integrator's or the equations'?
+
+    Exit code 0 if the energy balance holds within the tolerance at the finest step, 1 if not, 3 if
+    unresolved.
+    """
+    from deltac.models import load_model
+    from deltac.simulation.solvers import solver_options
+    from deltac.trajectories import read_trajectory
+
+    source = with_parameters(model, values)
+    by: Any = solver
+    if tolerances is not None:
+        wanted = _numbers(tolerances, "--tolerances")
+        by = [solver_options(solver or "DOP853", tolerance) for tolerance in wanted]
+    told: dict[str, Any] = {} if steps is None else {"steps": _numbers(steps, "--steps")}
+    with progress_bar() as progress:
+        if logs:
+            mechanism = load_model(source).mechanism
+            told["runs"] = [read_trajectory(log, mapping, mechanism) for log in logs]
+        found = study(source, solver=by, **told, progress=progress)
+    deliver(found, name=model)
+
+
+def _numbers(text: str, option: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise InputError(
+            f"{option} {text!r}: expected numbers with commas between them, such as 1e-2,5e-3,2.5e-3"
+        ) from None
+
+
+@of(recommend="deltac.diagnosis.recommend.recommend", deliver=PRINTED)
+def recommend(recommend: Verb, deliver: Verb, model: Model, values: Parameters = None) -> None:
     """Find the cheapest solver and step that keep a tolerance, by trial runs.
 
     Exit code 0 if the recommendation is verified, 1 if no trial keeps the tolerance, 3 if nothing moves.
     """
-    from deltac.models import load_callable
-
-    chosen = None if controller is None else load_callable(controller)
     with progress_bar() as progress:
-        found = recommend(with_parameters(model, values), controller=chosen, progress=progress)
+        found = recommend(with_parameters(model, values), progress=progress)
     deliver(found, name=model, model=model)
 
 

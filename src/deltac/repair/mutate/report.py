@@ -194,6 +194,9 @@ def mutate_equations(
         InputError: no source, or one that is not understood, as for `repair_equations`; tests that fail on
             the function as it is, or do not load it.
     """
+    for name, value, least in (("names", names, 0), ("most", most, 1)):
+        if value < least:
+            raise InputError(f"{name} is {value}; expected {least} or more")
     found = load_model(model)
     if coordinates is None and isinstance(rhs, Equations):
         chosen = rhs.coordinates

@@ -54,20 +54,28 @@ def command(
     unresolved.
     """
     from deltac.diagnosis.study.study import study
+    from deltac.models import load_model
+    from deltac.simulation.solvers import Options, solver_options
+    from deltac.trajectories import read_trajectory
 
+    source = options.with_parameters(model, values)
+    chosen: str | list[Options] | None = solver
+    if (wanted := _numbers(tolerances, "--tolerances")) is not None:
+        chosen = [solver_options(solver or "DOP853", tolerance) for tolerance in wanted]
     with progress_bar() as progress:
+        if logs:
+            mechanism = load_model(source).mechanism
+            runs = [read_trajectory(log, mapping, mechanism) for log in logs]
         found = study(
-            options.with_parameters(model, values),
+            source,
             state,
             duration=duration,
             steps=_numbers(steps, "--steps"),
-            solver=solver or "",
-            equations=None if equations is None else _equations(equations),
-            tolerances=_numbers(tolerances, "--tolerances"),
-            logs=logs or (),
-            mapping=mapping,
+            solver=chosen,
+            runs=runs if logs else None,
             tolerance=tolerance,
             progress=progress,
+            equations=None if equations is None else _equations(equations),
         )
     deliver(found, form.unless(as_json), name=model, figure=figure, page=page)
 

@@ -273,7 +273,6 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         allowed=np.broadcast_to(bar, r.shape),
         size=trimmed(r),
         bar=bar,
-        fitted={},
         taken=np.zeros_like(bar),
         hidden=float(np.sum(trimmed(u) * bar)) * time_,
         spent=abs(float(np.mean(np.sum(u * r, axis=1)))) * time_,

@@ -24,6 +24,7 @@ from deltac.diagnosis.measurements.digits import medians
 from deltac.diagnosis.residuals.rows import (
     Model,
     Rows,
+    Stretch,
     StretchesOfLog,
     mass_norm,
     mean_over_steps,
@@ -285,7 +286,7 @@ INSTANTS = {
 
 def _single(log: StretchesOfLog) -> list[NDArray[np.bool_]]:
     """Which intervals of each stretch are single steps: of the shortest length that many have, or all."""
-    lengths = [rows.h[:, 0] for rows, _ in log.stretches]
+    lengths = [rows.h[:, 0] for rows in log.stretches]
     h = np.sort(np.concatenate(lengths))
     same = SAME_LENGTH * h[0]
     many = h[SINGLE - 1 :] - h[: max(len(h) - SINGLE + 1, 0)] < same
@@ -498,33 +499,33 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
     What is left is a share of the accelerations.
     """
     found: list[Identified] = [(None, 1.0, None, _nothing)] * len(logs)
-    alike: dict[Any, list[tuple[int, Rows, Rows, NDArray[np.intp]]]] = {}
+    alike: dict[Any, list[tuple[int, Stretch, NDArray[np.intp]]]] = {}
     for place, log in enumerate(logs):
-        (whole, size), own_steps = max(zip(log.stretches, _single(log)), key=lambda x: len(x[1]))
+        whole, own_steps = max(zip(log.stretches, _single(log)), key=lambda x: len(x[1]))
         k = _steps_looked_at(own_steps)
         if len(k):
-            alike.setdefault(Chosen.alike(whole, k), []).append((place, whole, size, k))
+            alike.setdefault(Chosen.alike(whole, k), []).append((place, whole, k))
     at_once = SIDE_BY_SIDE // IDENTIFYING
     for same in alike.values():
         for several in (same[i : i + at_once] for i in range(0, len(same), at_once)):
-            chosen = Chosen(model, [(whole, k) for _, whole, _, k in several])
+            chosen = Chosen(model, [(whole, k) for _, whole, k in several])
             relations = _relations(chosen)
-            few = _relations(Chosen(model, [(whole, k[::EVERY]) for _, whole, _, k in several]))
+            few = _relations(Chosen(model, [(whole, k[::EVERY]) for _, whole, k in several]))
             if [(r.name, r.forces) for r in few] != [(r.name, r.forces) for r in relations]:
                 few = []  # other ones are offered where no force changes
             here, a00, D = chosen.rows(0), chosen.acceleration(0), chosen.D()
             N = model.inertia(here.t, here.q)
             # Digits of u in D, and of q and u in a: by moving them.
             other = [
-                whole.taken(k).shaken(size.taken(k), np.random.default_rng(3))
-                for _, whole, size, k in several
+                whole.taken(k).shaken(whole.scatter.taken(k), np.random.default_rng(3))
+                for _, whole, k in several
             ]
             shaken = model.at(Rows.joined(other)) - a00
-            fine = [size.u[k] / whole.h[k] for _, whole, size, k in several]
+            fine = [whole.scatter.u[k] / whole.h[k] for _, whole, k in several]
             digits_of = mass_norm(N, np.concatenate(fine)) + mass_norm(N, shaken)
             of_a, of_D = mass_norm(N, a00), mass_norm(N, D)
             last = last_few = 0
-            for place, whole, _, k in several:
+            for place, whole, k in several:
                 some = slice(last, last := last + len(k))
                 a = [chosen.acceleration(j)[some] for j in (0, 1, 2)]
                 typical = float(medians(of_a[some]) + medians(of_D[some])) + 1e-300
@@ -599,7 +600,7 @@ def _left_by(
     def left() -> Left | None:
         several = relation.name in OF_SEVERAL_STEPS
         t, forces, allowed, work = list[Array](), list[Array](), list[Array](), 0.0
-        for (rows, _), own in zip(log.stretches, _single(log)):
+        for rows, own in zip(log.stretches, _single(log)):
             k = np.flatnonzero(own)
             if several:
                 k = k[(k >= STARTING) & own[k - 1]]

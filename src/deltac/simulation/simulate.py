@@ -64,7 +64,7 @@ from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.adaptive import AdaptiveMethod, AdaptiveSteps
 from deltac.simulation.stepping.explicit import FixedMethod, FixedSteps
 from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
-from deltac.simulation.stepping.interpreted import Finish, StageRate, numeric_masks
+from deltac.simulation.stepping.interpreted import Finish, StageRate
 from deltac.simulation.stepping.loop import Loop
 from deltac.simulation.stepping.protocol import StepGrid, Stepper
 from deltac.simulation.stepping.scipy import ScipySteps
@@ -182,7 +182,7 @@ def simulate(
     stepper = _stepper(made, options, rate, p_run, duration, compiled=compiled)
     careful = None
     if found.step is not None and compiled and flow.bound is not None and equations is None:
-        careful = CarefulStep(moving, found, numeric_masks(moving), p_run)
+        careful = CarefulStep(moving, found, p_run)
     loop = Loop(
         stepper,
         rate,
@@ -351,7 +351,7 @@ def _as_before(
     for name in old:
         if name not in _RENAMED:
             raise unknown_argument("simulate", name, named(inspect.signature(simulate)))
-        warn_renamed(f"simulate({name}=…)", *_RENAMED[name], stacklevel=3)
+        warn_renamed(f"simulate({name}=…)", _RENAMED[name], stacklevel=5)
     wanted = Record.of(record)
     wanted = Record(
         old.get("testing", wanted.testing),
@@ -376,15 +376,15 @@ def _as_before(
 
 
 _RENAMED = {
-    "coordinates": ("deltac.Record(coordinates=…)",),
-    "speeds": ("deltac.Record(coordinates=…)",),
-    "vary": ("Mechanism.varying(…)",),
-    "switches": ("an option of the solver, such as deltac.solvers.FixedStep('ode5', switches=…)",),
-    "testing": ("simulate(record=…)",),
-    "record_every": ("deltac.Record(every=…)",),
-    "tolerance": ("an option of the solver, such as deltac.solvers.Scipy('DOP853', tolerance=…)",),
-    "spectral_radius": ("deltac.solvers.GeneralizedAlpha(spectral_radius=…)",),
-    "stabilisation": ("simulate(constraints=…)",),
-    "correct": ("simulate(constraints=deltac.Projection(energy=True))",),
+    "coordinates": "deltac.Record(coordinates=…)",
+    "speeds": "deltac.Record(coordinates=…)",
+    "vary": "Mechanism.varying(…)",
+    "switches": "an option of the solver, such as deltac.solvers.FixedStep('ode5', switches=…)",
+    "testing": "simulate(record=…)",
+    "record_every": "deltac.Record(every=…)",
+    "tolerance": "an option of the solver, such as deltac.solvers.Scipy('DOP853', tolerance=…)",
+    "spectral_radius": "deltac.solvers.GeneralizedAlpha(spectral_radius=…)",
+    "stabilisation": "simulate(constraints=…)",
+    "correct": "simulate(constraints=deltac.Projection(energy=True))",
 }
 """Arguments of version 0.1, and what to write now; to go in the next release."""

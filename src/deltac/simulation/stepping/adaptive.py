@@ -21,7 +21,7 @@ from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
-from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
+from deltac.simulation.stepping.protocol import Step, StepFailed, Stepper
 from deltac.simulation.stepping.runge_kutta import EMBEDDED, Rate, embedded_step
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0
@@ -132,7 +132,7 @@ class AdaptiveMethod:
         return {"p": self.flow.p} if self.flow.p.shape[0] else {}
 
 
-class AdaptiveSteps:
+class AdaptiveSteps(Stepper):
     """The steps of one run, each as long as local error and ΔC allow."""
 
     on_grid = False
@@ -217,10 +217,6 @@ class AdaptiveSteps:
         """Go on from another state, with a first step as short as at the start."""
         self._p, self._before = p, None
         self._h = min(self._h, FIRST * self._control.duration)
-
-    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
-        """Steps go one by one."""
-        return None
 
     def _delta_c(self, t: float, x: Array, *, seen: bool = False) -> tuple[Array, float, float]:
         """E − ∫P of each testing function at a state, K and V there."""

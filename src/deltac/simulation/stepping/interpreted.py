@@ -13,7 +13,6 @@ from deltac.simulation.constraints.energy import energy_correction
 from deltac.simulation.constraints.projection import pivot, projection
 from deltac.simulation.equations import Controller, motor_values
 from deltac.simulation.flow import Flow
-from deltac.simulation.stepping.runge_kutta import Parts
 
 
 def settled(flow: Flow, t: SX, x: SX) -> tuple[SX, SX]:
@@ -158,25 +157,3 @@ class StageRate:
         return motor_values(
             self._controller, self._flow.system, t, state["q"].ravel(), state["u"].ravel()
         )
-
-
-def symbolic_masks(flow: Flow) -> Parts:
-    """The masks of q, u and integrals as CasADi's columns."""
-    masks = []
-    for place in flow.parts:
-        mask = ca.DM.zeros(flow.x.shape[0])
-        mask[place] = 1
-        masks.append(mask)
-    return Parts(*masks)
-
-
-@derived
-def numeric_masks(flow: Flow) -> Parts:
-    """The masks of q, u and integrals as read-only arrays."""
-    masks = []
-    for place in flow.parts:
-        mask = np.zeros(flow.x.shape[0])
-        mask[place] = 1.0
-        mask.flags.writeable = False
-        masks.append(mask)
-    return Parts(*masks)

@@ -38,7 +38,7 @@ from deltac.simulation.constraints.energy import check_correction_held
 from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.equations import Controller, Equations, as_equations, by_hand
-from deltac.simulation.events.run import Eventful, EventRun, eventful
+from deltac.simulation.events.run import Eventful, EventRun, check_apart, eventful
 from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
 from deltac.simulation.recording import (
     RECORD,
@@ -174,7 +174,8 @@ def simulate(
     events = None
     if ready is not None:
         rate.hold(state.t, x0)
-        events = ready.run(rate, p, state.t, x0)
+        events = EventRun(ready.watch, ready.collider, rate, p)
+        check_apart(events, state.t, x0)
         p_run = events.p
     else:
         p_run = p

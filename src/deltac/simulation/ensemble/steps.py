@@ -257,8 +257,7 @@ def _total(x: SX) -> SX:
 @derived
 def rate_kernel(flow: Flow) -> Kernel:
     """(t, x, p) -> ẋ."""
-    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    return Kernel(inputs, {"xdot": flow.xdot}, name="rate")
+    return flow.kernel("rate", {"xdot": flow.xdot})
 
 
 @lru_cache(maxsize=64)

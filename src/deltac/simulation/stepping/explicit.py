@@ -121,11 +121,10 @@ def _stages(flow: Flow, tableau: Tableau) -> StepLoop:
     was computed, weights b_j that are zero but for the last stage, the node c_i, and whether it is the last.
     """
     count, n = len(tableau.b), flow.x.shape[0]
-    f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot], {"cse": True})
     x, k, slopes = ca.SX.sym("x", n), ca.SX.sym("k"), ca.SX.sym("slopes", n, count - 1)
     a, b = ca.SX.sym("a", count - 1), ca.SX.sym("b", count)
     t0, h, c, last = (ca.SX.sym(name) for name in ("t0", "h", "c", "last"))
-    slope = f(t0 + (k + c) * h, x + h * ca.mtimes(slopes, a), flow.p)
+    slope = flow.rate(t0 + (k + c) * h, x + h * ca.mtimes(slopes, a), flow.p)
     slopes_now = ca.horzcat(slopes, slope)
     after = x + h * ca.mtimes(slopes_now, b)
     if flow.quaternions:

@@ -34,8 +34,7 @@ def settle_kernel(flow: Flow) -> Kernel | None:
     if flow.bound is None and not flow.quaternions:
         return None
     x, worst = settled(flow, flow.t, flow.normalised(flow.x))
-    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    return Kernel(inputs, {"x": x, "worst": worst}, name="projection")
+    return flow.kernel("projection", {"x": x, "worst": worst})
 
 
 @derived
@@ -43,8 +42,7 @@ def _correction_kernel(flow: Flow) -> Kernel:
     """(t, x; p, h) -> x with its energy as it should be."""
     h = ca.SX.sym("h")
     corrected = energy_correction(flow)(flow.t, flow.x, flow.p, h)
-    inputs = {"t": flow.t, "x": flow.x, "constants": ca.vertcat(flow.p, h)}
-    return Kernel(inputs, {"x": corrected}, name="energy correction")
+    return flow.kernel("energy correction", {"x": corrected}, h=h)
 
 
 class Finish:

@@ -11,7 +11,7 @@ from deltac.diagnosis.audit.checks import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
 from deltac.diagnosis.study.rules import BELOW
-from deltac.diagnosis.study.runs import StudyRun, corrections, without_corrections
+from deltac.diagnosis.study.runs import BalancedRun, corrections, without_corrections
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
@@ -37,10 +37,10 @@ STILL = 1e-3
 
 
 def of_comparison(
-    compared: Comparison, runs: Sequence[StudyRun], knob: str = "step"
+    compared: Comparison, runs: Sequence[BalancedRun], knob: str = "step"
 ) -> Iterator[Finding]:
     """Few common times; runs of different length; a horizon before the end."""
-    spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs if r.run is not None]
+    spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs]
     ends = [end for _, end in spans]
     span = max(end - start for start, end in spans)
     if max(ends) - min(ends) > 1e-6 * span:
@@ -102,10 +102,9 @@ def of_order(
 
 
 def of_growth(
-    run: StudyRun, function: str, ledger: Ledger, solver: str, floor: float
+    run: BalancedRun, function: str, ledger: Ledger, solver: str, floor: float
 ) -> Iterator[Finding]:
     """How ΔC grows in time; a drift where a symplectic method should have none."""
-    assert run.energy_error is not None
     curve = run.energy_error[function]
     if float(np.abs(curve).max()) <= 10.0 * floor:
         return
@@ -162,7 +161,7 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
 
 
 def of_constraints(
-    runs: Sequence[StudyRun], compared: Comparison, tolerance: float, *, trusted: bool
+    runs: Sequence[BalancedRun], compared: Comparison, tolerance: float, *, trusted: bool
 ) -> Iterator[Finding]:
     """Constraints, driven joints or quaternions that are violated though energy may be kept.
 
@@ -170,7 +169,6 @@ def of_constraints(
     another than the motion's. Motions that have parted say nothing of that.
     """
     finest = runs[-1]
-    assert finest.ledger is not None and finest.run is not None
     for name, values in finest.ledger.violation.items():
         what, _, element = name.partition(" ")
         column = finest.run.u if what in ("velocity", "speed") else finest.run.q
@@ -178,11 +176,10 @@ def of_constraints(
         worst = float(values.max(initial=0.0))
         if worst <= max(1e-6, tolerance * span):
             continue
-        sizes = [float(r.ledger.violation[name].max()) for r in runs if r.ledger is not None]
+        sizes = [float(r.ledger.violation[name].max()) for r in runs]
         together = [
             float(r.ledger.violation[name][rows[: compared.within]].max(initial=0.0))
             for r, rows in zip(runs, compared.rows)
-            if r.ledger is not None
         ]
         stays = (
             len(together) > 1

@@ -123,13 +123,19 @@ def _scaled(mechanism: Mechanism, runs: Sequence[Trajectory], rows: Sequence[Row
 
 def _scales(values: Array, units: Sequence[str]) -> Array:
     """For each column the largest range of a column of its unit (of rotations: 1)."""
-    ranges = np.ptp(values, axis=0) if len(values) else np.zeros(len(units))
-    scale = np.ones(len(units))
-    for unit in set(units) - {"1"}:
-        same = np.array([u == unit for u in units])
-        largest = float(ranges[same].max(initial=0.0))
-        scale[same] = largest if largest > 0.0 else max(float(np.abs(values[:, same]).max()), 1.0)
-    return scale
+    if not len(values):
+        return np.ones(len(units))
+    ranges, sizes = (
+        by_unit(x, units) for x in (np.ptp(values, axis=0), np.abs(values).max(axis=0))
+    )
+    scale = np.where(ranges > 0.0, ranges, np.maximum(sizes, 1.0))
+    return np.where(np.array(units) == "1", 1.0, scale)
+
+
+def by_unit(sizes: Array, units: Sequence[str]) -> Array:
+    """For each column the largest of its unit: what is zero but for rounding has no size of its own."""
+    same = np.equal.outer(np.array(units), np.array(units))
+    return np.asarray(np.where(same, sizes, 0.0).max(axis=1, initial=0.0))
 
 
 def one_sided(mechanism: Mechanism, q: Array, reference: Array) -> Array:

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from deltac.arrays import TINY, Array
+from deltac.arrays import TINY
 from deltac.diagnosis.audit.checks import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
+from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, by_unit, growth
 from deltac.diagnosis.study.rules import BELOW
 from deltac.diagnosis.study.runs import BalancedRun, corrections, without_corrections
 from deltac.diagnosis.verdict import Finding, percent
@@ -229,7 +229,7 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     if len(run) < 5 or any(n.kind in ("impact", "contact") for n in run.forces):
         return
     change = np.abs(np.diff(run.u, axis=0))
-    top = _by_unit(np.abs(run.u).max(axis=0), [entry.unit for entry in mechanism.speeds])
+    top = by_unit(np.abs(run.u).max(axis=0), [entry.unit for entry in mechanism.speeds])
     around = np.maximum(change[:-2], change[2:])
     # A constant speed that begins to change is no jump: compare with the changes that are usual.
     usual = np.median(change, axis=0)
@@ -246,12 +246,6 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
         "Log the work or the force of impacts (channel 'impact …'), or compare up to the first of them",
         element=run.speeds[k],
     )
-
-
-def _by_unit(sizes: Array, units: Sequence[str]) -> Array:
-    """For each column the largest of its unit: what is zero but for rounding has no size."""
-    same = np.array([[a == b for b in units] for a in units])
-    return np.asarray(np.where(same, sizes, 0.0).max(axis=1))
 
 
 def _listed(steps: Sequence[float]) -> str:

@@ -98,7 +98,7 @@ class Model:
         self._rates = [
             (free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u
         ]
-        self._quaternions = [
+        self.quaternions = [
             (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
         ]
 
@@ -167,7 +167,7 @@ class Model:
         made = np.array(q)
         for i, j in self._rates:
             made[:, i] += h[:, 0] * u[:, j]
-        for i, j in self._quaternions:
+        for i, j in self.quaternions:
             turn = h * u[:, j : j + 3]
             angle = np.linalg.norm(turn, axis=1, keepdims=True)
             half = 0.5 * np.sinc(angle / (2.0 * np.pi))

@@ -25,7 +25,7 @@ from deltac.importers.urdf import read_urdf
 from deltac.limits import Limits, parse_json
 from deltac.mechanism.laws import as_law
 from deltac.models import load_model
-from deltac.repair.tracing.interpreter import branches
+from deltac.repair.tracing.tracer import branches
 from deltac.repair.tracing.source import Source
 from deltac.trajectories import Trajectory, read_trajectory, to_columns, to_metadata
 from deltac.trajectories.columns import MechanismNames

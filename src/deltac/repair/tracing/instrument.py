@@ -24,7 +24,7 @@ NEVER = {
 """Calls of these, or of their functions, as statements change nothing of the result, and are left out."""
 
 STORED = (ast.Name, ast.Attribute, ast.Subscript)
-LITERAL = (ast.Constant, ast.Dict, ast.Call, ast.List, ast.Tuple)
+LITERAL = (ast.Constant, ast.Dict, ast.Call, ast.List, ast.Tuple, ast.IfExp)
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.GeneratorExp, ast.DictComp)
 
@@ -39,7 +39,7 @@ def made_by(
 ) -> ast.Module:
     """A module whose function `made` takes what a nested function closes over, and returns that function."""
     rewriter = _Rewriter(number)
-    outer = rewriter.enter(definition)
+    rewriter.scopes.append(outer := f"{SCOPE}outside")
     body: list[ast.stmt]
     if isinstance(definition, ast.Lambda):
         body = [ast.Return(rewriter.expression(definition))]
@@ -98,14 +98,6 @@ class _Rewriter:
         self.scopes: list[str] = []
         self.inner: list[list[str]] = []
         self.globals: set[str] = set()
-
-    def enter(self, node: ast.AST) -> str:
-        """Go into a function: the name of the variable that holds its scope."""
-        self.scopes.append(f"{SCOPE}{self.number[id(node)]}_")
-        return self.scopes[-1]
-
-    def outer(self) -> ast.expr:
-        return _name(self.scopes[-1]) if self.scopes else ast.Constant(None)
 
     # --- any node ---------------------------------------------------------------------------------
 
@@ -174,9 +166,9 @@ class _Rewriter:
         return self.checked(targets, new)
 
     def checked(self, targets: list[ast.expr], value: ast.expr) -> ast.expr:
-        """A value that is given to a name of the module from within a function."""
+        """A value that is given to names, some of them the module's from within a function."""
         for t in targets:
-            if isinstance(t, ast.Name) and t.id in self.globals:
+            if any(isinstance(n, ast.Name) and n.id in self.globals for n in ast.walk(t)):
                 value = _hook("outside", self.number[id(t)], value)
         return value
 
@@ -262,7 +254,7 @@ class _Rewriter:
         arguments = self.arguments(s.args)
         declared = {name for n in ast.walk(s) if isinstance(n, ast.Global) for name in n.names}
         known, self.globals = self.globals, self.globals | declared
-        self.enter(s)
+        self.scopes.append(f"{SCOPE}{self.number[id(s)]}_")
         inner, self.inner = self.inner, []
         body = self.statements(s.body)
         self.inner = inner
@@ -312,7 +304,7 @@ class _Rewriter:
 
     def expression(self, e: ast.expr) -> Any:
         """An expression that tells its value."""
-        place = self.number[id(e)]
+        place = self.number.get(id(e), 0)  # None for a default of `made_by` has none
         match e:
             case ast.Constant(value=bool() | str() | bytes() | None | types.EllipsisType()):
                 return e

@@ -495,7 +495,8 @@ STRUCTURAL = (
     "sum prod cumsum cumprod vdot flip fliplr flipud roll tile squeeze ravel reshape tensordot kron moveaxis "
     "swapaxes rollaxis expand_dims atleast_1d atleast_2d atleast_3d mean average split array_split hsplit "
     "vsplit repeat append insert delete tril triu broadcast_to diff rot90 take vecdot matvec vecmat "
-    "linspace count_nonzero matrix_transpose"
+    "linspace count_nonzero matrix_transpose arange indices ix_ shape size ndim unravel_index diag_indices "
+    "triu_indices tril_indices isscalar"
 ).split()
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -505,8 +506,11 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "bitwise_or": functools.partial(compared, np.logical_or),
     "bitwise_and": functools.partial(compared, np.logical_and),
     "true_divide": Elementary("divide"), "float_power": Elementary("power"),
-    "zeros": _made(Entry(0.0)), "zeros_like": _made(Entry(0.0), True), "ones": _made(Entry(1.0)), "ones_like": _made(Entry(1.0), True),
-    "empty": _made(Entry(0.0)), "empty_like": _made(Entry(0.0), True), "full": _made(None), "full_like": _made(None, True),
+    **{
+        f"{name}{like}": _made(fill, bool(like))
+        for name, fill in (("zeros", Entry(0.0)), ("ones", Entry(1.0)), ("empty", Entry(0.0)), ("full", None))
+        for like in ("", "_like")
+    },
     "eye": eye, "identity": eye, "array": array, "copy": array, "fromiter": array, "asarray": same_array,
     "asanyarray": same_array, "ascontiguousarray": same_array, "asfarray": same_array, "matrix": matrix,
     "mat": matrix, "asmatrix": matrix, "block": block, "bmat": block, "einsum": einsum, "dot": dot,

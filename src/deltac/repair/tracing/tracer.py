@@ -18,7 +18,7 @@ import operator
 import sysconfig
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, ValuesView
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
@@ -238,6 +238,7 @@ class _Tracer:
         self.lives: dict[Any, Any] = {}
         self.scope: Mapping[str, Any] = {}
         self.turns: dict[Any, int] = {}
+        self.defaults: list[tuple[str, Any, Any]] = []
         self.arguments: dict[int, Any] = {}
 
     def opened(self, module: UserModule) -> UserModule:
@@ -281,6 +282,8 @@ class _Tracer:
                 raise Refused(f"{where}: returns {type(entry).__name__}")
         self.result.rates = tuple(self.tape.slot(entry).index for entry in rates)
         self.result.outputs = tuple(self.tape.slot(entry).index for entry in accelerations)
+        for default in self.defaults:
+            self.note_parameters(*default)
         self.unused()
         return self.result
 
@@ -482,6 +485,8 @@ class _Tracer:
                     self.note_parameters(key, value[key], part)
         elif isinstance(of, ast.Call):
             held = value if isinstance(value, dict) else fields_of(value)
+            if isinstance(value, functools.partial):
+                held = value.keywords
             for keyword in of.keywords:
                 if keyword.arg is not None and keyword.arg in held:
                     self.note_parameters(keyword.arg, held[keyword.arg], keyword.value)
@@ -793,13 +798,17 @@ class _Hooks:
                 note(name, value, of)
             case ast.Tuple(elts=parts) | ast.List(elts=parts):
                 given = of.elts if isinstance(of, ast.Tuple | ast.List) else [None] * len(parts)
+                value = list(value) if isinstance(value, ValuesView) else value
                 if isinstance(value, list | tuple) and len(value) == len(parts) == len(given):
                     for one, entry, part in zip(parts, value, given):
                         self.named_target(one, entry, part)
 
     def default(self, name: str, place: int | None, value: Any) -> Any:
         """A parameter's default is known by the parameter's name."""
-        self.tracer.note_parameters(name, value, None if place is None else self.of.nodes[place])  # type: ignore[arg-type]
+        of = None if place is None else self.of.nodes[place]
+        self.tracer.defaults.append(
+            (name, value, of)
+        )  # noted last: another value has the name before
         return value
 
     def literal(self, place: int, value: Any) -> Any:
@@ -808,17 +817,21 @@ class _Hooks:
         return value
 
     def outside(self, place: int, value: Any) -> Any:
-        """A name of the module that a function sets: while the module is made, and at no other time."""
-        name = self.of.nodes[place].id  # type: ignore[attr-defined]
+        """Names of the module that a function sets: while the module is made, and at no other time."""
+        target = self.of.nodes[place]
         if not self.of.pending:
-            self.refuse(place, f"changes the outer variable {name!r}, a side effect")
-        if isinstance(value, Slot):
-            tracer, index = self.tracer, value.index
-            while tracer.tape.operations[index] is identity:
-                (index,) = tracer.tape.inputs[index]
-            if index in tracer.literal_of:
-                tracer.result.parameters[name] = index
-                tracer.result.origins[name] = ("literal", tracer.literal_of[index])
+            shown = ast.unparse(target)
+            self.refuse(place, f"changes the outer variable {shown!r}, a side effect")
+        names = target.elts if isinstance(target, ast.Tuple | ast.List) else [target]
+        tracer = self.tracer
+        for name, held in zip(names, value if len(names) > 1 else [value]):
+            if isinstance(name, ast.Name) and isinstance(held, Slot):
+                index = held.index
+                while tracer.tape.operations[index] is identity:
+                    (index,) = tracer.tape.inputs[index]
+                if index in tracer.literal_of:
+                    tracer.result.parameters[name.id] = index
+                    tracer.result.origins[name.id] = ("literal", tracer.literal_of[index])
         return value
 
     # --- functions and classes --------------------------------------------------------------------
@@ -854,21 +867,26 @@ class _Hooks:
             user = own or module == NAME or type(function).__module__ == NAME
             if not user:
                 self.check(place, function, str(module))
-            if user or isinstance(function, type):
+            if user:
                 return self.call_user(place, function, arguments, named)
             if isinstance(getattr(function, "__self__", None), dict | str) and arguments:
                 arguments[0] = plain(arguments[0])
             act = function
+        root = str(module).partition(".")[0]
         try:
             value = self.noted(place, act, *arguments, **named)
         except (TypeError, ValueError, AttributeError) as error:
-            if act is function and str(module).partition(".")[0] in ("numpy", "scipy"):
+            if act is function and root in ("numpy", "scipy"):
                 shown = ast.unparse(self.of.nodes[place].func)  # type: ignore[attr-defined]
                 raise library.NotUnderstood(
                     f"calls {shown}, which is not understood ({error})"
                 ) from None
             raise
-        if isinstance(value, dict):
+        if root in ("json", "tomllib"):
+            value = tracer.live(value, "")
+        elif isinstance(value, type) and value.__module__.startswith("deltac."):
+            value.__module__ = NAME  # made by namedtuple() or Enum()
+        if not isinstance(value, np.ndarray | Slot):
             tracer.note_parameters("", value, self.of.nodes[place])  # type: ignore[arg-type]
         return library.arrayed(value) if isinstance(value, np.ndarray) else value
 

@@ -166,7 +166,7 @@ def _table(data: bytes) -> None:
 
 
 def _source(data: bytes) -> None:
-    """Equations of motion, read and never run."""
+    """Equations of motion, traced: run as far as they compute numbers, and without effects."""
     states = np.random.default_rng(1).normal(size=(4, 3))
     source = Source("equations.py", data.decode("utf-8", "replace"), "rhs")
     with np.errstate(all="ignore"):  # as `repair` reads

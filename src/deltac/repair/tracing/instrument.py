@@ -153,7 +153,7 @@ class _Rewriter:
         if self.scopes and self.scopes[-1]:
             return [] if value is None else ast.Assign([self.target(s.target)], value)
         kind = _hook("annotation", ast.unparse(s.annotation))
-        return ast.AnnAssign(self.target(s.target), kind, value, s.simple)
+        return ast.AnnAssign(self.target(s.target), kind, value, s.simple)  # type: ignore[call-overload]
 
     def bound(self, s: ast.stmt, value: ast.expr, targets: list[ast.expr]) -> ast.expr:
         """The value of an assignment: arrays keep being the same array, literals are known by their name."""
@@ -284,7 +284,7 @@ class _Rewriter:
             bare(a.args),
             a.vararg and ast.arg(a.vararg.arg),
             bare(a.kwonlyargs),
-            [default(arg, value) for arg, value in zip(a.kwonlyargs, a.kw_defaults)],  # type: ignore[misc]
+            [default(arg, value) for arg, value in zip(a.kwonlyargs, a.kw_defaults)],
             a.kwarg and ast.arg(a.kwarg.arg),
             [default(arg, value) for arg, value in zip(last, a.defaults)],  # type: ignore[misc]
         )

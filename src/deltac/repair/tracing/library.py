@@ -18,6 +18,7 @@ import numpy as np
 from deltac.repair.tracing.tape import (
     COMPARISONS,
     ELEMENTARY,
+    NUMBERS,
     Operation,
     Row,
     Slot,
@@ -157,6 +158,8 @@ class Elementary:
     def __call__(self, *arguments: Any, out: Any = None, **named: Any) -> Any:
         """Apply it to every entry."""
         operation, count = ELEMENTARY[self.name]
+        if len(arguments) == count + 1 and isinstance(arguments[-1], np.ndarray):
+            *arguments, out = arguments  # type: ignore[assignment]
         if len(arguments) != count or named.keys() - {"dtype", "where", "casting"}:
             if self.name == "hypot" and len(arguments) > 2:
                 return norm(list(arguments))
@@ -178,7 +181,11 @@ def applied(operation: Operation, *arguments: Any) -> Any:
 
     def one(*entries: Any) -> Any:
         tape = next((x.tape for x in entries if isinstance(x, Slot)), None)
-        return operation(*entries) if tape is None else tape.record(operation, *entries)
+        if tape is not None:
+            return tape.record(operation, *entries)
+        if not all(isinstance(x, NUMBERS) for x in entries):
+            raise NotUnderstood(f"arithmetic with {type(entries[0]).__name__}")
+        return operation(*entries)
 
     if not any(isinstance(a, np.ndarray) for a in values):
         return one(*values)
@@ -495,7 +502,7 @@ STRUCTURAL = (
     "sum prod cumsum cumprod vdot flip fliplr flipud roll tile squeeze ravel reshape tensordot kron moveaxis "
     "swapaxes rollaxis expand_dims atleast_1d atleast_2d atleast_3d mean average split array_split hsplit "
     "vsplit repeat append insert delete tril triu broadcast_to diff rot90 take vecdot matvec vecmat "
-    "linspace count_nonzero matrix_transpose arange indices ix_ shape size ndim unravel_index diag_indices "
+    "linspace count_nonzero matrix_transpose indices ix_ shape size ndim unravel_index diag_indices "
     "triu_indices tril_indices isscalar"
 ).split()
 
@@ -511,6 +518,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
         for name, fill in (("zeros", Entry(0.0)), ("ones", Entry(1.0)), ("empty", Entry(0.0)), ("full", None))
         for like in ("", "_like")
     },
+    "arange": lambda *ends, **named: np.arange(*map(plain, ends)),
     "eye": eye, "identity": eye, "array": array, "copy": array, "fromiter": array, "asarray": same_array,
     "asanyarray": same_array, "ascontiguousarray": same_array, "asfarray": same_array, "matrix": matrix,
     "mat": matrix, "asmatrix": matrix, "block": block, "bmat": block, "einsum": einsum, "dot": dot,

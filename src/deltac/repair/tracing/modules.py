@@ -180,12 +180,14 @@ def _stored(nodes: Iterable[ast.AST]) -> Iterable[str]:
 def _written(function: ast.FunctionDef) -> Iterable[str]:
     """Names into whose entries or attributes a function writes, or which it updates."""
     for n in ast.walk(function):
-        update = isinstance(n, ast.AugAssign)
-        for target in n.targets if isinstance(n, ast.Assign) else [n.target] if update else ():
+        targets = n.targets if isinstance(n, ast.Assign) else []
+        if isinstance(n, ast.AugAssign):
+            targets = [n.target]
+        for target in targets:
             base: ast.AST = target
             while isinstance(base, ast.Subscript | ast.Attribute):
                 base = base.value
-            if isinstance(base, ast.Name) and (base is not target or update):
+            if isinstance(base, ast.Name) and (base is not target or isinstance(n, ast.AugAssign)):
                 yield base.id
 
 

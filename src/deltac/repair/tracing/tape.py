@@ -295,7 +295,7 @@ class Slot:
         return round(self.exact(), digits)
 
     def __divmod__(self, other: Any) -> tuple[Any, Any]:
-        return self // other, self % other  # type: ignore[operator]
+        return self.tape.record(np.floor_divide, self, other), self.tape.record(np.mod, self, other)
 
     def __format__(self, spec: str) -> str:
         number = self.tape.exact[self.index]

@@ -736,12 +736,10 @@ class _Hooks:
 
     def attribute(self, place: int, base: Any, name: str) -> Any:
         """An attribute; those of arrays that only some libraries' arrays have."""
-        if isinstance(base, np.ndarray) and name in ("at", "I", "mT"):
-            return {
-                "at": lambda: library.At(base),
-                "I": lambda: library.inverse(base),
-                "mT": lambda: base.swapaxes(-1, -2),
-            }[name]()
+        if isinstance(base, np.ndarray) and name == "at":
+            return library.At(base)
+        if isinstance(base, np.matrix) and name == "I":
+            return library.inverse(base)
         if isinstance(base, types.FunctionType | functools.partial) and name == "py_func":
             return base
         if getattr(base, "__module__", None) == library.__name__ and not hasattr(base, name):
@@ -761,15 +759,15 @@ class _Hooks:
         return base
 
     def update(self, place: int, op: str, old: Any, value: Any) -> Any:
-        """X += y: arrays are changed in place, for other names may hold them."""
-        old = self.lifted(self.of.number[id(self.of.nodes[place].target)], old)  # type: ignore[attr-defined]
-        if isinstance(old, list):
-            return operator.iadd(old, list(value))
+        """Update a variable, as x += y: arrays in place, for other names may hold them."""
+        target: Any = self.of.nodes[place].target  # type: ignore[attr-defined]
+        old = self.lifted(self.of.number[id(target)], old)
+        if isinstance(old, list) and op == "Add":
+            old += list(value)
+            return old
         new = self.operate(place, op, old, value)
-        target = self.of.nodes[place].target  # type: ignore[attr-defined]
-        if not isinstance(target, ast.Name) or not isinstance(old, np.ndarray):
-            return new
-        if np.shape(new) != old.shape or not old.flags.writeable or old.dtype != object:
+        alike = isinstance(target, ast.Name) and isinstance(old, np.ndarray) and old.dtype == object
+        if not alike or np.shape(new) != old.shape or not old.flags.writeable:
             return new
         old[...] = new
         return old
@@ -778,15 +776,9 @@ class _Hooks:
 
     def named(self, place: int, value: Any) -> Any:
         """Numbers that are given names are known by them."""
-        match self.of.nodes[place]:
-            case ast.Assign(targets=targets, value=of):
-                pass
-            case ast.AnnAssign(target=target, value=of) | ast.NamedExpr(target=target, value=of):
-                targets = [target]
-            case _:
-                return value
-        for target in targets:
-            self.named_target(target, value, of)
+        node: Any = self.of.nodes[place]
+        for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+            self.named_target(target, value, node.value)
         return value
 
     def named_target(self, target: ast.expr, value: Any, of: ast.expr | None) -> None:
@@ -931,6 +923,8 @@ class _Hooks:
                     return dataclasses.field(default_factory=factory)
                 return named.get("default", arguments[0] if arguments else dataclasses.field())
             return self.decorator(function) if not arguments else _dataclass(arguments[0])
+        if function.name == "numba.prange":
+            return range(*map(plain, arguments))
         if (top in COMPILERS and last not in DERIVING) or last in ("njit", "jit", "override"):
             if arguments and (callable(arguments[0]) and not isinstance(arguments[0], Foreign)):
                 return arguments[0]
@@ -1038,6 +1032,8 @@ def _changed_parameters(function: Any) -> frozenset[int]:
     while isinstance(function, functools.partial | types.MethodType):
         shift += 1 if isinstance(function, types.MethodType) else len(function.args)
         function = function.__func__ if isinstance(function, types.MethodType) else function.func
+    if isinstance(function, np.ufunc):
+        return frozenset({function.nin})  # where it is given `out`
     if function in (np.fill_diagonal, np.copyto, np.put, np.place):
         return frozenset({0})
     if not isinstance(function, types.FunctionType):

@@ -147,7 +147,7 @@ def _followed(problem: dc.Problem, duration: float, solver: str) -> list[dict[st
             duration=duration,
             steps=[duration / (n * k) for k in (1, 2, 4)],
             solver=solver,
-            testing=("wang",),
+            record=("wang",),
         )
         row = {
             "correction": "extrapolated",

@@ -127,7 +127,7 @@ def judge(case: Case) -> dict[str, Any]:
 def _study(case: Case, runs: Callable[[float], Any]) -> tuple[str, dict[str, Any]]:
     import deltac as dc
 
-    found = _tried(lambda: dc.study(case.model, simulator=runs, steps=case.steps, order=case.order))
+    found = _tried(lambda: dc.study(case.model, runs=runs, steps=case.steps, order=case.order))
     if isinstance(found, str):
         return "refused", {"message": found}
     return found.verdict.kind, {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.arguments import fits
+from deltac.calls.arguments import fits
 
 ODD: list[Any] = [
     *(

@@ -81,7 +81,7 @@ PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     "record as text": ("E-VALUE", lambda: dc.simulate(M, S, 0.1, 0.01, record="wang")),  # type: ignore
     "unknown testing function": ("E-NAME", lambda: dc.simulate(M, S, 0.1, 0.01, record=("wong",))),
     "equal steps": ("E-VALUE", lambda: dc.study(M, S, 0.2, steps=(0.01, 0.01, 0.01))),
-    "logs and steps": ("E-ARGUMENTS", lambda: dc.study(M, logs=[run(), run()], steps=(0.1, 0.05))),
+    "logs and steps": ("E-ARGUMENTS", lambda: dc.study(M, runs=[run(), run()], steps=(0.1, 0.05))),
     "h for step": ("E-NAME", lambda: dc.simulate(M, S, 0.1, h=0.01)),  # type: ignore
     "solvers of a study": ("E-NAME", lambda: dc.study(M, S, 0.2, solvers="ode4")),  # type: ignore
     "record of an ensemble": ("E-NAME", lambda: dc.simulate_ensemble(M, [S], 0.1, 0.01, recrd=())),  # type: ignore
@@ -149,7 +149,7 @@ def test_a_type_error_inside_stays_one() -> None:
 
 
 def test_a_study_of_tolerances_speaks_of_tolerances() -> None:
-    found = dc.study(M, S, 1.0, solver="ode5-adaptive", tolerances=(1e-3, 1e-4, 1e-5))
+    found = dc.study(M, S, 1.0, solver=dc.solvers.Adaptive(tolerance=1e-5))
     assert found.measures.knob == "tolerance"
     assert "steps" not in str(found)
 

@@ -10,7 +10,7 @@ from threading import Barrier
 import pytest
 
 import deltac as dc
-from deltac.caching import FrozenDict, LRUCache, Once, derived
+from deltac.calls.caching import FrozenDict, LRUCache, Once, derived
 
 
 def test_what_was_not_asked_for_longest_goes_first() -> None:

@@ -10,7 +10,7 @@ from inspect import currentframe, signature
 
 import pytest
 
-from deltac.deprecation import RenamedAttribute, renamed_keywords, renamed_names, warn_renamed
+from deltac.calls.deprecation import RenamedAttribute, renamed_keywords, renamed_names, warn_renamed
 from deltac.errors import InputError
 
 

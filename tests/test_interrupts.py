@@ -15,7 +15,7 @@ import casadi
 import numpy as np
 import pytest
 
-from deltac.interrupts import check_interrupted, interruptible, waiting
+from deltac.calls.interrupts import check_interrupted, interruptible, waiting
 
 pytestmark = pytest.mark.skipif(
     not hasattr(signal, "pthread_kill"), reason="interrupts need POSIX signals"

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from deltac import isolation
 from deltac.errors import FileError, InputError, LimitError, UnknownName
-from deltac.isolation import apart
-from deltac.limits import Limits
+from deltac.foreign import isolation
+from deltac.foreign.isolation import apart
+from deltac.foreign.limits import Limits
 from deltac.trajectories import read_trajectory
 
 

@@ -12,17 +12,17 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.calls.progress import Parts, counted
 from deltac.codes import FINDINGS, finding_code
 from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.errors import InputError, LogError, UnknownName
-from deltac.progress import Parts, counted
-from deltac.results import SCHEMA, Finding, Record, Report, Section, Table, Verbatim, as_text
+from deltac.results import SCHEMA, Finding, Report, Section, Serialisable, Table, Verbatim, as_text
 
 DOCS = Path(__file__).parents[1] / "docs"
 
 
 @dataclass(frozen=True)
-class Part(Record, omit=("hidden",), also=("twice",)):
+class Part(Serialisable, omit=("hidden",), also=("twice",)):
     x: float
     hidden: object = None
 

@@ -12,9 +12,9 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
+from deltac.foreign.scripts import Script
 from deltac.models import from_file
 from deltac.repair.repair import repair_loaded
-from deltac.scripts import Script
 
 G, L = 9.81, 0.7
 

@@ -284,7 +284,7 @@ def test_logs_are_read_at_once(way: Callable[[list[Path]], list[bytes]], tmp_pat
 def test_limits_belong_to_a_thread(tmp_path: Path) -> None:
     from concurrent.futures import ThreadPoolExecutor
 
-    from deltac.limits import Limits
+    from deltac.foreign.limits import Limits
 
     path = logs(tmp_path)[0]
     with ThreadPoolExecutor(1) as pool, Limits(rows=10).applied():

@@ -12,7 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from deltac.stubs import listed
+from deltac.calls.stubs import listed
 
 __version__ = "0.1.0"
 
@@ -48,7 +48,7 @@ __all__ = sorted(_PUBLIC)
 def __getattr__(name: str) -> Any:
     """Load a public name on its first use (PEP 562)."""
     if name in _RENAMED:
-        from deltac.deprecation import warn_renamed
+        from deltac.calls.deprecation import warn_renamed
 
         warn_renamed(f"deltac.{name}", _RENAMED[name])
         home, _, name = _RENAMED[name].rpartition(".")
@@ -61,7 +61,7 @@ def __getattr__(name: str) -> Any:
             message += closest(name, _PUBLIC).partition("; known")[0]
         raise AttributeError(message)
     home = _PUBLIC[name]
-    from deltac.interrupts import interruptible
+    from deltac.calls.interrupts import interruptible
 
     with interruptible():  # compiled packages may drop what is raised while they are loaded
         if home == __name__:

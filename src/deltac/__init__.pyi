@@ -21,6 +21,7 @@ from deltac.analysis.linearise import Equilibrium as Equilibrium
 from deltac.analysis.linearise import Linearisation as Linearisation
 from deltac.analysis.linearise import equilibrium as equilibrium
 from deltac.analysis.linearise import linearise as linearise
+from deltac.analysis.matrices import Matrices as Matrices
 from deltac.analysis.matrices import matrices as matrices
 from deltac.diagnosis.audit.audit import Audit as Audit
 from deltac.diagnosis.audit.audit import audit as audit
@@ -44,7 +45,6 @@ from deltac.diagnosis.study.study import Study as Study
 from deltac.diagnosis.study.study import study as study
 from deltac.diagnosis.verdict import Finding as Finding
 from deltac.diagnosis.verdict import Verdict as Verdict
-from deltac.dynamics.matrices import Matrices as Matrices
 from deltac.energy import Ledger as Ledger
 from deltac.energy import balance as balance
 from deltac.energy import residuals as residuals
@@ -57,12 +57,12 @@ from deltac.fleets.compare import compare as compare
 from deltac.fleets.result import Fleet as Fleet
 from deltac.fleets.result import fleet_status as fleet_status
 from deltac.fleets.sweep import sweep as sweep
+from deltac.foreign.limits import Limits as Limits
 from deltac.importers import ImportReport as ImportReport
 from deltac.importers import equations_from_sympy as equations_from_sympy
 from deltac.importers import read_mechanism as read_mechanism
 from deltac.importers import read_shapes as read_shapes
 from deltac.importers import symbolic_equations as symbolic_equations
-from deltac.limits import Limits as Limits
 from deltac.mechanism.bodies import body as body
 from deltac.mechanism.bodies import point_mass as point_mass
 from deltac.mechanism.bodies import rod as rod

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol, TypeAlias, TypeVar, cast, runtime_checkable
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import (
     ArgumentsError,
     FileError,
@@ -32,12 +32,12 @@ from deltac.errors import (
     WrongType,
     closest,
 )
-from deltac.files import read_bytes
-from deltac.limits import parse_json, parse_toml
+from deltac.foreign.files import read_bytes
+from deltac.foreign.limits import parse_json, parse_toml
+from deltac.foreign.scripts import SUFFIXES, Script
 from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.scripts import SUFFIXES, Script
 
 T = TypeVar("T")
 
@@ -391,7 +391,7 @@ def _written(mechanism: Mechanism, path: Path) -> State:
 
 
 def from_file(path: Path, name: str, what: str = "model") -> Any:
-    """What a Python file calls `name`; of the file, what this name needs is run (`deltac.scripts`).
+    """What a Python file calls `name`; of the file, what this name needs is run (`deltac.foreign.scripts`).
 
     Raises InputError for a file that is missing or cannot be run, and an unknown name.
     """

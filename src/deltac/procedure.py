@@ -7,22 +7,22 @@ those that apply, hands the results on, and ends with one verdict.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 from deltac.analysis.classify import Classification, classify
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
+from deltac.calls.progress import Parts, Progress
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
 from deltac.diagnosis.recommend.recommend import TOLERANCE, recommend
 from deltac.diagnosis.recommend.result import Recommendation
+from deltac.diagnosis.study.simulators import SimulationOptions, handed_on
 from deltac.diagnosis.study.study import Study, study
 from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.progress import Parts, Progress
 from deltac.results import Finding, Report, Section, Table, told_findings
-from deltac.simulation.equations import Equations
 from deltac.simulation.solvers import find_solver
 
 SEARCH = 20.0
@@ -140,12 +140,12 @@ def examine(
     state: StateLike = None,
     duration: float | None = None,
     *,
-    equations: Equations | Callable[..., Any] | None = None,
     log: Any = None,
     mapping: Any = None,
     tolerance: float = TOLERANCE,
     solvers: Sequence[str] = CANDIDATES,
     progress: Progress | None = None,
+    **simulation: Unpack[SimulationOptions],
 ) -> Examination:
     """Run the whole procedure: check the equations, choose solver and step, study, audit the log.
 
@@ -154,17 +154,21 @@ def examine(
             ``file.py:callable``.
         state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long the motion is, s; by default the problem's. Without it nothing is simulated.
-        equations: equations of motion written by hand: checked, and integrated in the study.
         log: a Trajectory or the path of a log of this model.
         mapping: of the log's columns, as for `audit`.
         tolerance: accepted |ΔC|, and error of the motion, as `recommend` and `audit` measure them.
-        solvers: with fixed steps, that compete for the recommendation.
+        solvers: names of the solvers with fixed steps that compete for the recommendation.
         progress: called with the fraction done.
+        **simulation: `equations`, `controller` and `constraints`, as for `simulate`. The equations written by
+            hand are checked, and integrated in the study; solver and step are chosen by the model's own.
 
     Raises:
         InputError: as the verbs that are run; and where there is nothing to examine.
     """
     loaded = load_model(model)
+    options = handed_on(examine, simulation, own=("record",))
+    equations, of_model = options.get("equations"), options.copy()
+    of_model.pop("equations", None)
     if duration is None and loaded.problem is not None:
         duration = loaded.problem.duration
     if duration is None and equations is None and log is None:
@@ -189,6 +193,7 @@ def examine(
             solvers=solvers,
             time_limit=SEARCH,
             progress=parts.part("recommend"),
+            **of_model,
         )
         parts.part("study")
         if recommendation.best is None:
@@ -196,7 +201,7 @@ def examine(
                 f"the study, since there is no step to begin with: {recommendation.summary()}"
             )
         else:
-            found = _study(loaded, state, duration, equations, tolerance, recommendation)
+            found = _study(loaded, state, duration, tolerance, recommendation, options)
     judged = None
     if log is not None:
         judged = audit(
@@ -219,9 +224,9 @@ def _study(
     loaded: Model,
     state: StateLike,
     duration: float,
-    equations: Equations | Callable[..., Any] | None,
     tolerance: float,
     chosen: Recommendation,
+    options: SimulationOptions,
 ) -> Study:
     """The motion at 4, 2 and 1 times the recommended step, by the equations under examination."""
     assert chosen.best is not None
@@ -234,8 +239,8 @@ def _study(
         duration,
         steps=steps,
         solver=solver,
-        equations=equations,
         tolerance=tolerance,
+        **options,
     )
 
 

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
+from deltac.calls.deprecation import RenamedAttribute
 from deltac.codes import FINDINGS, finding_code
-from deltac.deprecation import RenamedAttribute
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -41,7 +41,7 @@ LEAST = 16
 
 def plain(value: Any) -> Any:
     """A value in terms of JSON: dataclasses by field, arrays as lists, what is not finite as None."""
-    if isinstance(value, Record):
+    if isinstance(value, Serialisable):
         return value.contents()
     if value is None or isinstance(value, bool | int | str):
         return value
@@ -61,10 +61,10 @@ def plain(value: Any) -> Any:
     raise TypeError(f"{type(value).__name__} has no form in JSON; omit it from the record")
 
 
-class Record:
+class Serialisable:
     """A dataclass whose JSON has its fields, less those it omits, and some properties and methods also.
 
-    ``class Trial(Record, omit=("text",), also=("passes",))``.
+    ``class Trial(Serialisable, omit=("text",), also=("passes",))``.
     """
 
     _omit: ClassVar[tuple[str, ...]] = ()
@@ -310,7 +310,7 @@ Weight = Literal["cause", "doubt", "note"]
 
 
 @dataclass(frozen=True)
-class Finding(Record, also=("code",)):
+class Finding(Serialisable, also=("code",)):
     """One thing that was noticed.
 
     kind      a short fixed name, one of `deltac.codes.FINDINGS`: "gravity", "missing-damper", …
@@ -403,7 +403,7 @@ class InFrame:
         return f"the page of: {self.summary} (shown in notebooks; report(path) writes it)"
 
 
-class Report(Record, Shown):
+class Report(Serialisable, Shown):
     """What a verb found.
 
     A subclass is a frozen dataclass (``repr=False``) with `sections`, `summary` and, where it judges,

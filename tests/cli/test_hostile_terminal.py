@@ -14,7 +14,7 @@ import pytest
 from deltac.cli import main
 from deltac.cli.output import displayed
 from deltac.errors import InputError, LimitError
-from deltac.limits import parse_toml
+from deltac.foreign.limits import parse_toml
 
 DELTAC = [sys.executable, "-c", "from deltac.cli import main; main()"]
 

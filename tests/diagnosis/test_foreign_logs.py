@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.calls.progress import Deadline
 from deltac.diagnosis.audit import audit as audits
 from deltac.diagnosis.explain.regression import Regression, factored
 from deltac.diagnosis.residuals.one_step import OneStep, one_step
 from deltac.diagnosis.residuals.rows import stairs
 from deltac.kernels.rows import at_rows
-from deltac.progress import Deadline
 from tests.systems.cart_pole import CartPole, generalized_alpha, log
 
 RIGHT = CartPole()

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.audit.noise import energy_of_noise
+from deltac.diagnosis.audit.measures import energy_of_noise
+from deltac.diagnosis.audit.reading import Reference
 from deltac.diagnosis.inputs.logs import read_log
 from deltac.diagnosis.residuals.one_step import one_step
 from tests.systems.cart_pole import CartPole, log
@@ -19,6 +20,7 @@ from tests.systems.cart_pole import CartPole, log
 RIGHT = CartPole()
 MECHANISM = RIGHT.mechanism()
 WORK, FUNCTION = "samples", "wang"
+REFERENCE = Reference(MECHANISM, None, 1e-3, WORK)
 
 
 def noisy(run: dc.Trajectory, seed: int, q: float, u: float) -> dc.Trajectory:
@@ -37,7 +39,7 @@ def test_the_bar_of_the_energy_covers_noise() -> None:
     for seed in range(20):
         read = read_log(MECHANISM, noisy(run, seed, 1e-4, 1e-2), WORK, None)
         step = one_step(MECHANISM, read.run)
-        bar = energy_of_noise(MECHANISM, read, WORK, FUNCTION, step)
+        bar = energy_of_noise(REFERENCE, read, FUNCTION, step)
         ratios.append(float(np.abs(read.ledger.delta_c[FUNCTION]).max()) / bar)
     assert np.mean(np.array(ratios) <= 1.0) >= 0.95
     assert np.median(ratios) > 1.0 / 3.0
@@ -49,12 +51,12 @@ def test_the_bar_of_the_energy_covers_digits() -> None:
         run, q=run.q.astype(np.float16).astype(float), u=run.u.astype(np.float16).astype(float)
     )
     read = read_log(MECHANISM, half, WORK, None)
-    bar = energy_of_noise(MECHANISM, read, WORK, FUNCTION, None)
+    bar = energy_of_noise(REFERENCE, read, FUNCTION, None)
     left = float(np.abs(read.ledger.delta_c[FUNCTION]).max())
     assert left <= bar <= 10.0 * left
     # Doubles have no bar of this kind.
     read = read_log(MECHANISM, run, WORK, None)
-    assert energy_of_noise(MECHANISM, read, WORK, FUNCTION, None) == 0.0
+    assert energy_of_noise(REFERENCE, read, FUNCTION, None) == 0.0
 
 
 @pytest.mark.parametrize("seed", range(3))

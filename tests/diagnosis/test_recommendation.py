@@ -245,7 +245,7 @@ def test_a_transient_at_the_start_counts(solver: str) -> None:
 def test_a_run_is_verified_at_all_of_its_rows() -> None:
     """The reference has a row wherever the run has one; an adaptive run's rows are dense at the start."""
     mechanism, state = kicked()
-    options = (mechanism, state, 1.0, ("ode4", "DOP853"), None, None, Deadline())
+    options = (mechanism, state, 1.0, ("ode4", "DOP853"), {}, Deadline())
     (fixed, adaptive), _ = settings_of_solvers.families(mechanism, *options)
     (whole,) = fixed.pieces(1 / 40_000)
     assert len(whole.run()) == 40_001

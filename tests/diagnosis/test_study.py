@@ -80,7 +80,8 @@ def test_implicit_solvers_show_their_order(name: str) -> None:
 def test_adaptive_solvers_by_their_tolerances() -> None:
     mechanism = pendulum()
     state = mechanism.state({"hinge": 2.0})
-    found = dc.study(mechanism, state, 2.0, solver="DOP853", tolerances=(1e-5, 1e-7, 1e-9))
+    solvers = [dc.solvers.Scipy("DOP853", tolerance=t) for t in (1e-5, 1e-7, 1e-9)]
+    found = dc.study(mechanism, state, 2.0, solver=solvers)
     assert found.verdict.kind == "consistent"
     assert found.observed_order["state"].order == pytest.approx(1.0, abs=0.3)  # by tolerance
     assert "tolerance 1e-09" in found.verdict.meaning
@@ -221,7 +222,7 @@ def simulator(step: float) -> Trajectory:
 
 
 def studied(function: Any, steps: Any = (0.02, 0.01, 0.005), **options: Any) -> Study:
-    return dc.study(pendulum(), simulator=function, steps=steps, **options)
+    return dc.study(pendulum(), runs=function, steps=steps, **options)
 
 
 def test_a_simulator_of_ones_own() -> None:
@@ -304,7 +305,7 @@ def test_fewer_than_three_steps_say_what_they_can() -> None:
     assert one.verdict.kind == "consistent"
     hidden = dc.study(
         pendulum(),
-        logs=[replace(simulator(0.05), udot=None, works={}, integrals={})],
+        runs=[replace(simulator(0.05), udot=None, works={}, integrals={})],
         tolerance=1e-9,
     )
     assert hidden.verdict.kind == "unresolved"
@@ -320,14 +321,21 @@ def test_a_step_that_does_not_divide_is_left_out() -> None:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"steps": (0.01,), "tolerances": (1e-6,)}, "not both"),
-        ({"steps": (0.01,), "solver": "DOP853"}, "tolerances="),
-        ({"tolerances": (1e-6,), "solver": "ode5"}, "steps="),
+        ({"steps": (0.01,), "solver": "DOP853"}, "leave out steps="),
+        (
+            {"solver": [dc.solvers.FixedStep("ode4"), dc.solvers.FixedStep("ode5")]},
+            "several tolerances",
+        ),
+        ({"solver": [dc.solvers.Scipy("RK45"), dc.solvers.Scipy("DOP853")]}, "several tolerances"),
+        ({"solver": "taylor"}, "several tolerances"),
+        ({"solver": []}, "no solver was given"),
         ({"steps": (0.01,), "tolerance": 2.0}, "between 0 and 1"),
         ({"steps": (0.01,), "solver": "ode55"}, "unknown solver"),
-        ({"steps": (0.01,), "simulator": simulator, "solver": "ode5"}, "simulator="),
-        ({"logs": [1]}, "found int, expected a Trajectory"),
-        ({"logs": [1], "steps": (0.01,)}, "logs="),
+        ({"steps": (0.01,), "runs": simulator, "solver": "ode5"}, "leave out solver"),
+        ({"steps": (0.01,), "runs": simulator, "constraints": None}, "constraints"),
+        ({"runs": [1]}, "found int, expected Trajectories"),
+        ({"runs": [1], "steps": (0.01,)}, "leave out steps"),
+        ({"steps": (0.01,), "step": 0.01}, "did you mean 'steps'"),
         ({}, "give steps="),
     ],
 )
@@ -335,3 +343,51 @@ def test_unusable_arguments(options: dict[str, Any], said: str) -> None:
     mechanism = pendulum()
     with pytest.raises(InputError, match=said):
         dc.study(mechanism, mechanism.state({"hinge": 1.0}), 1.0, **options)
+
+
+# --- names of version 0.1, tolerances -------------------------------------------------------------------
+
+
+def test_old_arguments_of_a_study_do_what_they_did_and_are_told_where_they_were_used() -> None:
+    mechanism = pendulum()
+    start = mechanism.state({"hinge": 1.0})
+    solvers = [dc.solvers.Scipy("DOP853", tolerance=t) for t in (1e-5, 1e-7, 1e-9)]
+    runs = [simulator(h) for h in (0.02, 0.01, 0.005)]
+    pairs: list[tuple[dict[str, Any], dict[str, Any]]] = [
+        ({"tolerances": (1e-5, 1e-7, 1e-9)}, {"solver": solvers}),
+        ({"logs": runs}, {"runs": runs}),
+        ({"logs": runs, "mapping": None}, {"runs": runs}),
+        (
+            {"steps": (0.02, 0.01), "testing": ("wang",)},
+            {"steps": (0.02, 0.01), "record": ("wang",)},
+        ),
+        (
+            {"steps": (0.02, 0.01), "simulator": simulator},
+            {"steps": (0.02, 0.01), "runs": simulator},
+        ),
+    ]
+    for old, new in pairs:
+        with pytest.warns(DeprecationWarning) as told:
+            before = dc.study(mechanism, start, 1.0, **old)
+        assert {w.filename for w in told} == {__file__}
+        assert before.to_dict() == dc.study(mechanism, start, 1.0, **new).to_dict()
+
+
+def test_a_solver_that_chooses_its_steps_is_refined_by_its_tolerance() -> None:
+    start = pendulum().state({"hinge": 1.0})
+    found = dc.study(pendulum(), start, 1.0, solver=dc.solvers.Scipy("DOP853", tolerance=1e-9))
+    assert found.measures.knob == "tolerance"
+    assert found.measures.steps == pytest.approx((1e-7, 1e-8, 1e-9))
+
+
+def test_logs_of_an_adaptive_solver_have_no_order_in_their_tolerance() -> None:
+    """Its error is about its tolerance, whatever the order of its formula: 8 was expected, 1 is right."""
+    mechanism = pendulum()
+    start = mechanism.state({"hinge": 1.0})
+    runs = [
+        dc.simulate(mechanism, start, 1.0, 0.01, dc.solvers.Scipy("DOP853", tolerance=t))
+        for t in (1e-4, 1e-6, 1e-8)
+    ]
+    found = dc.study(mechanism, runs=runs)
+    assert found.nominal is None and "order-below-nominal" not in kinds(found)
+    assert found.measures.knob == "tolerance"

@@ -33,7 +33,7 @@ def log(run: Trajectory, udot: bool) -> Trajectory:
 
 
 def of_runs(mechanism: Any, make: Any, udot: bool, order: int | None = 4) -> Study:
-    return dc.study(mechanism, simulator=lambda h: log(make(h), udot), steps=STEPS, order=order)
+    return dc.study(mechanism, runs=lambda h: log(make(h), udot), steps=STEPS, order=order)
 
 
 # --- errors that a projection mends ---------------------------------------------------------------
@@ -207,7 +207,7 @@ def test_what_hangs_in_the_air_is_seen_by_momentum() -> None:
     down = weightless.state({"hinge": 0.0})
     found = dc.study(
         mechanism,
-        simulator=lambda h: log(dc.simulate(weightless, down, 1.0, h, "ode4", ()), False),
+        runs=lambda h: log(dc.simulate(weightless, down, 1.0, h, "ode4", ()), False),
         steps=STEPS,
     )
     assert found.verdict.kind == "unresolved", "at rest straight down nothing can be told"
@@ -245,7 +245,7 @@ def test_impacts_that_the_runs_do_not_tell_of(coarse: float, udot: bool) -> None
         return log(replace(run, forces={}, events=()), udot)
 
     steps = (coarse, coarse / 2, coarse / 4)
-    study = dc.study(ball.mechanism, simulator=bare, steps=steps, order=4)
+    study = dc.study(ball.mechanism, runs=bare, steps=steps, order=4)
     assert study.verdict.kind == "unresolved"
     assert "impacts" in kinds(study)
     audit = dc.audit(ball.mechanism, bare(coarse))

@@ -46,7 +46,7 @@ def test_a_state_of_the_imported_mechanism_will_do() -> None:
     run = simulator(0.01)
     np.testing.assert_array_equal(run.q[0], [0.3, 0.2])
     assert (simulator.solver, simulator.order) == ("mujoco:rk4", 4)
-    found = dc.study(mechanism, simulator=simulator, steps=(0.01, 0.005))
+    found = dc.study(mechanism, runs=simulator, steps=(0.01, 0.005))
     assert found.solver == "mujoco:rk4"
     assert found.verdict.kind == "consistent"
 
@@ -74,7 +74,7 @@ def test_another_model_than_the_simulated_one() -> None:
     heavier = copy.copy(model_of(ARM))
     heavier.body_mass[2] *= 1.02
     simulator = dc.mujoco_simulator(model_of(ARM), 0.4, state=start(model_of(ARM)))
-    found = dc.study(heavier, simulator=simulator, steps=(0.01, 0.005, 0.0025))
+    found = dc.study(heavier, runs=simulator, steps=(0.01, 0.005, 0.0025))
     assert found.verdict.kind == "equation-error"
     assert "tends to" in found.verdict.meaning
 

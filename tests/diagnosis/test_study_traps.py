@@ -55,7 +55,7 @@ def damped(solver: str = "ode4") -> tuple[Mechanism, tuple[Trajectory, ...]]:
 
 
 def of_logs(mechanism: Mechanism, logs: list[Trajectory], **options: Any) -> Study:
-    return dc.study(mechanism, logs=logs, **options)
+    return dc.study(mechanism, runs=logs, **options)
 
 
 # --- right equations ------------------------------------------------------------------------------
@@ -149,7 +149,7 @@ def test_a_bouncing_ball(udot: bool) -> None:
         [dc.prismatic("x", "ground", "ball", "z")],
         gravity=[0, 0, -9.81],
     )
-    found = dc.study(mechanism, simulator=lambda h: bouncing(h, udot), steps=STEPS)
+    found = dc.study(mechanism, runs=lambda h: bouncing(h, udot), steps=STEPS)
     assert found.observed_order["wang"].limit > 1.0
     assert found.verdict.kind == "unresolved", found.verdict.explain()
     assert "impacts" in kinds(found)
@@ -196,7 +196,7 @@ def test_a_controller_with_a_period_of_its_own(every_row: bool) -> None:
         [dc.forces.joint_torque("motor", "x")],
         gravity=[0, -9.81, 0],
     )
-    found = dc.study(mechanism, simulator=lambda h: sampled_control(h, every_row), steps=STEPS)
+    found = dc.study(mechanism, runs=lambda h: sampled_control(h, every_row), steps=STEPS)
     assert found.verdict.kind in ("unresolved", "integration-error"), found.verdict.explain()
     assert found.observed_order["state"].order == pytest.approx(4.0, abs=0.15)
 
@@ -244,7 +244,7 @@ def test_a_stabilised_run_is_judged_by_its_corrections() -> None:
         columns = [np.array(c) for c in zip(*rows)]
         return samples(step, columns[0], columns[1], **{"correction energy": columns[2]})
 
-    found = dc.study(mechanism, simulator=run, steps=(4e-3, 2e-3, 1e-3))
+    found = dc.study(mechanism, runs=run, steps=(4e-3, 2e-3, 1e-3))
     assert found.verdict.kind != "equation-error"
     assert found.verdict.kind != "consistent"
     assert "stabilised" in kinds(found), found.verdict.explain()

@@ -99,7 +99,7 @@ def test_other_warnings_of_a_simulator_go_on() -> None:
         return dc.simulate(problem.mechanism, problem.state, 1.0, step, "ode4")
 
     with pytest.warns(UserWarning, match="battery low"):
-        dc.study(problem, simulator=warning, steps=(2e-2, 1e-2, 5e-3))
+        dc.study(problem, runs=warning, steps=(2e-2, 1e-2, 5e-3))
 
 
 # --- values, confidence, few steps ----------------------------------------------------------------
@@ -148,10 +148,11 @@ def test_two_steps_are_no_high_confidence() -> None:
     assert pendulum(solver="ode1").verdict.confidence == "high"  # three
 
 
-@pytest.mark.parametrize("empty", [{"steps": ()}, {"steps": None, "tolerances": (), "solver": ""}])
+@pytest.mark.parametrize("empty", [{"steps": ()}, {"steps": None, "solver": ()}])
 def test_no_steps_at_all_are_refused(empty: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="was given; give three"):
+    with pytest.raises(InputError, match="was given; give three") as refused:
         pendulum(**empty)
+    assert refused.value.code == "E-VALUE"
 
 
 # --- blow-ups, solver noise -----------------------------------------------------------------------
@@ -184,7 +185,7 @@ def test_accelerations_beyond_bounds_are_a_blow_up_too() -> None:
             t=run.t, q=run.q, u=run.u, udot=udot, coordinates=run.coordinates, speeds=run.speeds
         )
 
-    found = dc.study(problem, simulator=exploding, steps=(2e-2, 1e-2, 5e-3))
+    found = dc.study(problem, runs=exploding, steps=(2e-2, 1e-2, 5e-3))
     assert "the run blows up: accelerations reach" in found.runs[1].failure
     assert "damaged" not in found.verdict.explain()
 

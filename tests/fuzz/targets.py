@@ -20,9 +20,9 @@ from deltac.diagnosis.check.table import check_table, write_states
 from deltac.errors import InputError, SuspicionWarning
 from deltac.fleets.design import lay_out, with_points
 from deltac.fleets.spec import read_spec
+from deltac.foreign.limits import Limits, parse_json
 from deltac.importers import read_mechanism
 from deltac.importers.urdf import read_urdf
-from deltac.limits import Limits, parse_json
 from deltac.mechanism.laws import as_law
 from deltac.models import load_model
 from deltac.repair.tracing.tracer import branches

@@ -13,8 +13,8 @@ import pytest
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import trace
 from deltac.errors import InputError
+from deltac.foreign.limits import Limits
 from deltac.importers import read_mechanism
-from deltac.limits import Limits
 from tests.support.mujoco_comparison import differences
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed: the extra 'mujoco'")

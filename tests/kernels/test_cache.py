@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from deltac.errors import InputError
-from deltac.files import appearing
+from deltac.foreign.files import appearing
 from deltac.kernels import CacheWarning, cache, cache_info, clear_cache, compiled, verify_cache
 from deltac.kernels.cache import LIMIT
 

@@ -97,7 +97,7 @@ def test_wrong_equations_are_no_matter_of_the_step() -> None:
 
 
 def test_a_study_over_tolerances() -> None:
-    study = dc.study(PENDULUM, duration=0.5, solver="ode5-adaptive", tolerances=[1e-5, 1e-7, 1e-9])
+    study = dc.study(PENDULUM, duration=0.5, solver=dc.solvers.Adaptive(tolerance=1e-9))
     assert study.verdict.kind == "consistent"
 
 

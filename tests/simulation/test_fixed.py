@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.caching import LRUCache
+from deltac.calls.caching import LRUCache
 from deltac.kernels import kernel as kernels
 from deltac.simulation.flow import build_flow
 from deltac.simulation.simulate import SimulationStoppedWarning

@@ -177,7 +177,7 @@ def steps_of(solver: str, T: float, steps: int, constraints: Any) -> tuple[Any, 
         x = stepper.attempt(t, x, following).x1
         stepper.accept(following, x)
         states.append(x[:4])
-        multipliers.append(float(stepper.taken.multipliers[0]))
+        multipliers.append(float(stepper.taken.y[-1]) * steps / T)  # y ends in h λ
     return np.array(states), np.array(multipliers)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.solvers import FixedStep
+from deltac.solvers import FixedStep, Scipy
 
 LAWS = {
     "jump": "where(q.x > 0.3, -4.0, 1.0) - 3*q.x",
@@ -111,3 +111,33 @@ def test_switches_and_impacts_together() -> None:
     for work in ("in-loop", "samples"):
         ledger = dc.balance(mechanism, run, work=work)
         assert max(np.abs(d).max() for d in ledger.delta_c.values()) < 1e-11
+
+
+@pytest.mark.parametrize(
+    "options", [FixedStep("ode4", switches=True), Scipy(switches=True)], ids=str
+)
+def test_switches_in_a_loop_whose_parameters_vary(options: dc.solvers.Options) -> None:
+    """Sides of laws follow the parameters that are kept as symbols; the motion is that of plain numbers."""
+    mechanism = dc.Mechanism(
+        bodies=[
+            dc.bodies.rod("crank", "m", 1.0),
+            dc.bodies.rod("rod", "m", 2.0),
+            dc.bodies.point_mass("slider", 1.5),
+        ],
+        joints=[
+            dc.joints.revolute("crank", "ground", "crank"),
+            dc.joints.revolute("pin", "crank", "rod", position=(1.0, 0.0, 0.0)),
+            dc.joints.prismatic("slide", "ground", "slider", "x"),
+        ],
+        forces=[dc.forces.joint_torque("rub", "slide", "-3*sign(u.slide)")],
+        constraints=[dc.constraints.loop_spherical("wrist", "rod", "slider", point1=(2.0, 0, 0))],
+        parameters={"m": 1.0},
+    )
+    guess = mechanism.state({"crank": 1.0, "pin": -1.4, "slide": 2.3}, {"crank": -5.0})
+    state = dc.assemble(mechanism, guess, pinned=("crank",)).state
+    runs = [
+        dc.simulate(model, state, 0.5, 2e-3, options)
+        for model in (mechanism, mechanism.varying("m"))
+    ]
+    assert runs[0].events[0].t == pytest.approx(runs[1].events[0].t, abs=1e-12)
+    np.testing.assert_allclose(runs[0].q, runs[1].q, atol=1e-10)

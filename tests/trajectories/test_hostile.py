@@ -22,7 +22,7 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from deltac.errors import InputError
-from deltac.limits import Limits, parse_json
+from deltac.foreign.limits import Limits, parse_json
 from deltac.trajectories import Trajectory, read_trajectory, to_metadata
 from tests.support.hostile import outcome
 

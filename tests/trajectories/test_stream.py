@@ -12,7 +12,7 @@ import polars
 import pytest
 
 from deltac.errors import InputError
-from deltac.limits import free_memory
+from deltac.foreign.limits import free_memory
 from deltac.trajectories import Provenance, Trajectory, read_trajectory, scan_trajectory
 
 
@@ -145,7 +145,7 @@ def test_a_log_that_does_not_fit_into_memory(
 ) -> None:
     sample(1000).write(tmp_path / "log.parquet")
     sample(1000).write(tmp_path / "log.csv")
-    monkeypatch.setattr("deltac.limits.free_memory", lambda: 1e5)
+    monkeypatch.setattr("deltac.foreign.limits.free_memory", lambda: 1e5)
     monkeypatch.setenv("DELTAC_ISOLATION", "off")  # another process sees the memory that there is
     with pytest.raises(
         InputError, match=r"log\.parquet: the log has 1000 rows and 10 columns.*in parts"

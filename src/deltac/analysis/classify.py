@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.evaluate import evaluate
-from deltac.arguments import checked
 from deltac.arrays import ASSEMBLED, Array
+from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.states import random_states
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import (

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.model import Instants, instants
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
@@ -22,12 +22,12 @@ from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.models import ModelLike, StateLike
-from deltac.results import Record
+from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Evaluation(Record):
+class Evaluation(Serialisable):
     """M u̇ + h = f + Gᵀλ, G u̇ + γ = 0 at an instant; of a run, samples are the first axis of arrays.
 
     p free speeds, nu of all joints, c rows of constraints; SI units.

@@ -10,8 +10,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.model import Instants, instants
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.scene import Scene
 from deltac.dynamics.spatial import SX

@@ -12,8 +12,8 @@ import numpy as np
 
 from deltac.analysis.evaluate import evaluated
 from deltac.analysis.model import Instants, instants
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,

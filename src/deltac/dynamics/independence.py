@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac.arrays import ASSEMBLED, Array
-from deltac.caching import LRUCache
+from deltac.calls.caching import LRUCache
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion

@@ -8,7 +8,7 @@ from typing import Any
 
 import casadi as ca
 
-from deltac.caching import derived
+from deltac.calls.caching import derived
 from deltac.dynamics.recursions import velocities
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System

@@ -9,7 +9,7 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from deltac.caching import LRUCache, Once
+from deltac.calls.caching import LRUCache, Once
 from deltac.dynamics.frames import aligned_joints, constant_turns
 from deltac.dynamics.joints import joint_motion
 from deltac.dynamics.laws import to_casadi

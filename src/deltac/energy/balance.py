@@ -10,7 +10,8 @@ from os import PathLike
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.deprecation import renamed_keywords
+from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.interrupts import interruptible
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
@@ -45,7 +46,6 @@ from deltac.energy.works import (
     widened,
 )
 from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, WrongType
-from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.caching import FrozenDict
-from deltac.deprecation import RenamedAttribute
+from deltac.calls.caching import FrozenDict
+from deltac.calls.deprecation import RenamedAttribute
 from deltac.energy.works import unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.results import Report, Section, Table, number, percent

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltac.arrays import EPS, Array
-from deltac.caching import LRUCache
+from deltac.calls.caching import LRUCache
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Energies

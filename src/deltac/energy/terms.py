@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.caching import LRUCache, Once
+from deltac.calls.caching import LRUCache, Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.forces import total_force

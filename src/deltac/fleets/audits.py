@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
+from deltac.calls.interrupts import interruptible
 from deltac.errors import FileError, InputError, UnknownName, closest, listed
-from deltac.files import read_text
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.execution import Work
 from deltac.fleets.fleet import run_fleet
@@ -22,8 +22,8 @@ from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, halved, rows_as_par
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, Store, digest, versions
 from deltac.fleets.verdicts import AuditTask, verdicts
-from deltac.interrupts import interruptible
-from deltac.isolation import Failure
+from deltac.foreign.files import read_text
+from deltac.foreign.isolation import Failure
 from deltac.models import Model, ModelLike, load_model
 from deltac.trajectories.formats.files import FORMATS, is_log_folder, read_raw
 from deltac.trajectories.formats.mapping import as_mapping

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError
 from deltac.fleets.result import shown_cell
 from deltac.fleets.rows import FAILED, is_point

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import FileError, InputError, SpecificationError, UnknownName, closest
-from deltac.files import read_bytes
 from deltac.fleets.rows import SETTING
 from deltac.fleets.spec import Range, SweepSpec, make_spec
-from deltac.limits import Limits, require_memory
+from deltac.foreign.files import read_bytes
+from deltac.foreign.limits import Limits, require_memory
 
 
 @dataclass(frozen=True)

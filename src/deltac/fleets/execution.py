@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol
 
 from deltac.errors import PackageError, ProcessLost
-from deltac.isolation import Failure, Workers, isolated
+from deltac.foreign.isolation import Failure, Workers, isolated
 from deltac.kernels.parallel import cores
 
 TICK = 0.5

@@ -14,7 +14,7 @@ from deltac.fleets.execution import Crew, SchedulerLost, Work, dask_crew, execut
 from deltac.fleets.result import OUTSIDE, Fleet, summarise
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import RESULTS, Store
-from deltac.isolation import Failure
+from deltac.foreign.isolation import Failure
 
 
 class RecomputedWarning(UserWarning):

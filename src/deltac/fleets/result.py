@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import listed
 from deltac.fleets.rows import FAILED, SETTING, is_point
 from deltac.fleets.store import RESULTS, Store

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from deltac.isolation import Failure
+from deltac.foreign.isolation import Failure
 
 Piece = TypeVar("Piece", bound=Any)
 

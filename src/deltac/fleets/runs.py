@@ -14,7 +14,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, halved, rows_as_parquet
-from deltac.isolation import Failure
+from deltac.foreign.isolation import Failure
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
@@ -340,18 +340,16 @@ def _study(piece: RunPiece) -> dict[str, Any]:
     Of solvers that choose their steps at 100, 10 and 1 times their tolerance.
     """
     from deltac.diagnosis.study.study import study
-    from deltac.simulation.solvers import DEFAULT_TOLERANCE, find_solver
+    from deltac.simulation.solvers import solver_options
 
     task, (row,) = piece.task, piece.values
     assert isinstance(task, Task)
     mechanism = task.mechanism.with_parameters(**_parameters(task, row))
     Q, U = _states(task, piece.values)
     began = time.process_time()
-    steps = tolerances = None
-    if not find_solver(task.solver).takes_steps:
-        finest = task.solver_tolerance or DEFAULT_TOLERANCE
-        tolerances = [100.0 * finest, 10.0 * finest, finest]
-    elif task.step is not None:
+    solver = solver_options(task.solver, task.solver_tolerance)
+    steps = None
+    if solver.solver.takes_steps and task.step is not None:
         ratio = task.duration / (4.0 * task.step)
         whole = abs(ratio - round(ratio)) < 1e-9 * ratio
         steps = [task.step * f for f in ((4.0, 2.0, 1.0) if whole else (1.0, 0.5, 0.25))]
@@ -360,10 +358,9 @@ def _study(piece: RunPiece) -> dict[str, Any]:
         State(task.start.t, Q[0], U[0]),
         task.duration,
         steps,
-        task.solver,
-        tolerances=tolerances,
-        testing=TESTING,
+        solver,
         tolerance=task.tolerance,
+        record=TESTING,
     )
     order = found.observed_order["state"].order if "state" in found.observed_order else None
     left = float(found.measures.left[-1])

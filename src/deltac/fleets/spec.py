@@ -21,8 +21,8 @@ from pydantic import (
 )
 
 from deltac.errors import InputError, SpecificationError, UnknownName, closest, listed
-from deltac.files import read_text
-from deltac.limits import parse_toml
+from deltac.foreign.files import read_text
+from deltac.foreign.limits import parse_toml
 
 
 def _radians(value: Any) -> Any:
@@ -200,10 +200,8 @@ def _validated(document: dict[str, Any], where: Any) -> SweepSpec:
 
 def _words(error: Any) -> str:
     """What pydantic expected, as we would say it."""
-    text = str(error["msg"]).removeprefix("Value error, ")
-    return text[:1].lower() + text[1:].replace("Input should be", "expected").replace(
-        "input should be", "expected"
-    )
+    text = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "expected")
+    return text[:1].lower() + text[1:]
 
 
 def _hint(name: str, known: Sequence[str]) -> str:

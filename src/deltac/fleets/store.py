@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deltac.errors import FileError, InputError
-from deltac.files import appearing, read_bytes, remove_abandoned
-from deltac.isolation import Failure
-from deltac.limits import parse_json
+from deltac.foreign.files import appearing, read_bytes, remove_abandoned
+from deltac.foreign.isolation import Failure
+from deltac.foreign.limits import parse_json
 
 try:
     import fcntl

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
+from deltac.calls.interrupts import interruptible
 from deltac.errors import ArgumentsError, InputError, SpecificationError, UnknownName, closest
 from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.execution import Work
@@ -21,8 +22,7 @@ from deltac.fleets.result import Fleet
 from deltac.fleets.runs import Refused, RunPiece, Task
 from deltac.fleets.spec import Execution, SweepSpec, make_spec, read_spec
 from deltac.fleets.store import ADDRESS, Store, digest, versions
-from deltac.interrupts import interruptible
-from deltac.isolation import Failure
+from deltac.foreign.isolation import Failure
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, load_model
 

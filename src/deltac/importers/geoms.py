@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.importers.mujoco import load_model
 from deltac.importers.names import body_names, geom_names
 from deltac.importers.report import Remark

@@ -14,9 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType, shown
-from deltac.files import read_bytes
+from deltac.foreign.files import read_bytes
+from deltac.foreign.limits import Limits, free_memory
 from deltac.importers.equalities import read_equalities
 from deltac.importers.names import (
     actuator_names,
@@ -31,7 +32,6 @@ from deltac.importers.sdf import read_sdf
 from deltac.importers.tree import read_tree
 from deltac.importers.urdf import Urdf, read_urdf, transmissions
 from deltac.importers.visuals import read_visuals
-from deltac.limits import Limits, free_memory
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
 from deltac.mechanism.quantities import vector
 from deltac.mechanism.state import State

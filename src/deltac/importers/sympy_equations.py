@@ -9,8 +9,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arguments import checked
-from deltac.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
+from deltac.calls.deprecation import renamed_keywords
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.errors import ModelError, UnknownName, WrongType, closest

@@ -22,9 +22,9 @@ import numpy as np
 from deltac import rotations
 from deltac.arrays import Array
 from deltac.errors import FileError, InputError, ModelError, shown
-from deltac.files import read_text
+from deltac.foreign.files import read_text
+from deltac.foreign.limits import Limits
 from deltac.importers.report import Remark
-from deltac.limits import Limits
 from deltac.mechanism.bodies import Body
 
 _SHAPES = ("visual", "collision")

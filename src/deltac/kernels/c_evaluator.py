@@ -17,8 +17,8 @@ from typing import Any
 
 import casadi
 
+from deltac.calls.interrupts import waiting
 from deltac.errors import PackageError
-from deltac.interrupts import waiting
 from deltac.kernels.cache import compiled, our_code
 from deltac.kernels.native import FUNCTIONS, NativeEvaluator
 

@@ -39,7 +39,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from deltac.errors import FileError, InputError
-from deltac.files import UNFINISHED, appearing, remove_abandoned
+from deltac.foreign.files import UNFINISHED, appearing, remove_abandoned
 from deltac.kernels.simd import processor
 
 T = TypeVar("T")

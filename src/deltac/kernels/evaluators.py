@@ -9,7 +9,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Protocol
 
 from deltac.arrays import Array
-from deltac.deprecation import warn_renamed
+from deltac.calls.deprecation import warn_renamed
 from deltac.errors import PackageError, UnknownName, closest, warn_user
 
 if TYPE_CHECKING:

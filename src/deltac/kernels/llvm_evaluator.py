@@ -13,7 +13,7 @@ from typing import Any
 import llvmlite
 import llvmlite.binding as llvm
 
-from deltac.interrupts import waiting
+from deltac.calls.interrupts import waiting
 from deltac.kernels.cache import compiled, our_code
 from deltac.kernels.llvm_ir import LIBRARY, PREFIX, llvm_ir
 from deltac.kernels.native import FUNCTIONS, NativeEvaluator

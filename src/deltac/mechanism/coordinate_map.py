@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from deltac.arguments import checked
-from deltac.caching import FrozenDict
+from deltac.calls.arguments import checked
+from deltac.calls.caching import FrozenDict
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import as_law, as_text, check_symbols

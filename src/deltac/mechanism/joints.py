@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, TypedDict, Unpack
 
-from deltac.arguments import Target
+from deltac.calls.arguments import Target
 from deltac.errors import ModelError
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.parts import (

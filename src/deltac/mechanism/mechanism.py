@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
-from deltac.arguments import checked
-from deltac.caching import FrozenDict
+from deltac.calls.arguments import checked
+from deltac.calls.caching import FrozenDict
 from deltac.errors import NO_NUMBER, ModelError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.addresses import ADDRESSED, numbers, opened
 from deltac.mechanism.bodies import Body

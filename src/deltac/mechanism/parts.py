@@ -22,7 +22,7 @@ from typing import (
     get_type_hints,
 )
 
-from deltac.arguments import Target, checked
+from deltac.calls.arguments import Target, checked
 from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.mechanism.laws import as_law
 from deltac.mechanism.quantities import as_rotation, part_name, positive, unit_vector, vector

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import ModelError, UnknownName
 from deltac.mechanism.laws import as_law
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import NO_NUMBER, StateError, SuspicionWarning, UnknownName, closest
 from deltac.mechanism.coordinates import Entries, Entry
 from deltac.mechanism.joints import Joint

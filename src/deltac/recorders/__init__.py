@@ -8,7 +8,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from deltac.stubs import listed
+from deltac.calls.stubs import listed
 
 _PUBLIC = listed(__file__)
 __all__ = sorted(_PUBLIC)

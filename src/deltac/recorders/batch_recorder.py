@@ -7,8 +7,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.errors import InputError, RecordingError
 from deltac.importers.names import coordinate_names, speed_names
 from deltac.recorders.builder import TrajectoryBuilder, simulator

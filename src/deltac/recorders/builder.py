@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.errors import InputError, PackageError, RecordingError
 from deltac.trajectories import Provenance, Trajectory
 

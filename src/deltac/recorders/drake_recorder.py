@@ -14,8 +14,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac import rotations
-from deltac.arguments import checked
 from deltac.arrays import SUM_OF_FORCES, Array
+from deltac.calls.arguments import checked
 from deltac.errors import ModelError, RecordingError
 from deltac.models import ModelLike
 from deltac.recorders.builder import simulator

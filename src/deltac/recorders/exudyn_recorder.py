@@ -8,8 +8,8 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.errors import ModelError
 from deltac.mechanism.channels import ChannelName
 from deltac.recorders.builder import simulator

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy.live import (
     PAIR,

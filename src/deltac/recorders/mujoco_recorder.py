@@ -18,9 +18,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arguments import checked
 from deltac.arrays import EPS, SUM_OF_FORCES, Array
-from deltac.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
+from deltac.calls.deprecation import renamed_keywords
 from deltac.errors import (
     InputError,
     ModelError,

@@ -17,8 +17,8 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac import rotations
-from deltac.arguments import checked
 from deltac.arrays import SUM_OF_FORCES, Array
+from deltac.calls.arguments import checked
 from deltac.errors import ModelError, PackageError
 from deltac.models import ModelLike, load_model
 from deltac.recorders.recorder import (

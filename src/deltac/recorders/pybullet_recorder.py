@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltac import rotations
-from deltac.arguments import checked
 from deltac.arrays import SUM_OF_FORCES, Array
+from deltac.calls.arguments import checked
 from deltac.errors import ModelError, RecordingError, UnknownName
 from deltac.models import ModelLike
 from deltac.recorders.builder import simulator

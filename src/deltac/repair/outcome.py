@@ -13,11 +13,11 @@ from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
-from deltac.results import Finding, Record, Report, Section, Verbatim
+from deltac.results import Finding, Report, Section, Serialisable, Verbatim
 
 
 @dataclass(frozen=True)
-class Fix(Record, omit=("text",)):
+class Fix(Serialisable, omit=("text",)):
     """One or two edits that make the function right.
 
     lines     of the source, one for each edit

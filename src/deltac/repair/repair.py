@@ -13,11 +13,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
+from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.residuals.function import Caller
 from deltac.errors import InputError, SourceError
-from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair import sandbox

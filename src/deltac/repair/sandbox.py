@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.foreign.scripts import needed, statements_of
 from deltac.repair.tracing.samples import Samples
 from deltac.repair.tracing.source import Source, partial_in
-from deltac.scripts import needed, statements_of
 from deltac.simulation.state_form import PLAIN
 
 WORKER = Path(__file__).with_name("sandbox_worker.py")

@@ -1,4 +1,4 @@
-"""Figures, JSON and texts as files, which appear whole or not at all (see `deltac.files.appearing`)."""
+"""Figures, JSON and texts as files, which appear whole or not at all (see `foreign.files`)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from deltac.errors import FileError
-from deltac.files import appearing
+from deltac.foreign.files import appearing
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

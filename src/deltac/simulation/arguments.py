@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.caching import LRUCache, derived
+from deltac.calls.caching import LRUCache, derived
 from deltac.dynamics.digits import NOISY, acceleration_error, noise
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.dynamics.recursions import crba
@@ -25,7 +25,7 @@ from deltac.errors import (
     StateError,
     warn_user,
 )
-from deltac.limits import Limits
+from deltac.foreign.limits import Limits
 from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State

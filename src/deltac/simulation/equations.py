@@ -12,8 +12,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.equations_of_motion import equations_of, evaluate_at

@@ -17,8 +17,8 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arguments import checked
-from deltac.caching import Once
+from deltac.calls.arguments import checked
+from deltac.calls.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 from deltac.dynamics.spatial import SX
@@ -154,11 +154,6 @@ class Flow(Once):
         n = self.q_size + self.u_size
         return slice(0, self.q_size), slice(self.q_size, n), slice(n, self.x.shape[0])
 
-    @property
-    def powered(self) -> int:
-        """How many of the integrals, the first, are of powers; the others are booked."""
-        return len(self.works) + len(self.testing)
-
     def powers(
         self,
         known: Terms,
@@ -166,12 +161,10 @@ class Flow(Once):
         reactions: Reactions,
         bound: Constrained | None,
     ) -> SX:
-        """What the first `powered` integrals are of (W), for accelerations whoever made them."""
+        """The rates of all integrals (W), for accelerations whoever made them."""
         by_channel = _powers(self.system, parts, reactions, bound)
-        functions = testing_functions(self.testing)
-        return ca.vertcat(
-            ca.SX(0, 1), *(by_channel[n] for n in self.works), *(f.P(known) for f in functions)
-        )
+        working = [by_channel[name] for name in self.works]
+        return _integrands(known, working, self.testing, self.integrals)
 
     def booked(self, changes: SX) -> SX:
         """What integrals take of `changes` of the testing functions' energies and of what follows them."""
@@ -260,6 +253,18 @@ def build_flow(
         udot_all = ca.SX(system.udot_all)
         reactions = reactions_from(system, udot_all, parts, bound)
 
+    # Equations in fewer speeds keep ψ = 0 by themselves, and the coordinates that follow are brought back.
+    held = own is None or own.removal is not None
+    projecting = bound is not None and held and isinstance(constraints, Projection)
+    if correcting and own is not None and bound is not None:
+        raise ArgumentsError(
+            f"{written.equations.name if written else 'equations'}: the energy of equations in own "
+            "coordinates of a mechanism with constraints is not corrected; use constraints='projection'"
+        )
+    names = tuple(function.name for function in functions)
+    booked = CORRECTIONS if projecting or correcting else ()
+    integrals = (*names, *booked, *((ENERGY_CORRECTION, ENERGY_DUE) if correcting else ()))
+
     known = terms(system, udot_all, parts, split_own, bound, reactions)
     by_channel = _powers(system, parts, reactions, bound) if works and functions else {}
     potential = {part.name for part in parts if part.potential is not None}
@@ -270,9 +275,8 @@ def build_flow(
         "u": ca.SX(system.u_all),
         "udot": udot_all,
         "driving": reactions.driving,
-        "P": ca.vertcat(ca.SX(0, 1), *working.values(), *(f.P(known) for f in functions)),
+        "P": _integrands(known, list(working.values()), names, integrals),
         "E": ca.vertcat(*(function.E(known) for function in functions), known.K, known.V),
-        "Q": known.nonpotential_power + known.prescribed_power,
         **{str(name): force for name, force in tied.items()},
     }
     if written is not None:
@@ -281,23 +285,10 @@ def build_flow(
         outputs = _substituted(outputs, [system.udot], [free_udot])
         if own is not None:
             outputs = _substituted(outputs, [system.q, system.u], [own.q, own.u])
-    # Equations in fewer speeds keep ψ = 0 by themselves, and the coordinates that follow are brought back.
-    held = own is None or own.removal is not None
-    projecting = bound is not None and held and isinstance(constraints, Projection)
-    if correcting and own is not None and bound is not None:
-        raise ArgumentsError(
-            f"{written.equations.name if written else 'equations'}: the energy of equations in own "
-            "coordinates of a mechanism with constraints is not corrected; use constraints='projection'"
-        )
-    booked: tuple[str, ...] = CORRECTIONS if projecting or correcting else ()
-    booked = (*booked, ENERGY_CORRECTION) if correcting else booked
-    due = (ENERGY_DUE,) if correcting else ()
-    integrals = (*(f.name for f in functions), *booked, *due)
     x = ca.vertcat(q, u, ca.SX.sym("z", len(working) + len(integrals)))
-    still = ca.SX.zeros(len(booked))
     return Flow(
         system=system,
-        testing=tuple(function.name for function in functions),
+        testing=names,
         works=tuple(working),
         integrals=integrals,
         equations=None if written is None else written.equations,
@@ -312,7 +303,7 @@ def build_flow(
         inputs=system.inputs,
         given=given,
         p=system.p,
-        xdot=ca.vertcat(qdot, udot, outputs["P"], still, outputs["Q"] if due else ca.SX(0, 1)),
+        xdot=ca.vertcat(qdot, udot, outputs["P"]),
         q_size=q.shape[0],
         u_size=u.shape[0],
         q_all=outputs["q"],
@@ -322,6 +313,15 @@ def build_flow(
         reactions={n: outputs[n] for n in tied},
         energies=outputs["E"],
     )
+
+
+def _integrands(
+    known: Terms, working: Sequence[SX], testing: Sequence[str], integrals: Sequence[str]
+) -> SX:
+    """The rates of works and integrals (W): powers; zero of what corrections book; Q of the energy due."""
+    rates: dict[str, SX] = {f.name: f.P(known) for f in testing_functions(testing)}
+    rates[ENERGY_DUE] = known.nonpotential_power + known.prescribed_power
+    return ca.vertcat(ca.SX(0, 1), *working, *(rates.get(name, ca.SX(0)) for name in integrals))
 
 
 def _powers(

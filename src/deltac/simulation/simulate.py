@@ -9,20 +9,20 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arguments import named, unknown_argument
 from deltac.arrays import Array
-from deltac.caching import LRUCache
-from deltac.deprecation import renamed_keywords, warn_renamed
+from deltac.calls.arguments import named, unknown_argument
+from deltac.calls.caching import LRUCache
+from deltac.calls.deprecation import renamed_keywords, warn_renamed
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import ArgumentsError, InputError, warn_user
-from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, opened
-from deltac.progress import Progress
 from deltac.simulation.arguments import (
     check_accelerations,
     check_correction,

@@ -7,7 +7,7 @@ import math
 from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import NO_NUMBER, InputError, SolverError, UnknownName, WrongType
 from deltac.simulation.stepping.runge_kutta import (
     StepFunction,

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac import rotations
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import LogError, WrongType
 from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
 from deltac.trajectories.rates import rotation_vectors

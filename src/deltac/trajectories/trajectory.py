@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from deltac.arguments import checked
-from deltac.caching import Once
+from deltac.calls.arguments import checked
+from deltac.calls.caching import Once
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism

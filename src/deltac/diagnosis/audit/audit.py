@@ -4,36 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.deprecation import RenamedAttribute
+from deltac.calls.arguments import checked
+from deltac.calls.deprecation import RenamedAttribute
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Deadline, Parts, Progress, untold
 from deltac.diagnosis.audit import checks
-from deltac.diagnosis.audit.evidence import Known, first_tests, gather
-from deltac.diagnosis.audit.noise import energy_of_noise
-from deltac.diagnosis.audit.rules import Measures, judge, small_but_real
+from deltac.diagnosis.audit.evidence import gather
+from deltac.diagnosis.audit.facts import facts_of
+from deltac.diagnosis.audit.measures import measures_of, stored_energy
+from deltac.diagnosis.audit.reading import Known, Reference, read
+from deltac.diagnosis.audit.rules import judge
+from deltac.diagnosis.audit.steps import first_tests
 from deltac.diagnosis.inputs import channels as motors
-from deltac.diagnosis.inputs.channels import foreign_channels, foreign_notes, told
-from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log, stretches
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
-from deltac.energy import Ledger, balance
-from deltac.energy.streaming import KEPT
+from deltac.energy import Ledger
 from deltac.errors import InputError
-from deltac.interrupts import interruptible
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import Model, ModelLike, load_model
-from deltac.progress import Deadline, Parts, Progress, untold
+from deltac.models import ModelLike, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
-from deltac.trajectories.lint import gap_rows
 
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
 
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 TOLERANCE = 1e-3
 """Energy error that is accepted by default, as a fraction of the energy exchanged."""
@@ -115,7 +117,7 @@ class Audit(
     @property
     def beside(self) -> float:
         """The energy that the error is judged beside: exchanged, or that the system has, if less; J."""
-        return min(self.ledger.energy_exchanged, _held_energy(self.ledger))
+        return min(self.ledger.energy_exchanged, stored_energy(self.ledger))
 
     @property
     def exit_code(self) -> int:
@@ -149,7 +151,7 @@ class Audit(
                 error=float(ledger.work_error[n].max()),
                 resolved=n not in unknown,
             )
-            for n, w in sorted(ledger.work.items(), key=lambda item: -_reach(item[1]))
+            for n, w in sorted(ledger.work.items(), key=lambda item: -float(np.ptp(item[1])))
         ]
         rows += [row(n, 0.0, b) for n, b in ledger.basis.items() if b == "assumed zero"]
         K, V = ledger.kinetic, ledger.potential_energy
@@ -195,7 +197,7 @@ class Audit(
     @property
     def imported(self) -> dict[str, tuple[str, ...]]:
         """What the import of the model left out, and what it assumed."""
-        return told(self.import_report)
+        return motors.told(self.import_report)
 
     def summary(self) -> str:
         """Verdict, and the energy error beside the tolerance."""
@@ -262,8 +264,9 @@ def audit(
         log: a Trajectory; the path of a log; a table (a dictionary of arrays, a DataFrame,
             an xarray Dataset, an array (T, n)); or what SciPy returned (see `Trajectory.from_scipy`).
         tolerance: accepted |ΔC| as a fraction of the energy exchanged.
-        work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
-            has that, discrete where it holds every step of an engine that holds its forces over a step.
+        work: rule for works, as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop
+            where the run has that, discrete where it holds every step of an engine that holds its forces over
+            a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
         replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
@@ -276,19 +279,17 @@ def audit(
     Raises:
         InputError: model or log cannot be read, or the log is not of this model.
     """
-    _check_tolerance(tolerance)
-    loaded = load_model(model)
+    reference = _reference(model, tolerance, work)
     deadline, parts = Deadline(SECONDS), Parts(progress, SHARES)
     of_replay: list[Finding] = []
     if replay:
         from deltac.diagnosis.audit.replayed import replayed
 
-        log, of_replay = replayed(model, loaded.mechanism, log, mapping)
+        log, of_replay = replayed(model, reference.mechanism, log, mapping)
         mapping = None
-    known = _known(loaded, log, tolerance, work, mapping, of_replay, parts.part("read"))
-    (step,) = first_tests(loaded.mechanism, [known])
-    options = (tolerance, work, strict)
-    return _judged(loaded, known, step, *options, deadline, parts.part("evidence"))
+    known = read(reference, log, mapping, of_replay, parts.part("read"))
+    (step,) = first_tests(reference.mechanism, [known])
+    return _judged(reference, known, step, strict, deadline, parts.part("evidence"))
 
 
 def audit_together(
@@ -300,175 +301,71 @@ def audit_together(
     strict: bool = False,
 ) -> list[Audit | InputError]:
     """`audit` of several runs, or why one cannot be judged; the one-step test sees all of them at once."""
-    _check_tolerance(tolerance)
-    loaded = load_model(model)
-    found: list[Audit | InputError] = []
-    known: list[Known | InputError] = []
-    for run in runs:
-        try:
-            known.append(_known(loaded, run, tolerance, work))
-        except InputError as error:
-            known.append(error)
-    steps = iter(first_tests(loaded.mechanism, [k for k in known if not isinstance(k, InputError)]))
-    for one in known:
-        if isinstance(one, InputError):
-            found.append(one)
-            continue
-        try:
-            deadline = Deadline(SECONDS)
-            found.append(_judged(loaded, one, next(steps), tolerance, work, strict, deadline))
-        except InputError as error:
-            found.append(error)
-    return found
+    reference = _reference(model, tolerance, work)
+    known = [_or_error(read, reference, run) for run in runs]
+    good = [k for k in known if isinstance(k, Known)]
+    steps = iter(first_tests(reference.mechanism, good))
+    return [
+        _or_error(_judged, reference, k, next(steps), strict, Deadline(SECONDS))
+        if isinstance(k, Known)
+        else k
+        for k in known
+    ]
 
 
-def _check_tolerance(tolerance: float) -> None:
+def _or_error(make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | InputError:
+    try:
+        return make(*args, **kwargs)
+    except InputError as error:
+        return error
+
+
+def _reference(model: ModelLike, tolerance: float, work: str | None) -> Reference:
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
-
-
-def _known(
-    loaded: Model,
-    log: Any,
-    tolerance: float,
-    work: str | None,
-    mapping: Any = None,
-    findings: Sequence[Finding] = (),
-    progress: Progress | None = None,
-) -> Known:
-    """A log that was read and balanced, with what its columns say before the equations are looked at."""
-    mechanism = loaded.mechanism
-    log_read = read_log(mechanism, log, work, mapping, keep=KEPT, progress=progress or untold)
-    found = [*findings, *log_read.findings]
-    found += checks.suspicious_conventions(mechanism, log_read.consecutive, found)
-    found += checks.violations(mechanism, log_read.run, log_read.ledger, tolerance)
-    found += checks.impacts_not_held(mechanism, log_read.run)
-    measured = log_read.run.udot is not None and not _derived(log_read.run, "udot")
-    return Known(log_read, tuple(found), measured)
+    loaded = load_model(model)
+    return Reference(loaded.mechanism, loaded.import_report, tolerance, work)
 
 
 def _judged(
-    loaded: Model,
+    reference: Reference,
     known: Known,
     step: OneStep | None,
-    tolerance: float,
-    work: str | None,
     strict: bool,
     deadline: Deadline,
     progress: Progress = untold,
 ) -> Audit:
-    """The audit of a log with the one-step test of its rows."""
-    mechanism, import_report = loaded.mechanism, loaded.import_report
-    evidence = gather(
-        mechanism,
-        known,
-        step,
-        work,
-        tolerance,
-        import_report,
-        deadline=deadline,
-        progress=progress,
-    )
-    log_read = evidence.log
-    run, ledger = log_read.run, log_read.ledger
-    findings = [*known.findings, *evidence.findings]
-    function = _function(ledger)
-    energy_error = ledger.uncorrected(function)
-    missing = checks.assumed_zero(run, import_report)
+    """The audit of a log with the first one-step test of its rows: evidence, measures, verdict."""
+    mechanism, report = reference.mechanism, reference.import_report
+    evidence = gather(reference, known, step, deadline=deadline, progress=progress)
+    log = evidence.log
+    run, ledger = log.run, log.ledger
+    missing = checks.assumed_zero(run, report)
     basis = {**ledger.basis, **dict.fromkeys(missing, "assumed zero")}
-    basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if _derived(run, c)}
+    basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if c in run.provenance.derived}
     ledger = replace(ledger, basis=basis)
-    findings += checks.assumed_zero_finding(missing)
-    findings += checks.unresolved_works(ledger)
-    findings += motors.differing_gears(run, ledger, tolerance, import_report)
-    works = foreign_channels(mechanism, log_read.consecutive, import_report)
-    findings += foreign_notes(works, ledger.energy_exchanged)
-    held = held_between_rows(log_read)
-    noise = energy_of_noise(mechanism, log_read, work, function, evidence.step)
-    measures = Measures(
-        energy_exchanged=ledger.energy_exchanged,
-        held_energy=_held_energy(ledger),
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
-        + ledger.energy_exchanged,
-        kinetic=float(ledger.kinetic.max()),
-        left=float(np.abs(energy_error).max()),
-        bar=float(ledger.error_bar[function].max()) + held + noise,
-        noise=noise,
-        held=held,
-        tolerance=tolerance,
-        spacing=float(np.median(np.diff(log_read.consecutive.t))),
-        step=known.log.run.provenance.step,  # of the log, not of how forces were held
-        method=ledger.method,
-        outside_gaps=_outside_gaps(mechanism, log_read, function),
-        bar_growth=_bar_growth(mechanism, log_read.consecutive, function),
-    )
-    findings += small_but_real(measures, evidence)
-    # A motion drifts off its constraints by whatever else is wrong, too.
-    ranked = sorted(
-        findings,
-        key=lambda f: (("cause", "doubt", "note").index(f.weight), f.kind == "constraint-drift"),
-    )
-    verdict = judge(measures, evidence, tuple(ranked))
+    findings = [
+        *known.findings,
+        *evidence.findings,
+        *checks.assumed_zero_finding(missing),
+        *checks.unresolved_works(ledger),
+        *motors.differing_gears(run, ledger, reference.tolerance, report),
+        *motors.foreign_notes(
+            motors.foreign_channels(mechanism, log.consecutive, report), ledger.energy_exchanged
+        ),
+    ]
+    # The step is that of the log, and not how forces were found to be held.
+    energy = measures_of(reference, log, evidence.step, known.log.run.provenance.step)
+    verdict = judge(facts_of(energy, evidence, findings))
     return Audit(
         ledger=ledger,
-        verdict=replace(verdict, limits=(*verdict.limits, *motors.limits(run, import_report))),
+        verdict=replace(verdict, limits=(*verdict.limits, *motors.limits(run, report))),
         run=run,
         mechanism=mechanism,
-        import_report=import_report,
-        function=function,
-        energy_error=energy_error,
-        tolerance=tolerance,
+        import_report=report,
+        function=energy.function,
+        energy_error=ledger.uncorrected(energy.function),
+        tolerance=reference.tolerance,
         step=evidence.step,
         strict=strict,
     )
-
-
-def _held_energy(ledger: Ledger) -> float:
-    """The energy that the system has at a time, as far as it changes: max K and the range of V, J."""
-    return float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
-
-
-def _function(ledger: Ledger) -> str:
-    """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
-    for name in ("wang", "liu-huston", "kane-levinson-1990"):
-        if name in ledger.delta_c:
-            return name
-    return next(iter(ledger.delta_c))
-
-
-def _derived(run: Trajectory, what: str) -> bool:
-    return what in run.provenance.derived
-
-
-def _reach(work: Array) -> float:
-    return float(np.ptp(work))
-
-
-def _outside_gaps(
-    mechanism: Mechanism, log: Log, function: str
-) -> Callable[[], tuple[float, float]] | None:
-    """Largest |ΔC| of the parts of a log between its gaps, and its bar; None without gaps."""
-    run = log.consecutive
-    if log.ledger.method == "in-loop" or not len(gap_rows(run.t)):
-        return None
-
-    def outside() -> tuple[float, float]:
-        parts = stretches(mechanism, run)
-        found = [(float(np.abs(p.uncorrected(function)).max()), p) for p in parts]
-        left, worst = max(found, key=lambda item: item[0], default=(0.0, None))
-        return left, float(worst.error_bar[function].max()) if worst else 0.0
-
-    return outside
-
-
-def _bar_growth(mechanism: Mechanism, run: Trajectory, function: str) -> Callable[[], float]:
-    """How many times larger the error bar is on every second sample, if it is asked for."""
-
-    def growth() -> float:
-        bars = [
-            balance(mechanism, rows, "samples", testing=(function,)).error_bar[function].max()
-            for rows in (run, run.every(2))
-        ]
-        return float(bars[1] / bars[0]) if bars[0] > 0.0 else 1.0
-
-    return growth

@@ -7,22 +7,25 @@ then tested on the whole log from row to row.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.calls.progress import Deadline
 from deltac.diagnosis.residuals.one_step import one_step
 from deltac.diagnosis.residuals.rows import Model
 from deltac.diagnosis.verdict import Finding
 from deltac.errors import InputError
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Deadline
 from deltac.results import percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -48,63 +51,58 @@ PARALLEL = 1e-6
 OFFSETS = (np.pi, 0.5 * np.pi, -0.5 * np.pi)
 """Zeros of an angle that people choose: hanging, upright, along another axis."""
 
-
-Places = NDArray[np.intp]
+Forces: TypeAlias = Mapping[ChannelName, Array]
 
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """Another way to read a log, of the coordinates whose rates are speeds, and of the forces.
+    """Another way to read a log.
 
-    factors    on each coordinate with its speed
-    places     of the columns that take the place of each
-    lessened   places of the columns that are subtracted from each, −1 for none
-    offset     place of a coordinate, and what it is logged too large
-    exchanged  two channels that take each other's forces; sign: of all forces
+    matrix  of the coordinates whose rates are speeds, of these, and of their rates (n, n): what is read of
+            what is logged
+    offset  what these coordinates are logged too large by (n,)
+    forces  those that are read, by channel, of those that are logged
     """
 
     kind: str
     element: str
     what: str
     remedy: str
-    factors: Array | None = None
-    places: Places | None = None
-    lessened: Places | None = None
-    offset: tuple[int, float] | None = None
-    exchanged: tuple[str, str] | None = None
-    sign: float = 1.0
+    matrix: Array | None = None
+    offset: Array | float = 0.0
+    forces: Callable[[Forces], Forces] = lambda forces: forces
 
     def of(self, run: Trajectory) -> Trajectory:
         """The log, read so; its integrals are not."""
-        q, u = np.array(run.q), np.array(run.u)
-        udot = None if run.udot is None else np.array(run.udot)
-        rates = _rates(run)
-        moved = [(q, rates[:, 0]), (u, rates[:, 1])] + (
-            [] if udot is None else [(udot, rates[:, 1])]
-        )
-        for values, at in moved:
-            here = values[:, at]
-            if self.factors is not None:
-                here = here * self.factors
-            if self.places is not None:
-                here = here[:, self.places]
-            if self.lessened is not None:
-                here = here - np.where(self.lessened >= 0, here[:, self.lessened], 0.0)
-            values[:, at] = here
-        if self.offset is not None:
-            q[:, self.offset[0]] -= self.offset[1]
-        forces = {name: self.sign * force for name, force in run.forces.items()}
-        if self.exchanged is not None:
-            a, b = self.exchanged
-            sums = [force.sum(axis=1) for force in (forces[a], forces[b])]
-            for name, total in ((a, sums[1]), (b, sums[0])):
-                at_speed = int(np.flatnonzero(np.ptp(forces[name], axis=0))[0])
-                forces[name] = np.zeros_like(forces[name])
-                forces[name][:, at_speed] = total
+        places = _rates(run)
+
+        def read(values: Array, at: NDArray[np.intp]) -> Array:
+            found = np.array(values)
+            if self.matrix is not None:
+                found[:, at] = values[:, at] @ self.matrix.T
+            return found
+
+        q, u = read(run.q, places[:, 0]), read(run.u, places[:, 1])
+        q[:, places[:, 0]] -= self.offset
+        udot = None if run.udot is None else read(run.udot, places[:, 1])
+        forces = self.forces(run.forces)
         return replace(run, q=q, u=u, udot=udot, forces=forces, integrals={}, works={}, events=())
 
 
-def _rates(run: Trajectory) -> Places:
+def _negated(forces: Forces) -> Forces:
+    return {name: -force for name, force in forces.items()}
+
+
+def _exchanged(a: ChannelName, b: ChannelName, forces: Forces) -> Forces:
+    """Two forces that act on a speed each, where the other one is logged."""
+
+    def at(name: ChannelName, other: ChannelName) -> Array:
+        return np.asarray((np.ptp(forces[name], axis=0) > 0.0) * forces[other].sum(axis=1)[:, None])
+
+    return {**forces, a: at(a, b), b: at(b, a)}
+
+
+def _rates(run: Trajectory) -> NDArray[np.intp]:
     """Places (n, 2) of coordinates and of the speeds that are their rates."""
     pairs = list(Kinematics.of(run.coordinates, run.speeds).rates)
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
@@ -142,7 +140,7 @@ def _best(
     order = [int(k) for k in np.argsort(left) if left[int(k)] < LEFT * was]
     for k in order[:3]:
         tested = one_step(mechanism, readings[k].of(run))
-        if tested is not None and (tested.closes or not tested.significant.any()):
+        if tested is not None and not tested.significant.any():
             alike = [readings[j] for j in order if j != k and left[j] < 2.0 * left[k]]
             return _told(readings[k], alike, was, left[k])
     return None
@@ -171,7 +169,7 @@ def axes(mechanism: Mechanism, run: Trajectory, deadline: Deadline) -> Finding |
         return None
     left, joint, name, other = min(found, key=lambda item: item[0])
     tested = one_step(other, run) if left < LEFT * was else None
-    if tested is None or not (tested.closes or not tested.significant.any()):
+    if tested is None or tested.significant.any():
         return None
     return Finding(
         "joint-axis",
@@ -227,92 +225,95 @@ def _left(model: Model, run: Trajectory) -> float:
 
 
 def _units(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:
-    rates = _rates(run)
-    unit = {entry.name: entry.unit for entry in mechanism.coordinates}
-    of = np.array([unit[run.coordinates[k]] for k in rates[:, 0]])
+    names, units = _named(mechanism, run)
     for kind, ours, many in UNITS:
-        if ours == "m" and mechanism.constraints:
+        some = np.flatnonzero(units == ours)
+        if not len(some) or (ours == "m" and mechanism.constraints):
             continue  # constraints tell lengths: at a thousandth of them there is no motion to compare
-        some = np.flatnonzero(of == ours)
-        alone = [some[k : k + 1] for k in range(len(some))] if len(some) > 1 else []
-        for group in [some, *alone] if len(some) else ():
-            factors = np.ones(len(rates))
-            factors[group] = 1.0 / many
-            element = "" if group is some else run.coordinates[rates[int(group[0]), 0]]
-            whose = (
-                f"{element!r} and its speed are"
-                if element
-                else f"coordinates and speeds in {ours} are"
-            )
-            yield Reading(
-                kind,
-                element,
-                f"{whose} in {kind}",
-                f"Give the unit in a mapping, or multiply these columns by {1.0 / many:.6g}",
-                factors=factors,
-            )
+        remedy = f"Give the unit in a mapping, or multiply these columns by {1.0 / many:.6g}"
+        factors = np.ones(len(names))
+        factors[some] = 1.0 / many
+        whose = f"coordinates and speeds in {ours} are in {kind}"
+        yield Reading(kind, "", whose, remedy, np.diag(factors))
+        for k in some if len(some) > 1 else ():
+            whose = f"{names[k]!r} and its speed are in {kind}"
+            alone = np.where(np.arange(len(names)) == k, 1.0 / many, 1.0)
+            yield Reading(kind, names[k], whose, remedy, np.diag(alone))
 
 
 def _orders_and_signs(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:
-    rates = _rates(run)
-    names = [run.coordinates[k] for k in rates[:, 0]]
-    unit = {entry.name: entry.unit for entry in mechanism.coordinates}
-    same = np.arange(len(names), dtype=np.intp)
-    for k, name in enumerate(names):
-        factors = np.ones(len(names))
-        factors[k] = -1.0
+    names, units = _named(mechanism, run)
+    same = np.eye(len(names))
+    for name, own in zip(names, same):
         yield Reading(
-            "axis-sign", name, f"{name!r} is counted the other way round",
-            "Turn the axis of this joint in the model, or the sign of its coordinate, speed and force in the "
-            "log", factors=factors,
-        )  # fmt: skip
+            "axis-sign",
+            name,
+            f"{name!r} has the opposite direction",
+            "Turn the axis of this joint in the model, or change the sign of its coordinate, speed and force "
+            "in the log",
+            same - 2.0 * np.diag(own),
+        )
     before = _before(mechanism, names)
-    if np.any(before >= 0):
+    if before.any():
         yield Reading(
-            "absolute-angles", "", "angles are counted from the ground, and not from the body before",
-            "Subtract the angle and the speed of the joint before; deltac's joints count from their parent",
-            lessened=before,
-        )  # fmt: skip
-    for a, b in combinations(same, 2):
-        if unit[names[a]] == unit[names[b]] and (len(names) <= MANY or b == a + 1):
-            places = same.copy()
-            places[[a, b]] = b, a
+            "absolute-angles",
+            "",
+            "angles are relative to the ground, not to the parent body",
+            "Subtract the angle and the speed of the parent's joint; deltac's joints count from their parent",
+            same - before,
+        )
+    for a, b in combinations(range(len(names)), 2):
+        if units[a] == units[b] and (len(names) <= MANY or b == a + 1):
             yield Reading(
-                "swapped-joints", names[a], f"the columns of {names[a]!r} and {names[b]!r} are exchanged",
-                "Exchange the names of these columns", places=places,
-            )  # fmt: skip
-    for k, name in enumerate(names):
-        for offset in OFFSETS if unit[name] == "rad" else ():
+                "swapped-joints",
+                names[a],
+                f"the columns of {names[a]!r} and {names[b]!r} are exchanged",
+                "Exchange the names of these columns",
+                same - np.outer(same[a] - same[b], same[a] - same[b]),
+            )
+    for name, own, unit in zip(names, same, units):
+        for offset in OFFSETS if unit == "rad" else ():
             yield Reading(
-                "zero-offset", name, f"{name!r} is counted from another zero, {offset:.4g} rad too large",
-                "Subtract that, or turn the joint's frame in the model",
-                offset=(int(rates[k, 0]), offset),
-            )  # fmt: skip
+                "zero-offset",
+                name,
+                f"{name!r} is measured from another zero and is {offset:.4g} rad too large",
+                "Subtract the offset, or turn the joint's frame in the model",
+                offset=offset * own,
+            )
     acting = [n for n, f in run.forces.items() if np.count_nonzero(np.ptp(f, axis=0)) == 1]
-    for x, y in combinations(range(len(acting)), 2):
-        if len(acting) <= MANY or y == x + 1:
-            a, b = acting[x], acting[y]
+    for k, other in combinations(range(len(acting)), 2):
+        if len(acting) <= MANY or other == k + 1:
             yield Reading(
-                "swapped-forces", a, f"the forces {a!r} and {b!r} are exchanged",
-                "Exchange the names of these columns", exchanged=(a, b),
-            )  # fmt: skip
+                "swapped-forces",
+                acting[k],
+                f"the forces {acting[k]!r} and {acting[other]!r} are exchanged",
+                "Exchange the names of these columns",
+                forces=partial(_exchanged, acting[k], acting[other]),
+            )
     if run.forces:
         yield Reading(
-            "force-sign", "", "all forces are of the other sign",
-            "Log the forces that act on the machine, not those that it exerts", sign=-1.0,
-        )  # fmt: skip
+            "force-sign",
+            "",
+            "all forces have the opposite sign",
+            "Log the forces that act on the machine, not those that it exerts",
+            forces=_negated,
+        )
 
 
-def _before(mechanism: Mechanism, names: list[str]) -> Places:
-    """Of each hinge the place of the hinge of the same axis that carries its parent; −1 if there is none."""
-    hinges = {j.name: j for j in mechanism.joints if j.kind == "revolute"}
-    carries = {j.child: j for j in hinges.values()}
+def _named(mechanism: Mechanism, run: Trajectory) -> tuple[list[str], NDArray[np.str_]]:
+    """Names and units of the coordinates whose rates are speeds."""
+    names = [run.coordinates[k] for k in _rates(run)[:, 0]]
+    unit = {entry.name: entry.unit for entry in mechanism.coordinates}
+    return names, np.array([unit[name] for name in names])
 
-    def place(name: str) -> int:
-        joint = hinges.get(name)
-        parent = carries.get(joint.parent) if joint is not None else None
-        if joint is None or parent is None or parent.axes != joint.axes:
-            return -1
-        return names.index(parent.name) if parent.name in names else -1
 
-    return np.array([place(name) for name in names], dtype=np.intp)
+def _before(mechanism: Mechanism, names: list[str]) -> Array:
+    """1 where the second coordinate is of the hinge that carries the first one's, of the same axis (n, n)."""
+    hinges = {j.name: j for j in mechanism.joints if j.kind == "revolute" and j.name in names}
+    carries = {j.child: j for j in mechanism.joints if j.kind == "revolute"}
+    found = np.zeros((len(names), len(names)))
+    for joint in hinges.values():
+        parent = carries.get(joint.parent)
+        if parent is not None and parent.name in hinges and parent.axes == joint.axes:
+            found[names.index(joint.name), names.index(parent.name)] = 1.0
+    return found

@@ -10,7 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.deprecation import renamed_keywords
+from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Parts, Progress, untold
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame, blame_at
 from deltac.diagnosis.check.whole import whole_causes
@@ -33,10 +35,8 @@ from deltac.diagnosis.residuals.states import (
 )
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError, ModelError, SourceError, StateError
-from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, chosen_map, load_model
-from deltac.progress import Parts, Progress, untold
 from deltac.results import Section, Table, number
 from deltac.simulation.equations import Equations, as_equations
 from deltac.simulation.state_form import PLAIN, StateForm
@@ -193,11 +193,11 @@ SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
 """Of the time that each part of a check takes, roughly."""
 
 
-@renamed_keywords(mechanism="model")
+@renamed_keywords(mechanism="model", rhs="equations")
 @interruptible()
 def check_equations(
     model: ModelLike,
-    rhs: Callable[..., Any] | Equations,
+    equations: Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     states: States | Trajectory | None = None,
@@ -210,16 +210,16 @@ def check_equations(
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file: what `load_model` takes.
-        rhs: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); a function of
-            (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (which of q and u its
+        equations: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); a function
+            of (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (which of q and u its
             entries are is found out, a control is zero); or `Equations`. Where q̇ is returned, it is tested.
         coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
             mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
             one). By default the map of the `Equations`, or of the problem's own equations, else "joint".
         states: where to test: `States` in own coordinates, or the states of a run; drawn by `random_states`
             if not given.
-        count: how many states to draw.
-        seed: which ones; the same seed gives the same states.
+        count: number of random states.
+        seed: random seed; the same seed gives the same states.
         tolerance: residual that is accepted, as a fraction of each equation's terms.
         progress: called with the fraction done.
 
@@ -233,9 +233,9 @@ def check_equations(
     if not 0.0 <= tolerance < 1.0:
         raise InputError(f"tolerance is {tolerance}; expected a fraction from 0 to 1, such as 1e-8")
     loaded = load_model(model)
-    equations = as_equations(rhs)
-    if coordinates is None and isinstance(rhs, Equations):
-        chosen = rhs.coordinates
+    own = as_equations(equations)
+    if coordinates is None and isinstance(equations, Equations):
+        chosen = equations.coordinates
     else:
         chosen = chosen_map(loaded, coordinates)
     kane = Kane(loaded.mechanism, chosen, loaded.first)
@@ -253,8 +253,8 @@ def check_equations(
     else:
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn, scales=scales)
-    caller = Caller(equations.rhs, equations.name, kane)
-    caller.find_form(test, equations, len(loaded.mechanism.motors))
+    caller = Caller(own.rhs, own.name, kane)
+    caller.find_form(test, own, len(loaded.mechanism.motors))
     parts = Parts(progress, SHARES)
     caller.progress = parts.part("function")
     udot = caller(drawn)
@@ -263,7 +263,7 @@ def check_equations(
     if not finite.any():
         shown = ", ".join(f"{n} = {x:.6g}" for n, x in drawn.describe(0).items())
         raise SourceError(
-            f"{equations.name} returned values that are not finite at all {len(drawn)} states, for "
+            f"{own.name} returned values that are not finite at all {len(drawn)} states, for "
             f"example at {shown}: u̇ = {udot[:, 0].tolist()}"
         )
     if not finite.all():  # judge where there is something to judge
@@ -286,7 +286,7 @@ def check_equations(
     if rates:
         seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
     if wrong and found:  # where q̇ alone is wrong, other coordinates explain nothing
-        findings += _other_coordinates(loaded, equations, chosen, count=count, seed=seed)
+        findings += _other_coordinates(loaded, own, chosen, count=count, seed=seed)
         if not any(f.kind == "coordinates" for f in findings):
             parts.part("causes")
             causes = whole_causes(caller, test, told=_told(found))
@@ -305,7 +305,7 @@ def check_equations(
         )
     if wrong and caller.overwrites:
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
-        evidence = (_overwriting(equations.name, caller.overwrites), *evidence)
+        evidence = (_overwriting(own.name, caller.overwrites), *evidence)
     return EquationCheck(
         verdict=Verdict(
             kind,
@@ -325,7 +325,7 @@ def check_equations(
         roughness=rough,
         tolerance=tolerance,
         coordinates=chosen,
-        name=equations.name,
+        name=own.name,
         vectorised=bool(caller.vectorised),
         rates=rates,
         form=caller.form,

@@ -9,7 +9,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.deprecation import renamed_keywords
+from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.matching import Match, explain_residual
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
@@ -19,7 +20,6 @@ from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import residuals
-from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.results import Report

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.calls.progress import Parts, Progress, counted, untold
 from deltac.diagnosis.check.matching import (
     Match,
     explain_acceleration,
@@ -25,8 +26,7 @@ from deltac.diagnosis.residuals.kane import times
 from deltac.diagnosis.residuals.states import States
 from deltac.diagnosis.verdict import percent
 from deltac.mechanism.joints import KINDS
-from deltac.progress import Parts, Progress, counted, untold
-from deltac.results import Record
+from deltac.results import Serialisable
 
 BASES = 16
 """States at which single variables are changed, or all speeds scaled."""
@@ -39,7 +39,7 @@ SCALINGS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Blame(Record):
+class Blame(Serialisable):
     """One of the equations that do not hold.
 
     Attributes:
@@ -90,7 +90,7 @@ class Blame(Record):
 
 
 @dataclass(frozen=True)
-class Monomial(Record):
+class Monomial(Serialisable):
     """What is proportional to a product of rates in M u̇ of one equation, and in the model's.
 
     `rates` such as "u.a·u.b", "" for what is there at rest; `found`, `right` as sums of plain functions of

@@ -17,7 +17,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.check.numbers import formula
 from deltac.diagnosis.check.terms import Part, inertia_term, own_parts, plain_parts, written
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.results import Record
+from deltac.results import Serialisable
 
 EXACT = 1e-7
 """Relative error of a fit that is no coincidence."""
@@ -46,7 +46,7 @@ FACTORS = {-1.0: "with the wrong sign", 0.0: "is missing", 2.0: "twice", 0.5: "b
 
 
 @dataclass(frozen=True)
-class Match(Record, also=("words",)):
+class Match(Serialisable, also=("words",)):
     """`coefficient` times a part: one summand of a residual.
 
     For a term of the model's own equation, `factor` is what the tested equations have in place of 1: −1

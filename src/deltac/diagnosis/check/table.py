@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.diagnosis.check.check import EquationCheck, check_states
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, draw, from_told, natural_scales, told
 from deltac.errors import FileError, LimitError, LogError, shown
-from deltac.files import appearing, read_text
+from deltac.foreign.files import appearing, read_text
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.trajectories.formats.files import naming
@@ -49,7 +49,15 @@ def write_states(
     The columns are ``t``, ``q.<coordinate>``, ``u.<speed>`` in SI units, and ``udot.<speed>``, which the
     program to be tested fills in; ``qdot.<coordinate>`` may be added, and is tested then.
 
-    Raises InputError for a model that has no such states, and a file that cannot be written.
+    Args:
+        model: a Mechanism, a Problem or a problem's name, a model file.
+        path: of the table, ``.csv``.
+        coordinates: of the states, as for `check_equations`.
+        count: number of random states.
+        seed: random seed; the same seed gives the same states.
+
+    Raises:
+        InputError: the model has no such states, or the file cannot be written.
     """
     loaded = load_model(model)
     kane = Kane(loaded.mechanism, chosen_map(loaded, coordinates), loaded.first)

@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.caching import LRUCache
+from deltac.calls.caching import LRUCache
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States

@@ -13,8 +13,8 @@ from itertools import islice, product
 
 import numpy as np
 
+from deltac.calls.progress import Deadline, Progress, untold
 from deltac.diagnosis.explain.regression import Fit, Regression
-from deltac.progress import Deadline, Progress, untold
 
 MOST = 24
 """Causes together, such as a damper at every joint."""

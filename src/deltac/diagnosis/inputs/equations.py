@@ -15,9 +15,9 @@ import numpy as np
 
 from deltac.diagnosis.inputs.fmu import load_fmu
 from deltac.errors import FileError, SourceError, WrongType
+from deltac.foreign.scripts import SUFFIXES, Script
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import from_file
-from deltac.scripts import SUFFIXES, Script
 from deltac.simulation.equations import Equations
 
 LIBRARIES = (".so", ".dll", ".dylib")

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError, PackageError, SourceError
-from deltac.limits import Limits
+from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.files import naming
 
 TRIALS = 3

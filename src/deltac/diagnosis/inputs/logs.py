@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from deltac.calls.progress import Progress, untold
 from deltac.diagnosis.measurements.kinematics import Comparison, cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
@@ -18,12 +18,10 @@ from deltac.energy.streaming import OVERLAP, balance_chunks
 from deltac.errors import ArgumentsError, LogError, closest
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Progress, untold
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
 from deltac.trajectories.formats.objects import is_table
 from deltac.trajectories.formats.parquet import parquet_facts
 from deltac.trajectories.formats.reading import BY_LAW, FRAMES, LEFT_OUT
-from deltac.trajectories.lint import gap_rows
 from deltac.trajectories.trajectory import row_name
 
 
@@ -94,9 +92,6 @@ def _shown(names: Sequence[str]) -> str:
 LARGE = 16_000_000
 """Numbers in a log (128 MB; a ledger of all rows takes several times that) above which an audit's ledger
 keeps some rows, and a Parquet file is read in parts."""
-
-STRETCH = 16
-"""Rows that a part of a log has at least to be balanced on its own."""
 
 LARGEST = 1e50
 """No coordinate, speed or force is larger in SI units; squares of squares of these do not overflow."""
@@ -210,7 +205,7 @@ def balanced(
     keep: int | None = None,
 ) -> Log:
     """A run in memory with its ledger, at all rows or as many as it is to `keep`."""
-    ledger = balance(mechanism, run, work or _work(run), keep=keep)
+    ledger = balance(mechanism, run, work or work_of(run), keep=keep)
     _refuse_undefined(ledger)
     return Log(run, run, ledger, findings, comparisons or {})
 
@@ -226,7 +221,7 @@ def _in_parts(
 
     given = next(scan_trajectory(path, rows, OVERLAP, mapping, mechanism)).run
     first, findings = in_model_order(mechanism, given)
-    ledger, kept = balance_chunks(mechanism, chunks(), work or _work(first))
+    ledger, kept = balance_chunks(mechanism, chunks(), work or work_of(first))
     _refuse_undefined(ledger)
     note = Finding(
         "read-in-parts",
@@ -235,13 +230,6 @@ def _in_parts(
         "",
     )
     return Log(kept, first, ledger, (*findings, note))
-
-
-def stretches(mechanism: Mechanism, run: Trajectory) -> list[Ledger]:
-    """Ledgers of the parts of a log between its gaps; of few rows there is none."""
-    edges = [0, *(gap_rows(run.t) + 1), len(run)]
-    parts = [run.between(run.t[a], run.t[b - 1]) for a, b in pairwise(edges) if b - a >= STRETCH]
-    return [balance(mechanism, part, _work(part) or "samples") for part in parts]
 
 
 def _refuse_garbage(run: Trajectory, first: int = 0, rows: int | None = None) -> None:
@@ -293,7 +281,7 @@ def held_between_rows(log: Log) -> float:
     return float(0.5 * step * np.abs(np.cumsum(late)).max(initial=0.0))
 
 
-def _work(run: Trajectory) -> str | None:
+def work_of(run: Trajectory) -> str | None:
     """How an engine's own scheme takes the work, where the log tells; else what `balance` chooses."""
     step = run.provenance.step
     held = set(run.provenance.held or ())

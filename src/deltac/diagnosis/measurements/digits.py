@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.caching import derived
+from deltac.calls.caching import derived
 from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
 

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, Piece
+from deltac.diagnosis.study.simulators import MUJOCO, SimulationOptions
 from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import with_base
-from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.equations import Controller
 from deltac.simulation.recording import Record
 from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import SOLVERS, Solver, find_solver, solver_options
@@ -54,8 +55,6 @@ TOLERANCES = tuple(10.0 ** (-k / 2.0) for k in range(6, 25))
 SUITED = ("DOP853", "Radau", "CVODES", "IDAS")
 """Adaptive solvers that are tried unless others are named; the rest is dearer at every tolerance."""
 
-MUJOCO = "mujoco:"
-
 
 def families(
     source: Any,
@@ -63,8 +62,7 @@ def families(
     state: State,
     duration: float,
     solvers: Sequence[str] | None,
-    equations: Equations | None,
-    controller: Controller | Control | None,
+    options: SimulationOptions,
     deadline: Deadline,
 ) -> tuple[list[Family], tuple[str, ...]]:
     """The families to choose from, and notes on what was left out.
@@ -74,6 +72,7 @@ def families(
     Raises InputError for unknown solvers, and for a controller that they do not take.
     """
     in_mujoco = _runs_in_mujoco(source)
+    controller = options.get("controller")
     ours = controller if isinstance(controller, Controller) else None
     theirs = None if isinstance(controller, Controller) else controller
     if isinstance(solvers, str):
@@ -92,8 +91,9 @@ def families(
             "controller: found a function, which MuJoCo's integrators take; our own solvers take a "
             "Controller(function of t, q, u)"
         )
-    if equations is not None and outside:
-        raise ArgumentsError("recommend: MuJoCo's integrators cannot take equations by hand")
+    if outside and options.keys() - {"controller"}:
+        given = ", ".join(sorted(options.keys() - {"controller"}))
+        raise ArgumentsError(f"recommend: MuJoCo's integrators cannot take {given}; leave it out")
     found, notes = [], []
     for name in names:
         if name in outside:
@@ -107,7 +107,7 @@ def families(
                 f"{solver.name} chooses its step by itself and is made for references, not chosen from"
             )
         else:
-            found.append(_own(solver, mechanism, state, duration, equations, ours, deadline))
+            found.append(_own(solver, mechanism, state, duration, options, deadline))
     if not found:
         raise SolverError(f"recommend: nothing to choose from; {'; '.join(notes)}")
     return found, tuple(notes)
@@ -130,8 +130,7 @@ def _own(
     mechanism: Mechanism,
     state: State,
     duration: float,
-    equations: Equations | None,
-    controller: Controller | None,
+    options: SimulationOptions,
     deadline: Deadline,
 ) -> Family:
     def run(
@@ -144,9 +143,8 @@ def _own(
             step,
             solver_options(solver.name, tolerance),
             Record(("wang",), every),
-            equations,
-            controller=controller,
             progress=deadline.check,
+            **options,  # type: ignore[arg-type, misc]
         )
 
     def stepped(step: float, rows: int, finer: int = 1) -> Trajectory:

@@ -7,13 +7,15 @@ settings; what it finds is then measured at every row that a user of the advice 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Unpack
 
-from deltac.deprecation import renamed_keywords
+from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.channels import not_simulated
-from deltac.diagnosis.recommend.families import MUJOCO, families
+from deltac.diagnosis.recommend.families import families
 from deltac.diagnosis.recommend.result import SAME_TIME, Recommendation, failing, setting_of
 from deltac.diagnosis.recommend.work_precision import (
     ROUNDING,
@@ -24,11 +26,14 @@ from deltac.diagnosis.recommend.work_precision import (
     Trial,
     Trials,
 )
+from deltac.diagnosis.study.simulators import (
+    MUJOCO,
+    SimulationOptions,
+    handed_on,
+    starting,
+)
 from deltac.errors import NO_NUMBER, InputError, SolverError
-from deltac.interrupts import interruptible
 from deltac.models import ModelLike, StateLike, load_model
-from deltac.progress import Progress
-from deltac.simulation.equations import Controller, Equations
 
 TOLERANCE = 1e-6
 """Accepted by default: |ΔC| as a share of the energy exchanged, q and u as shares of their ranges."""
@@ -53,10 +58,9 @@ def recommend(
     *,
     motion_tolerance: float | None = None,
     solvers: Sequence[str] | None = None,
-    equations: Equations | None = None,
-    controller: Controller | Callable[[Any, Any], object] | None = None,
     time_limit: float = TIME_LIMIT,
     progress: Progress | None = None,
+    **simulation: Unpack[SimulationOptions],
 ) -> Recommendation:
     """Find the cheapest solver and step that keep a tolerance, by trying them.
 
@@ -71,15 +75,14 @@ def recommend(
         state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long it is, s; by default the problem's.
         tolerance: of the largest |ΔC| (Wang's), as a share of the energy exchanged.
-        motion_tolerance: of q and u, each as a share of the range of what has its unit; by default
-            `tolerance`. `math.inf` leaves the motion out, as for chaotic motions over long times.
-        solvers: names to choose from; by default all that suit the model.
-        equations: in place of the mechanism's own, as in `simulate`.
-        controller: a Controller sets the motors that have no law, as in `simulate`; for MuJoCo a function,
-            called as controller(model, data) before each step.
-        time_limit: of the search, s. It ends then with the best that was found, and the notes say
-            which solvers were not tried to the end.
+        motion_tolerance: accepted error of q and u, each as a share of the range of what has its unit; by
+            default `tolerance`. `inf` leaves the motion out, as for chaotic motions over long times.
+        solvers: names of the solvers to try; by default all that suit the model.
+        time_limit: seconds that the search may take. It then ends with the best that was found, and the
+            notes say which solvers were not tried to the end.
         progress: called with the fraction done.
+        **simulation: `equations`, `controller` and `constraints`, as for `simulate`. For MuJoCo the
+            controller is a function, called as controller(model, data) before each step.
 
     Returns:
         The recommendation. Its `exit_code` is 1 if nothing tried keeps the tolerance, and 3 (unresolved)
@@ -101,7 +104,7 @@ def recommend(
     motion = wanted if motion_tolerance is None else _positive(motion_tolerance, "motion_tolerance")
     loaded = load_model(model)
     mechanism = loaded.mechanism
-    state = loaded.start(state) if state is not None or loaded.starts else mechanism.state()
+    state = starting(loaded, state)
     duration = loaded.lasting(duration)
     deadline = Deadline(_positive(time_limit, "time_limit"))
     found, notes = families(
@@ -110,8 +113,7 @@ def recommend(
         state,
         _positive(duration, "duration"),
         solvers,
-        equations,
-        controller,
+        handed_on(recommend, simulation, own=("record",)),
         deadline,
     )
     trials = Trials(mechanism, state, motion)

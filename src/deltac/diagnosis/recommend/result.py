@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from deltac.deprecation import RenamedAttribute
+from deltac.calls.deprecation import RenamedAttribute
 from deltac.diagnosis.inputs.channels import told
 from deltac.diagnosis.recommend.work_precision import Trial
 from deltac.results import Report, Section, Table, number, percent

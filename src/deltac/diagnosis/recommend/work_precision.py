@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit.rules import NOTHING
+from deltac.diagnosis.audit.measures import NOTHING
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
 from deltac.errors import DeltacError, InputError, SolverError

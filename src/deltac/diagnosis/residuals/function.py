@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
+from deltac.calls.progress import Progress, counted, untold
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States, told
 from deltac.errors import NO_NUMBER, InputError, SourceError
-from deltac.progress import Progress, counted, untold
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest, matching
 

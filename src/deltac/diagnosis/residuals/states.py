@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arguments import checked
 from deltac.arrays import Array
-from deltac.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
+from deltac.calls.deprecation import renamed_keywords
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternions
@@ -22,7 +22,7 @@ from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError, LogError, ModelError, StateError
-from deltac.limits import Limits
+from deltac.foreign.limits import Limits
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction

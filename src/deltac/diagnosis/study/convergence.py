@@ -15,8 +15,8 @@ from typing import Literal
 
 import numpy as np
 
-from deltac.arguments import checked
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.errors import InputError
 
 Trend = Literal[

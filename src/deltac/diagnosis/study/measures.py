@@ -15,7 +15,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit import checks, conventions
+from deltac.diagnosis.audit import conventions
+from deltac.diagnosis.audit.samples import stale_stage
 from deltac.diagnosis.residuals.at_samples import (
     CLEAR,
     LEAST,
@@ -30,7 +31,7 @@ from deltac.dynamics.coordinates import trace_map
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.results import Record
+from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
 
 SHARE = 0.02
@@ -41,7 +42,7 @@ FALLS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals(Record, omit=("findings",)):
+class Residuals(Serialisable, omit=("findings",)):
     """What is left of Kane's equations at the states of the runs.
 
     Attributes:
@@ -135,7 +136,7 @@ def residuals_of(
         coarser = [_worst_of(mechanism, run) for _, run in known[:-1]]
         worst = [*coarser, worst[0]]
         if not trusted:
-            findings += checks.stale_stage(mechanism, finest, terms)
+            findings += stale_stage(mechanism, finest, terms)
             if not findings and terms.significant.any():
                 findings = [f for f in [conventions.units(mechanism, finest)] if f is not None]
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from deltac.diagnosis.audit.rules import BEYOND, DOMINATES, IDLE, NOTHING
+from deltac.diagnosis.audit.measures import BEYOND, DOMINATES, IDLE, NOTHING
 from deltac.diagnosis.study.convergence import order_text
 from deltac.diagnosis.study.measures import StudyMeasures
 from deltac.diagnosis.verdict import Confidence, Kind, Verdict, percent

@@ -7,19 +7,19 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.deprecation import RenamedAttribute
+from deltac.calls.deprecation import RenamedAttribute
+from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
 from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import NO_NUMBER, DeltacError, InputError, WrongType
 from deltac.mechanism.mechanism import Mechanism
-from deltac.progress import Progress
 from deltac.simulation.arguments import IllConditionedWarning
 from deltac.simulation.simulate import SimulationStoppedWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
@@ -103,7 +103,7 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
         except NO_NUMBER:
             number = math.nan
         if not (math.isfinite(number) and number > 0.0):
-            logs = "; runs that were made before are given as logs="
+            logs = "; runs that were made before are given as runs="
             raise InputError(
                 f"{what} is {step!r}; expected a positive, finite number"
                 f"{logs if hasattr(step, 'provenance') else ''}"
@@ -152,16 +152,19 @@ def simulated(
     return runs
 
 
-def logged(mechanism: Mechanism, logs: Sequence[Any], mapping: Any) -> list[StudyRun]:
-    """Logs of one motion at several steps, the coarsest first."""
+def logged(mechanism: Mechanism, given: Sequence[Trajectory | str | Path]) -> list[StudyRun]:
+    """Finished runs of one motion at several steps, the coarsest first."""
     runs = []
-    for source in logs:
+    for source in [given] if isinstance(given, str | Path | Trajectory) else given:
         if isinstance(source, str | Path):
-            run = read_trajectory(Path(source), mapping, mechanism)
+            run = read_trajectory(Path(source), None, mechanism)
         elif isinstance(source, Trajectory):
             run = source
         else:
-            raise WrongType(f"log: found {type(source).__name__}, expected a Trajectory or a path")
+            raise WrongType(
+                f"runs: found {type(source).__name__}, expected Trajectories, paths of logs, or a function "
+                "of the step"
+            )
         runs.append(_balanced(mechanism, run, _step_of(run), trusted=False))
     return sorted(runs, key=lambda r: -r.step)
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
+from deltac.calls.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.inputs.channels import not_simulated, told
-from deltac.diagnosis.residuals.function import Caller
-from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.states import States, states_along
 from deltac.diagnosis.study import findings as noticed
 from deltac.diagnosis.study.convergence import Convergence, between_runs, order_text, towards_zero
 from deltac.diagnosis.study.curves import FEWEST, Comparison, compare, disagreements
@@ -31,20 +31,25 @@ from deltac.diagnosis.study.runs import (
     simulated,
     unblinded,
 )
+from deltac.diagnosis.study.simulators import (
+    COARSER,
+    MUJOCO,
+    Maker,
+    SimulationOptions,
+    handed_on,
+    in_mujoco,
+    of_logs,
+    other_program,
+    own_solver,
+)
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
-from deltac.dynamics.system import trace
-from deltac.errors import ArgumentsError, InputError, SolverError, SourceError, WrongType
-from deltac.interrupts import interruptible
+from deltac.errors import ArgumentsError, InputError, SolverError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.progress import Progress
 from deltac.results import Section, Table, number, percent
-from deltac.simulation.equations import Controller, Equations, as_equations, explicit
-from deltac.simulation.flow import Keeping, stabilised
-from deltac.simulation.simulate import simulate
-from deltac.simulation.solvers import Options, find_solver, solver_options
-from deltac.trajectories import Trajectory
+from deltac.simulation.flow import stabilised
+from deltac.simulation.solvers import Options, solver_options
+from deltac.trajectories import Trajectory, read_trajectory
 
 if TYPE_CHECKING:
     from deltac.importers.report import ImportReport
@@ -188,61 +193,6 @@ STILL = 1e-12
 """Share of the energies of a motion below which what is exchanged is rounding."""
 
 
-# --- equations by hand in a study: what they raise, or cannot say, is told with the state --------
-
-
-@dataclass(frozen=True, eq=False)
-class _Careful:
-    """The function as it is for symbols; for numbers, an InputError with the state where it raises."""
-
-    caller: Caller
-    coordinates: tuple[str, ...]
-    speeds: tuple[str, ...]
-
-    def __call__(self, t: Any, q: Any, u: Any) -> Any:
-        if np.asarray(u).dtype == object or np.ndim(u) != 1:
-            return self.caller.rhs(t, q, u)
-        at = States(
-            np.array([t], dtype=np.float64), q[:, None], u[:, None], self.coordinates, self.speeds
-        )
-        return self.caller(at)[:, 0]
-
-
-def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equations:
-    """The equations, called with care.
-
-    Raises InputError if they raise at the start, or return there what is no u̇ or is not finite.
-    """
-    equations = explicit(trace(mechanism), equations)
-    kane = Kane(mechanism, equations.coordinates)
-    caller = Caller(equations.rhs, equations.name, kane, vectorised=False)
-    start = _start(kane, state)
-    if start is not None:
-        udot = caller(start)[:, 0]
-        if not np.isfinite(udot).all():
-            at = ", ".join(f"{name} = {x:.6g}" for name, x in start.describe(0).items())
-            raise SourceError(
-                f"{equations.name} returned values that are not finite at the start: u̇ = "
-                f"{udot.tolist()}. State: {at}"
-            )
-    return replace(equations, rhs=_Careful(caller, kane.told_names, tuple(kane.speed_names)))
-
-
-def _start(kane: Kane, state: State) -> States | None:
-    """The start in own coordinates; None where that cannot be said, which is for the simulation to tell."""
-    try:
-        run = Trajectory(
-            t=np.array([state.t]),
-            q=np.array([state.q]),
-            u=np.array([state.u]),
-            coordinates=kane.mechanism.coordinates.names,
-            speeds=kane.mechanism.speeds.names,
-        )
-        return states_along(kane, run, np.zeros(1, dtype=np.intp))
-    except InputError:
-        return None
-
-
 # --- from the runs of a study to what it found ---------------------------------------------------
 
 
@@ -253,17 +203,14 @@ NOISE = 1e-10
 def studied(
     loaded: Model,
     runs: tuple[StudyRun, ...],
-    solver: str,
-    nominal: int | None,
-    equations: Equations | None,
+    maker: Maker,
     findings: list[Finding],
     tolerance: float,
     *,
-    own_solver: bool,
     unit: str,
 ) -> Study:
     """From runs to the study: compare, fit, look around, judge."""
-    mechanism = loaded.mechanism
+    mechanism, solver, nominal = loaded.mechanism, maker.name, maker.order
     runs = lasting(unblinded(runs))
     places, found = disagreements(mechanism, runs)
     findings = [*findings, *found]
@@ -284,15 +231,15 @@ def studied(
     over_all = _over_all(kept, compared, first)
     state = _state(compared, first, steps, motions)
     momentum = _momentum(mechanism, kept, compared, first, steps)
-    trusted = own_solver and equations is None
+    trusted = maker.trusted and maker.equations is None
     if trusted and kept[-1].blown_up:  # what is left before that is no motion to have an order
         energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
     residuals = None
     if not trusted:
         by_step = [(entry.step, _run(entry)) for entry in kept]
-        own = equations.coordinates if equations is not None else None
+        own = None if maker.equations is None else maker.equations.coordinates
         residuals = residuals_of(
-            mechanism, by_step, own, until=compared.horizon, trusted=own_solver
+            mechanism, by_step, own, until=compared.horizon, trusted=maker.trusted
         )
     finest = kept[-1]
     ledger = finest.ledger
@@ -303,9 +250,9 @@ def studied(
         findings += residuals.findings
         if residuals.stays and max(residuals.by_step) > tolerance:
             findings.append(residuals.finding())
-    lacking = not_simulated(loaded.import_report) if own_solver else []
+    lacking = not_simulated(loaded.import_report) if maker.trusted else []
     findings += lacking
-    if not own_solver:
+    if not maker.trusted:
         missing = assumed_zero(motions[-1], loaded.import_report)
         findings += assumed_zero_finding(missing)
         findings += noticed.of_impacts(mechanism, motions[-1])
@@ -467,33 +414,21 @@ def _run(entry: StudyRun) -> Trajectory:
 TOLERANCE = 1e-6
 """Energy error that is accepted by default, as a fraction of the energy exchanged."""
 
-MUJOCO = "mujoco:"
 
-SAMPLES = 200
-"""Rows of a run of an adaptive solver, at the same times for every tolerance."""
-
-
-@renamed_keywords(control="controller")
+@renamed_keywords(control="controller", simulator="runs", logs="runs", testing="record")
 @interruptible()
 def study(
     model: ModelLike,
     state: StateLike | Any = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
-    solver: str | Options = "",
-    equations: Equations | Callable[..., Any] | None = None,
-    testing: Sequence[str] = ("wang", "liu-huston"),
+    solver: str | Options | Sequence[Options] | None = None,
     *,
-    simulator: Simulator | None = None,
-    logs: Sequence[Any] = (),
-    tolerances: Sequence[float] | None = None,
-    tolerance: float = TOLERANCE,
+    runs: Simulator | Sequence[Trajectory | str | Path] | None = None,
     order: int | None = None,
-    controller: Controller | Callable[[Any, Any], object] | None = None,
-    constraints: str | Keeping = "projection",
-    mapping: Any = None,
+    tolerance: float = TOLERANCE,
     progress: Progress | None = None,
-    stabilisation: Any = None,
+    **simulation: Unpack[SimulationOptions],
 ) -> Study:
     """Study a motion at several steps, and say whether its error is the integrator's or the equations'.
 
@@ -506,20 +441,15 @@ def study(
         steps: s, three or more to tell most; for a Problem 4, 2 and 1 times its own step by
             default (where 4 of them do not divide its duration: 1, 1/2 and 1/4).
         solver: a name of `solver_names()` ("ode5" by default) or an object of `deltac.solvers`; or "mujoco:"
-            and an integrator's name.
-        equations: hand-written equations of motion in place of the mechanism's own, or their function.
-        testing: testing functions that are integrated in the loop.
-        simulator: a function of the step (s) that returns a Trajectory: any simulator at all.
-        logs: logs of the same motion at several steps, in place of simulating it; paths or Trajectories.
-        tolerances: in place of steps, for adaptive solvers.
+            and an integrator's name. A solver that chooses its steps is run at 100, 10 and 1 times its
+            tolerance, or with the tolerances of a list of such objects.
+        runs: runs of another program, in place of simulating: a function of the step (s) that returns a
+            Trajectory; or finished runs of the same motion at several steps, Trajectories or paths of logs.
+        order: the nominal order of what made the runs, where it is not known.
         tolerance: accepted |ΔC| as a fraction of the energy exchanged.
-        order: the nominal order of `simulator`, if it has one.
-        controller: a Controller sets the motors that have no law; for MuJoCo a function, called as
-            controller(model, data) before each step.
-        constraints: how runs stay on their constraints, as for `simulate`.
-        mapping: path of a mapping file, for `logs` whose columns have other names or units.
         progress: called with the fraction done.
-        stabilisation: the old name of `constraints`.
+        **simulation: `record`, `equations`, `controller` and `constraints`, as for `simulate`. For MuJoCo
+            the controller is a function, called as controller(model, data) before each step.
 
     Returns:
         The study: verdict, observed orders, findings, runs.
@@ -529,147 +459,75 @@ def study(
     """
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
-    if stabilisation is not None:
-        warn_renamed("study(stabilisation=…)", "study(constraints=…)")
-        constraints = stabilised(stabilisation)
     loaded = load_model(model)
-    equations = None if equations is None else as_equations(equations)
-    if logs:
-        given = simulator is not None or steps is not None or tolerances is not None
-        if given or solver:
-            raise ArgumentsError(
-                "logs= are finished runs: leave out steps, tolerances, solver and simulator"
-            )
-        runs = logged(loaded.mechanism, logs, mapping)
-        maker = _of_logs(runs, order)
-        findings: list[Finding] = []
+    given: dict[str, Any] = {**simulation}
+    solver, steps, runs = _as_before(given, solver, steps, runs, loaded)
+    options = handed_on(study, given)
+    findings: list[Finding] = []
+    unit = "s"
+    if runs is not None and (solver is not None or options):
+        raise ArgumentsError(
+            "runs= come from another program: leave out solver and "
+            f"{', '.join(SimulationOptions.__annotations__)}"
+        )
+    if runs is not None and not callable(runs):
+        if steps is not None:
+            raise ArgumentsError("runs= are finished: leave out steps")
+        made = logged(loaded.mechanism, runs)
+        maker = of_logs(made, order)
+        if all(r.run is None or _tells_tolerance(r.run) for r in made):
+            unit = ""
     else:
-        if tolerances is not None and steps is not None:
-            raise ArgumentsError("give steps= or tolerances=, not both")
-        adaptive = tolerances is not None
-        wanted = tolerances if steps is None else steps
-        if wanted is None:
-            wanted = _default_steps(loaded)
-        values, findings = checked_steps(wanted, "tolerance" if adaptive else "step")
-        if simulator is not None:
-            if solver or equations is not None or controller is not None:
-                raise ArgumentsError(
-                    "simulator= makes the runs itself: leave out solver, equations and controller"
-                )
-            maker = _of_user(simulator, order)
+        if callable(runs):
+            maker = other_program(runs, order)
         else:
             duration = loaded.lasting(duration)
-            solver = solver or ("DOP853" if adaptive else _default_solver(loaded))
+            solver = _default_solver(loaded) if solver is None else solver
             if isinstance(solver, str) and solver.startswith(MUJOCO):
-                if equations is not None or isinstance(controller, Controller):
-                    raise ArgumentsError(
-                        "MuJoCo runs its own equations: leave out equations=; its inputs are set by "
-                        "controller=, a function of (model, data)"
-                    )
-                from deltac.recorders import mujoco_simulator
-
                 name = solver.removeprefix(MUJOCO)
-                run = mujoco_simulator(
-                    model,
-                    duration,
-                    integrator=name,
-                    controller=controller,
-                    state=_mujoco_start(loaded, state),
-                )
-                maker = _of_user(run, order)
+                maker = in_mujoco(model, loaded, state, duration, name, options, order)
             else:
-                maker = _own(
-                    loaded.mechanism,
-                    _own_start(loaded, state),
-                    duration,
-                    solver,
-                    testing,
-                    equations,
-                    _own_controller(controller),
-                    constraints,
-                    order,
-                    adaptive=adaptive,
-                )
-        runs = simulated(loaded.mechanism, maker.simulator, values, progress, trusted=maker.own)
-    _some(runs)
-    return studied(
-        loaded,
-        tuple(runs),
-        maker.name,
-        maker.order,
-        equations,
-        findings,
-        float(tolerance),
-        own_solver=maker.own,
-        unit="" if tolerances is not None else "s",
-    )
+                chosen, tolerances = _refined(solver)
+                maker = own_solver(loaded, state, duration, chosen, options, order)
+                if tolerances:
+                    if steps is not None:
+                        raise SolverError(
+                            f"solver {maker.name!r} chooses its own steps: leave out steps=; its tolerances "
+                            "are 100, 10 and 1 times its own, or those of a list of solvers"
+                        )
+                    steps, unit = tolerances, ""
+        what = "step" if unit else "tolerance"
+        values, findings = checked_steps(_default_steps(loaded) if steps is None else steps, what)
+        assert maker.simulator is not None
+        trusted = maker.trusted
+        made = simulated(loaded.mechanism, maker.simulator, values, progress, trusted=trusted)
+    if not any(entry.usable for entry in made):
+        told = "; ".join(dict.fromkeys(entry.failure for entry in made))
+        raise SolverError(f"no step gave a run that can be judged: {told}")
+    return studied(loaded, tuple(made), maker, findings, float(tolerance), unit=unit)
 
 
-# --- what is run ----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class _Maker:
-    """What makes the runs: its name, its nominal order if known, and whether it is one of our solvers."""
-
-    simulator: Simulator
-    name: str
-    order: int | None
-    own: bool = False
-
-
-def _own(
-    mechanism: Mechanism,
-    state: State,
-    duration: float,
-    solver: str | Options,
-    testing: Sequence[str],
-    equations: Equations | None,
-    controller: Controller | None,
-    constraints: str | Keeping,
-    order: int | None,
-    *,
-    adaptive: bool,
-) -> _Maker:
-    """One of our solvers as a function of its step, or of its tolerance."""
-    if equations is not None:
-        equations = carefully(equations, mechanism, state)
-    options = solver_options(solver)
-    found = options.solver
-    if adaptive and found.takes_steps:
+def _refined(solver: str | Options | Sequence[Options]) -> tuple[Options, tuple[float, ...]]:
+    """A solver, and the tolerances at which it is run; none of them for one that takes steps."""
+    several = [solver] if isinstance(solver, str | Options) else list(solver)
+    options = [solver_options(one) for one in several]
+    if not options:
+        raise InputError(
+            "no solver was given; give three, each with a tenth of the tolerance before"
+        )
+    first = options[0]
+    if first.solver.takes_steps and len(options) == 1:
+        return first, ()
+    tolerances = [t for one in options if (t := getattr(one, "tolerance", None)) is not None]
+    if len(tolerances) < len(options) or len({one.with_tolerance(1.0) for one in options}) > 1:
         raise SolverError(
-            f"solver {found.name!r} takes fixed steps: give steps= in place of tolerances="
+            "solver: expected one solver that chooses its steps, with several tolerances, such as "
+            "[deltac.solvers.Scipy('DOP853', tolerance=t) for t in (1e-6, 1e-8, 1e-10)]; found "
+            + ", ".join(map(repr, several))
         )
-    if not adaptive and not found.takes_steps:
-        raise SolverError(
-            f"solver {found.name!r} chooses its own steps: give tolerances= in place of steps="
-        )
-
-    def run(step: float) -> Trajectory:
-        return simulate(
-            mechanism,
-            state,
-            duration,
-            duration / SAMPLES if adaptive else step,
-            options.with_tolerance(step) if adaptive else options,
-            testing,
-            equations,
-            controller=controller,
-            constraints=constraints,
-        )
-
-    # The error of an adaptive solver follows its tolerance, not a power of a step.
-    nominal = None if adaptive else found.order
-    return _Maker(run, found.name, nominal if order is None else order, own=True)
-
-
-def _of_user(simulator: Simulator, order: int | None) -> _Maker:
-    """A simulator that is not ours; MuJoCo's know their name and order."""
-    from deltac.recorders import MujocoSimulator
-
-    if isinstance(simulator, MujocoSimulator):
-        return _Maker(simulator, simulator.solver, simulator.order if order is None else order)
-    return _Maker(simulator, getattr(simulator, "__name__", type(simulator).__name__), order)
+    if len(options) > 1:
+        return first, tuple(tolerances)
+    return first, tuple(factor * tolerances[0] for factor in COARSER)
 
 
 def _default_steps(loaded: Model) -> tuple[float, ...]:
@@ -680,50 +538,59 @@ def _default_steps(loaded: Model) -> tuple[float, ...]:
     return (4 * h, 2 * h, h) if coarser else (h, h / 2, h / 4)
 
 
-def _default_solver(loaded: Model) -> str:
-    return loaded.problem.solver if loaded.problem is not None else "ode5"
+def _default_solver(loaded: Model) -> Options:
+    if loaded.problem is None:
+        return solver_options("ode5")
+    return solver_options(loaded.problem.solver, getattr(loaded.problem, "tolerance", None))
 
 
-def _own_start(loaded: Model, state: StateLike) -> State:
-    """The model's own start by default, else at zero and at rest."""
-    if state is None and not loaded.starts:
-        return loaded.mechanism.state()
-    return loaded.start(state)
+def _tells_tolerance(run: Trajectory) -> bool:
+    """Whether it is the tolerance, and not the step, that a run tells of itself."""
+    return run.provenance.step is None and bool(run.provenance.tolerance)
 
 
-def _mujoco_start(loaded: Model, state: Any) -> Any:
-    """An mjData as it is; None where MuJoCo's own start is meant."""
-    if type(state).__name__ == "MjData" or (state is None and not loaded.starts):
-        return state
-    return loaded.start(state)
-
-
-def _own_controller(given: Controller | Callable[..., object] | None) -> Controller | None:
-    if given is None or isinstance(given, Controller):
-        return given
-    raise WrongType(
-        "controller: found a function; our solvers take a Controller(function of t, q, u), MuJoCo's a "
-        "function of (model, data)"
-    )
-
-
-def _of_logs(runs: Sequence[StudyRun], order: int | None) -> _Maker:
-    """Who made the logs, as the finest says itself."""
-
-    def none(step: float) -> Trajectory:
-        raise ArgumentsError("logs are runs already")
-
-    source = next((r.run.provenance for r in reversed(runs) if r.run is not None), None)
-    if source is None:
-        return _Maker(none, "logs", order)
-    name = f"{source.simulator} {source.solver}" if source.solver else source.simulator
-    if order is None and source.simulator == "deltac" and source.solver:
-        order = find_solver(source.solver).order
-    return _Maker(none, name, order)
-
-
-def _some(runs: Sequence[StudyRun]) -> None:
-    """InputError unless there is a run to judge."""
-    if not any(entry.usable for entry in runs):
-        told = "; ".join(dict.fromkeys(entry.failure for entry in runs))
-        raise SolverError(f"no step gave a run that can be judged: {told}")
+def _as_before(
+    old: dict[str, Any],
+    solver: str | Options | Sequence[Options] | None,
+    steps: Sequence[float] | None,
+    runs: Simulator | Sequence[Trajectory | str | Path] | None,
+    loaded: Model,
+) -> tuple[
+    str | Options | Sequence[Options] | None,
+    Sequence[float] | None,
+    Simulator | Sequence[Trajectory | str | Path] | None,
+]:
+    """Solver, steps and runs as arguments of version 0.1 say them, which leave `old`; each with a warning."""
+    at_caller = 5  # above this, `study`, and its two decorators
+    if "stabilisation" in old:
+        warn_renamed("study(stabilisation=…)", "study(constraints=…)", stacklevel=at_caller)
+        old["constraints"] = stabilised(old.pop("stabilisation"))
+    if "mapping" in old:
+        write = "runs=[deltac.read_trajectory(log, mapping, mechanism) for log in …]"
+        warn_renamed("study(mapping=…)", "study(runs=…)", write=write, stacklevel=at_caller)
+        mapping = old.pop("mapping")
+        if runs is not None and not callable(runs):
+            runs = [
+                read_trajectory(Path(run), mapping, loaded.mechanism)
+                if isinstance(run, str | Path)
+                else run
+                for run in runs
+            ]
+    if "tolerances" in old:
+        write = "solver=[deltac.solvers.Scipy('DOP853', tolerance=t) for t in …]"
+        warn_renamed("study(tolerances=…)", "study(solver=…)", write=write, stacklevel=at_caller)
+        tolerances = old.pop("tolerances")
+        if tolerances is not None and steps is not None:
+            raise ArgumentsError("give steps= or tolerances=, not both")
+        if tolerances is not None and runs is not None:
+            steps = tolerances
+        elif tolerances is not None:
+            solver = "DOP853" if solver is None else solver
+            assert isinstance(solver, str | Options)
+            options = solver_options(solver)
+            if options.solver.takes_steps:
+                raise SolverError(
+                    f"solver {options.solver.name!r} takes fixed steps: give steps= in place of tolerances="
+                )
+            solver = [options.with_tolerance(t) for t in tolerances]
+    return solver, steps, runs

@@ -14,7 +14,7 @@ import random
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
-from deltac.results import Record
+from deltac.results import Serialisable
 
 KINDS: dict[str, str] = {
     "operator": "arithmetic operator replaced (AOR)",
@@ -40,7 +40,7 @@ _RELATED = (
 
 
 @dataclass(frozen=True)
-class Mutant(Record, omit=("text",)):
+class Mutant(Serialisable, omit=("text",)):
     """A function with one mistake: `before` became `after` on `line`; `text` is the whole module."""
 
     kind: str

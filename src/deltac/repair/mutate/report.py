@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
+from deltac.calls.interrupts import interruptible
 from deltac.errors import FileError, InputError
-from deltac.interrupts import interruptible
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
@@ -21,7 +21,7 @@ from deltac.repair.mutate.suite import copied
 from deltac.repair.tracing.program import Reading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, source_of
-from deltac.results import Record, Report, Section, Table
+from deltac.results import Report, Section, Serialisable, Table
 from deltac.simulation.equations import Equations
 
 SUITE = "your tests"
@@ -40,7 +40,7 @@ REASONS = {
 
 
 @dataclass(frozen=True)
-class Trial(Record, also=("missed",)):
+class Trial(Serialisable, also=("missed",)):
     """A mutant and the size of what each test sees of it: relative, 0 being right.
 
     `reason` says why some test, or every test, does not see it (see `REASONS`); empty if all do.
@@ -183,17 +183,20 @@ def mutate_equations(
         model: a Mechanism, a Problem or a problem's name, a model file.
         rhs: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
         coordinates: the function's own coordinates, as for `check_equations`.
-        names: how many other names to try in place of each use of a name.
-        seed: of the states and of the names drawn.
+        names: number of other names to try in place of each use of a name.
+        seed: random seed, of the states and of the names drawn.
         tests: a command that runs your own tests, such as ``"pytest tests/"``; it is run on some of the
             mutants, in a copy of the project.
-        most: on how many mutants at most.
+        most: with `tests`, the number of mutants at most.
         progress: called with the fraction done.
 
     Raises:
         InputError: no source, or one that is not understood, as for `repair_equations`; tests that fail on
             the function as it is, or do not load it.
     """
+    for name, value, least in (("names", names, 0), ("most", most, 1)):
+        if value < least:
+            raise InputError(f"{name} is {value}; expected {least} or more")
     found = load_model(model)
     if coordinates is None and isinstance(rhs, Equations):
         chosen = rhs.coordinates

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import ASSEMBLED, Array
-from deltac.deprecation import renamed_keywords
+from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.interrupts import interruptible
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.independence import independence, row_names
 from deltac.errors import InputError, StateError, UnknownName, closest
-from deltac.interrupts import interruptible
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.caching import derived
+from deltac.calls.caching import derived
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX

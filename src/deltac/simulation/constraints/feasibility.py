@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.caching import LRUCache
+from deltac.calls.caching import LRUCache
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.independence import Independence, independence

@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as ca
 
-from deltac.caching import derived
+from deltac.calls.caching import derived
 from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.kkt import DEPENDENT
 from deltac.dynamics.spatial import SX
@@ -34,7 +34,7 @@ def projection(flow: Flow) -> Any:
     system, rows = flow.system, bound.rows
     q_part, u_part, z_part = flow.parts
     W = equations_of(system).W
-    place = [flow.t, system.q, system.p]
+    place = [flow.t, system.q, flow.p]
     u_symbols = system.u
     least, speeds = bound.schur.least(rows.phi), bound.schur.least(rows.psi)
     if flow.own is not None:  # own speeds satisfy the constraints by themselves, and stay
@@ -45,7 +45,7 @@ def projection(flow: Flow) -> Any:
     first = ca.Function("first", place, [moved_q, smallest_pivot(flow)])
     second = ca.Function(
         "second",
-        [flow.t, system.q, u_symbols, system.p],
+        [flow.t, system.q, u_symbols, flow.p],
         [moved_q, speeds, smallest_pivot(flow)],
     )
     energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])

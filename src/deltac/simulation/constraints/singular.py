@@ -33,24 +33,26 @@ class SingularMotion:
     """The motion of a constrained mechanism with multipliers by numeric least squares."""
 
     def __init__(self, flow: Flow, p: Array) -> None:
-        """Prepare the pieces of the equations of motion; they are evaluated by CasADi."""
+        """Prepare the pieces of the equations of motion; they are evaluated by CasADi.
+
+        Laws that switch are taken as they are: of `p` only the mechanism's parameters, the first, count.
+        """
         bound = flow.bound
         assert bound is not None and flow.equations is None
         system, equations = flow.system, equations_of(flow.system)
-        self._flow, self._p, self._equations = flow, p, equations
+        self._flow, self._equations = flow, equations
+        self._p = p[: system.p.shape[0]]
         forces, rows = equations.channels, bound.rows
         r = (equations.force - equations.bias)[system.free_u]
         outputs = [equations.M, rows.G, r, rows.gamma, system.qdot]
-        self._pieces = ca.Function("pieces", [flow.t, flow.x, flow.p], outputs)
-        self._energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
+        self._pieces = ca.Function("pieces", [flow.t, flow.x, system.p], outputs)
+        self._energies = ca.Function("E", [flow.t, flow.x, system.p], [flow.energies])
         lam = ca.SX.sym("lambda", len(rows))
         driving = driving_forces(system, system.udot_all, forces, bound, lam)
         known = terms(system, system.udot_all, forces, flow.split, bound, Reactions(driving, lam))
         powers = flow.powers(known, forces, Reactions(driving, lam), bound)
-        due = [known.nonpotential_power + known.prescribed_power] if flow.correcting else []
-        still = ca.SX.zeros(len(flow.integrals) - len(flow.testing) - len(due))
-        given = [flow.t, flow.x, flow.p, system.udot, lam]
-        self._powers = ca.Function("P", given, [ca.vertcat(powers, still, *due)])
+        given = [flow.t, flow.x, system.p, system.udot, lam]
+        self._powers = ca.Function("P", given, [powers])
         seen = [system.udot_all, driving, *constraint_forces(bound, lam).values()]
         self._seen = ca.Function("seen", given, [ca.densify(value) for value in seen])
 

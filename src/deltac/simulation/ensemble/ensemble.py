@@ -17,16 +17,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import Array
-from deltac.caching import LRUCache, derived
-from deltac.deprecation import renamed_keywords
+from deltac.calls.caching import LRUCache, derived
+from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.errors import ArgumentsError, InputError, ModelError
-from deltac.interrupts import interruptible
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, cores, spread
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
-from deltac.progress import Progress
 from deltac.simulation.arguments import check_request, count, positive
 from deltac.simulation.constraints.feasibility import check_members, constraint_start
 from deltac.simulation.ensemble.members import (

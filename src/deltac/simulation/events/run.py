@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.caching import derived
+from deltac.calls.caching import derived
 from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import impact_points
 from deltac.errors import DeltacError, StateError

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.caching import derived
+from deltac.calls.caching import derived
 from deltac.errors import warn_user
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver

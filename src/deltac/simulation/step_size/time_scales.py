@@ -17,8 +17,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.caching import LRUCache
-from deltac.deprecation import renamed_keywords
+from deltac.calls.caching import LRUCache
+from deltac.calls.deprecation import renamed_keywords
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.points import BodyPoint
 from deltac.dynamics.recursions import crba

@@ -6,7 +6,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.caching import derived
+from deltac.calls.caching import derived
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.energy import energy_correction

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.interrupts import check_interrupted
-from deltac.progress import Progress
+from deltac.calls.interrupts import check_interrupted
+from deltac.calls.progress import Progress
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.events.run import EventRun

@@ -12,13 +12,13 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.calls.interrupts import check_interrupted
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
-from deltac.interrupts import check_interrupted
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.implicit.form import Form, Point, Settings
+from deltac.simulation.stepping.implicit.form import Form, Point
 from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
 
 FEW, CHUNK = 8, 64
@@ -114,10 +114,8 @@ def _implicit(flow: Flow) -> dict[str, Any]:
     form = Form(flow)
     a, lam = ca.SX.sym("a", flow.u_size), ca.SX.sym("lambda", form.multipliers)
     at = Point(flow.t, form.q, form.u, a, lam)
-    settings = Settings(flow.inputs, flow.p, ca.SX(0))
-    still = ca.SX.zeros(flow.x.shape[0] - flow.q_size - flow.u_size - form.integrals)
-    ode = ca.vertcat(flow.xdot[: flow.q_size], a, form.powers(at, settings), still)
-    residual = form.dynamics(at, settings)
+    ode = ca.vertcat(flow.xdot[: flow.q_size], a, form.powers(at))
+    residual = form.dynamics(at)
     udot = flow.xdot[flow.q_size : flow.q_size + flow.u_size]
     start = udot
     if form.multipliers:

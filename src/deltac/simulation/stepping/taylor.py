@@ -11,8 +11,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.calls.interrupts import waiting
 from deltac.errors import PackageError, SolverError
-from deltac.interrupts import waiting
 from deltac.mechanism.laws import is_smooth
 from deltac.simulation.flow import Flow
 from deltac.simulation.stepping.protocol import Block, Step, StepGrid

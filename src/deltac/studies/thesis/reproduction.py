@@ -9,9 +9,9 @@ from importlib import import_module
 from pathlib import PurePath
 from typing import Any
 
+from deltac.calls.progress import Progress
 from deltac.errors import InputError, UnknownName
-from deltac.progress import Progress
-from deltac.results import Record, Report, Section, Table, number
+from deltac.results import Report, Section, Serialisable, Table, number
 from deltac.studies.thesis.experiments import (
     EVERYTHING,
     EXPERIMENTS,
@@ -24,7 +24,7 @@ from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
 
 
 @dataclass(frozen=True)
-class Result(Record):
+class Result(Serialisable):
     """A number of ours beside what the thesis says of it.
 
     `rule` is the statement that was checked, in words; `agrees` its outcome, None where the number

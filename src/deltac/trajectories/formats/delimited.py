@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from deltac.errors import FileError, InputError, LogError, WrongType, shown
-from deltac.files import read_bytes
-from deltac.limits import Limits, require_memory
+from deltac.foreign.files import read_bytes
+from deltac.foreign.limits import Limits, require_memory
 from deltac.trajectories.formats.arrangement import arranged
 from deltac.trajectories.formats.raw import Budget, Header, RawLog, parse_header, seconds_of
 from deltac.trajectories.formats.units import unit

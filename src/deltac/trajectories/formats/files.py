@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError, LimitError, UnknownName, closest
-from deltac.files import appearing, opened
-from deltac.limits import Limits, require_memory
+from deltac.foreign.files import appearing, opened
+from deltac.foreign.limits import Limits, require_memory
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats import reading
 from deltac.trajectories.formats.delimited import read_csv, write_csv

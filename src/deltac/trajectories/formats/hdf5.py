@@ -19,9 +19,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from deltac.errors import LogError, PackageError, shown
-from deltac.files import opened
-from deltac.isolation import apart
-from deltac.limits import Limits
+from deltac.foreign.files import opened
+from deltac.foreign.isolation import apart
+from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.raw import (
     Budget,
     Collector,

@@ -40,8 +40,8 @@ from pathlib import Path
 from typing import Any
 
 from deltac.errors import InputError, LogError, WrongType, closest, shown
-from deltac.files import read_text
-from deltac.limits import parse_toml
+from deltac.foreign.files import read_text
+from deltac.foreign.limits import parse_toml
 from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.columns import QUATERNION, MechanismNames
 from deltac.trajectories.formats.units import unit

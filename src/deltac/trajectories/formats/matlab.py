@@ -20,9 +20,9 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from deltac.errors import FileError, LogError
-from deltac.files import read_text
-from deltac.isolation import apart
-from deltac.limits import Limits
+from deltac.foreign.files import read_text
+from deltac.foreign.isolation import apart
+from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.hdf5 import Opened, opened_hdf5
 from deltac.trajectories.formats.raw import (
     Budget,

@@ -19,8 +19,8 @@ from typing import Any, BinaryIO, TypeVar
 import numpy as np
 
 from deltac.errors import FileError, LogError, shown
-from deltac.files import opened
-from deltac.limits import Limits
+from deltac.foreign.files import opened
+from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.raw import (
     Budget,
     Collector,

@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from deltac.errors import FileError, LogError, shown
-from deltac.files import read_bytes
-from deltac.limits import Limits
+from deltac.foreign.files import read_bytes
+from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.delimited import distinct
 from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.trajectory import FloatArray, row_name

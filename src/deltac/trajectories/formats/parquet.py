@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import BinaryIO
 
 from deltac.errors import FileError
-from deltac.files import opened
-from deltac.isolation import apart
-from deltac.limits import Limits, require_memory
+from deltac.foreign.files import opened
+from deltac.foreign.isolation import apart
+from deltac.foreign.limits import Limits, require_memory
 from deltac.trajectories.formats.delimited import raw_log
 from deltac.trajectories.formats.raw import Budget, Header, RawLog, damage_named, parse_header
 from deltac.trajectories.trajectory import Trajectory

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import FileError, InputError, LimitError, LogError, WrongType, shown
-from deltac.limits import Limits, parse_json
+from deltac.foreign.limits import Limits, parse_json
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 Header: TypeAlias = Mapping[str, Any] | None

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from deltac.errors import FileError, InputError, LogError, shown
-from deltac.files import read_bytes
-from deltac.limits import Limits, parse_json
+from deltac.foreign.files import read_bytes
+from deltac.foreign.limits import Limits, parse_json
 from deltac.trajectories.formats.arrangement import STAMPS
 from deltac.trajectories.formats.raw import Collector, RawLog, labelled
 

@@ -27,8 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac.errors import FileError, LogError, PackageError
-from deltac.isolation import apart
-from deltac.limits import Limits
+from deltac.foreign.isolation import apart
+from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.raw import Budget, Collector, RawLog, damage_named
 from deltac.trajectories.rates import continuous
 from deltac.trajectories.trajectory import FloatArray

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deltac.arguments import checked
+from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError, LogError
-from deltac.files import opened
+from deltac.foreign.files import opened
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats.files import naming
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping

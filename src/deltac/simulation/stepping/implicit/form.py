@@ -32,15 +32,6 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What does not change over a step: motors' values, parameters, the scheme's spectral radius."""
-
-    inputs: SX
-    p: SX
-    radius: SX
-
-
-@dataclass(frozen=True)
 class Slots:
     """Where a joint's free coordinates and speeds lie, and where in its coordinates a quaternion begins."""
 
@@ -50,15 +41,14 @@ class Slots:
 
 
 class Form:
-    """The unsolved equations of a flow, as CasADi functions of a `Point` and `Settings`."""
+    """The unsolved equations of a flow at a `Point`, for the motors' values and parameters of the flow."""
 
     def __init__(self, flow: Flow) -> None:
         """Write them out; InputError for equations by hand whose derivatives are unknown."""
         self.flow = flow
         system = flow.system
-        q_part, u_part, _ = flow.parts
+        q_part, u_part, z_part = flow.parts
         self.q, self.u = flow.x[q_part], flow.x[u_part]
-        self.integrals = flow.powered
         own = flow.equations is not None
         rows = None if own or flow.bound is None else flow.bound.rows
         self.multipliers = 0 if rows is None else len(rows)
@@ -70,7 +60,7 @@ class Form:
         if own:
             _check_by_hand(flow)
             r = udot - flow.xdot[u_part]
-            P = flow.xdot[flow.q_size + flow.u_size :][: self.integrals]
+            P = flow.xdot[z_part]
         else:
             forces = channels(system)
             r = (rnea(system, system.udot_all) - total_force(system, forces))[system.free_u]
@@ -91,26 +81,29 @@ class Form:
         self._constraints = ca.Function("constraints", place, [phi, psi, G])
         self._energy = ca.Function("E", place, [flow.energies[-2] + flow.energies[-1]])
 
-    def dynamics(self, at: Point, s: Settings) -> SX:
+    def dynamics(self, at: Point) -> SX:
         """M u̇ + h − F − Gᵀλ (nu,), which exact motion keeps at zero."""
-        return self._dynamics(*_values(at, s))
+        return self._dynamics(*self._values(at))
 
-    def powers(self, at: Point, s: Settings) -> SX:
-        """The powers (W) of channels and testing functions, with the point's own u̇ and λ."""
-        return self._powers(*_values(at, s))[0]
+    def powers(self, at: Point) -> SX:
+        """The rates of all integrals (W), with the point's own u̇ and λ."""
+        return self._powers(*self._values(at))[0]
 
-    def nonpotential_power(self, at: Point, s: Settings) -> SX:
+    def nonpotential_power(self, at: Point) -> SX:
         """vᵀF_D, W."""
-        return self._powers(*_values(at, s))[1]
+        return self._powers(*self._values(at))[1]
 
-    def constraints(self, t: SX, q: SX, u: SX, s: Settings) -> tuple[SX, SX, SX]:
+    def constraints(self, t: SX, q: SX, u: SX) -> tuple[SX, SX, SX]:
         """φ, ψ (nc,) and G (nc by nu)."""
-        phi, psi, G = self._constraints(t, q, u, s.p)
+        phi, psi, G = self._constraints(t, q, u, self.flow.p)
         return phi, psi, G
 
-    def energy(self, t: SX, q: SX, u: SX, s: Settings) -> SX:
+    def energy(self, t: SX, q: SX, u: SX) -> SX:
         """K + V, J."""
-        return self._energy(t, q, u, s.p)
+        return self._energy(t, q, u, self.flow.p)
+
+    def _values(self, at: Point) -> list[SX]:
+        return [at.t, at.q, at.u, at.udot, at.multipliers, self.flow.inputs, self.flow.p]
 
     def halfway(self, q: SX, d: SX) -> SX:
         """The coordinates after half the motion `d` (nu,), a product of speeds and a time.
@@ -134,10 +127,6 @@ class Form:
     def moved(self, q: SX, d: SX) -> SX:
         """The coordinates after the motion `d`."""
         return self.halfway(self.halfway(q, d), d)
-
-
-def _values(at: Point, s: Settings) -> list[SX]:
-    return [at.t, at.q, at.u, at.udot, at.multipliers, s.inputs, s.p]
 
 
 def _composed(a: SX, b: SX) -> SX:

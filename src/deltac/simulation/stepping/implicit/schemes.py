@@ -14,12 +14,12 @@ from typing import TypeAlias
 import casadi as ca
 
 from deltac.dynamics.spatial import SX
-from deltac.simulation.stepping.implicit.form import Form, Point, Settings
+from deltac.simulation.stepping.implicit.form import Form, Point
 
 
 @dataclass(frozen=True)
 class Before:
-    """Where a step starts: time, its length, x = (q, u, integrals), and the method's `memory`."""
+    """Where a step starts: t, its length h, x = (q, u, z), the method's `memory` and spectral `radius`."""
 
     t: SX
     h: SX
@@ -27,14 +27,14 @@ class Before:
     u: SX
     z: SX
     memory: SX
+    radius: SX
 
 
 @dataclass(frozen=True)
 class StepEquations:
     """A step in symbols: `residual` of the `unknowns` must vanish; then x is `after`, the memory `memory`.
 
-    `rates` are the accelerations and powers, `multipliers` λ, that the step found; `speeds` is how many of
-    the unknowns, the first, are speeds.
+    `speeds` is how many of the unknowns, the first, are speeds.
     """
 
     unknowns: SX
@@ -42,14 +42,12 @@ class StepEquations:
     residual: SX
     after: SX
     memory: SX
-    rates: SX
-    multipliers: SX
 
 
-Scheme: TypeAlias = Callable[[Form, Before, Settings], StepEquations]
+Scheme: TypeAlias = Callable[[Form, Before], StepEquations]
 
 
-def backward_euler(form: Form, b: Before, s: Settings) -> StepEquations:
+def backward_euler(form: Form, b: Before) -> StepEquations:
     """u₁ = u₀ + h u̇₁, q₁ = q₀ + h W u₁, ψ₁ = 0: first order, and L-stable.
 
     Integrals take P at the end. Positions on the constraints are left to the projection.
@@ -57,17 +55,14 @@ def backward_euler(form: Form, b: Before, s: Settings) -> StepEquations:
     u, impulse = _unknowns(form)
     lam, t = impulse / b.h, b.t + b.h
     end = Point(t, form.moved(b.q, b.h * u), u, (u - b.u) / b.h, lam)
-    _, psi, _ = form.constraints(t, end.q, u, s)
-    P = form.powers(end, s)
-    after = ca.vertcat(end.q, u, _integrated(b, P, b.h))
-    residual = ca.vertcat(b.h * form.dynamics(end, s), psi)
-    rates = ca.vertcat(end.udot, P)
-    return StepEquations(
-        ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1), rates, lam
-    )
+    _, psi, _ = form.constraints(t, end.q, u)
+    P = form.powers(end)
+    after = ca.vertcat(end.q, u, b.z + b.h * P)
+    residual = ca.vertcat(b.h * form.dynamics(end), psi)
+    return StepEquations(ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1))
 
 
-def implicit_midpoint(form: Form, b: Before, s: Settings) -> StepEquations:
+def implicit_midpoint(form: Form, b: Before) -> StepEquations:
     """The equations of motion at the middle of the step, ψ₁ = 0 at its end: second order, A-stable.
 
     Symplectic for the mechanism's own speeds where the mass matrix is constant; K then closes identically
@@ -76,17 +71,14 @@ def implicit_midpoint(form: Form, b: Before, s: Settings) -> StepEquations:
     u, impulse = _unknowns(form)
     middle = _middle(form, b, u, impulse / b.h, b.h * (b.u + u) / 2)
     q = form.halfway(middle.q, b.h * middle.u)
-    _, psi, _ = form.constraints(b.t + b.h, q, u, s)
-    P = form.powers(middle, s)
-    after = ca.vertcat(q, u, _integrated(b, P, b.h))
-    residual = ca.vertcat(b.h * form.dynamics(middle, s), psi)
-    rates = ca.vertcat(middle.udot, P)
-    return StepEquations(
-        ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1), rates, middle.multipliers
-    )
+    _, psi, _ = form.constraints(b.t + b.h, q, u)
+    P = form.powers(middle)
+    after = ca.vertcat(q, u, b.z + b.h * P)
+    residual = ca.vertcat(b.h * form.dynamics(middle), psi)
+    return StepEquations(ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1))
 
 
-def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
+def generalized_alpha(form: Form, b: Before) -> StepEquations:
     """The method of Chung and Hulbert: second order, with numerical damping of what is fast.
 
     J. Appl. Mech. 60 (1993) 371-375; with constraints as by Arnold and Brüls, Multibody Syst. Dyn. 18 (2007)
@@ -101,11 +93,11 @@ def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
     t + (α_m − α_f) h. Powers are integrated by the same formulas as speeds (Jansen, Whiting, Hulbert, Comput.
     Methods Appl. Mech. Eng. 190 (2000) 305-319, for first-order systems).
     """
-    radius = s.radius
+    radius = b.radius
     alpha_m, alpha_f = (2 * radius - 1) / (radius + 1), radius / (radius + 1)
     gamma = 0.5 + alpha_f - alpha_m
     beta = 0.25 * (gamma + 0.5) ** 2
-    n, width = b.u.shape[0], b.u.shape[0] + form.integrals
+    n, width = b.u.shape[0], b.u.shape[0] + b.z.shape[0]
     known, aux = b.memory[:width], b.memory[width:]
 
     def following(rates: SX, part: slice) -> SX:
@@ -119,21 +111,19 @@ def generalized_alpha(form: Form, b: Before, s: Settings) -> StepEquations:
     u = b.u + b.h * ((1 - gamma) * a0 + gamma * a1)
     q = form.moved(b.q, b.h * b.u + b.h**2 * ((0.5 - beta) * a0 + beta * a1))
     end = Point(t, q, u, udot, lam)
-    phi, psi, _ = form.constraints(t, q, u, s)
+    phi, psi, _ = form.constraints(t, q, u)
     tied = ca.SX(psi)
     tied[form.holonomic] = phi[form.holonomic, :] / b.h
-    P = form.powers(end, s)
+    P = form.powers(end)
     p0, p1 = aux[n:], following(P, slice(n, width))
-    z = _integrated(b, (1 - gamma) * p0 + gamma * p1, b.h)
+    z = b.z + b.h * ((1 - gamma) * p0 + gamma * p1)
     memory = ca.vertcat(udot, P, a1, p1)
-    residual = ca.vertcat(b.h * form.dynamics(end, s), tied)
-    rates = ca.vertcat(udot, P)
-    return StepEquations(
-        ca.vertcat(w, impulse), w.shape[0], residual, ca.vertcat(q, u, z), memory, rates, lam
-    )
+    residual = ca.vertcat(b.h * form.dynamics(end), tied)
+    after = ca.vertcat(q, u, z)
+    return StepEquations(ca.vertcat(w, impulse), w.shape[0], residual, after, memory)
 
 
-def discrete_gradient(form: Form, b: Before, s: Settings) -> StepEquations:
+def discrete_gradient(form: Form, b: Before) -> StepEquations:
     """The midpoint rule with a discrete gradient of K + V: second order, and energy is kept.
 
     After Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467: K + V changes by the work of non-potential forces
@@ -146,29 +136,28 @@ def discrete_gradient(form: Form, b: Before, s: Settings) -> StepEquations:
     """
     u, impulse = _unknowns(form)
     kappa = ca.SX.sym("kappa", len(form.holonomic))
-    _, _, G = form.constraints(b.t, b.q, b.u, s)
+    _, _, G = form.constraints(b.t, b.q, b.u)
     d = b.h * ((b.u + u) / 2 + ca.mtimes(G[form.holonomic, :].T, kappa))
     middle = _middle(form, b, u, impulse / b.h, d)
     q, t = form.halfway(middle.q, d), b.t + b.h
-    r = form.dynamics(middle, s)
+    r = form.dynamics(middle)
     at_rest = Point(middle.t, middle.q, middle.u, 0 * middle.u, middle.multipliers)
     moving = Point(middle.t, middle.q, middle.u, middle.u, middle.multipliers)
-    momentum = form.dynamics(moving, s) - form.dynamics(at_rest, s)  # M u_m: r is linear in u̇
-    before = form.energy(b.t, b.q, b.u, s)
-    gained = (form.energy(t, q, u, s) - before) / b.h
-    gap = gained - form.nonpotential_power(middle, s) - ca.dot(middle.u, r)
+    momentum = form.dynamics(moving) - form.dynamics(at_rest)  # M u_m: r is linear in u̇
+    before = form.energy(b.t, b.q, b.u)
+    gained = (form.energy(t, q, u) - before) / b.h
+    gap = gained - form.nonpotential_power(middle) - ca.dot(middle.u, r)
     # Where all stands still there is nothing to correct: the gap is rounding of the energies.
     still = 2.2e-16 * ca.fabs(before) + 1e-300
     mu = gap / (ca.dot(middle.u, momentum) + still)
-    phi, psi, _ = form.constraints(t, q, u, s)
+    phi, psi, _ = form.constraints(t, q, u)
     # What λ does at the middle, where ψ is not zero, the correction has undone: it is no one's work.
-    P = form.powers(Point(middle.t, middle.q, middle.u, middle.udot, 0 * impulse), s)
-    after = ca.vertcat(q, u, _integrated(b, P, b.h))
+    P = form.powers(Point(middle.t, middle.q, middle.u, middle.udot, 0 * impulse))
+    after = ca.vertcat(q, u, b.z + b.h * P)
     residual = ca.vertcat(b.h * (r + mu * momentum), psi, phi[form.holonomic, :] / b.h)
     unknowns = ca.vertcat(u, kappa, impulse)
-    rates = ca.vertcat(middle.udot, P)
     speeds = u.shape[0] + kappa.shape[0]
-    return StepEquations(unknowns, speeds, residual, after, ca.SX(0, 1), rates, middle.multipliers)
+    return StepEquations(unknowns, speeds, residual, after, ca.SX(0, 1))
 
 
 SCHEMES: dict[str, Scheme] = {
@@ -186,8 +175,3 @@ def _unknowns(form: Form) -> tuple[SX, SX]:
 
 def _middle(form: Form, b: Before, u: SX, lam: SX, d: SX) -> Point:
     return Point(b.t + b.h / 2, form.halfway(b.q, d), (b.u + u) / 2, (u - b.u) / b.h, lam)
-
-
-def _integrated(b: Before, P: SX, h: SX) -> SX:
-    """The integrals after the step; those of corrections stay, the projection changes them."""
-    return b.z + ca.vertcat(h * P, ca.SX.zeros(b.z.shape[0] - P.shape[0]))

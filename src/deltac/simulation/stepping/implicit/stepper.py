@@ -14,7 +14,7 @@ from deltac.errors import SolverError, StateError
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.implicit.form import Form, Settings
+from deltac.simulation.stepping.implicit.form import Form
 from deltac.simulation.stepping.implicit.newton import Newton, Outcome, StepSystem
 from deltac.simulation.stepping.implicit.schemes import SCHEMES, Before, StepEquations
 from deltac.simulation.stepping.interpreted import StageRate
@@ -23,13 +23,11 @@ from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGri
 
 @dataclass(frozen=True)
 class Taken:
-    """A step that was taken: its unknowns y; x and memory after it, its rates (u̇, P) and multipliers λ."""
+    """A step that was taken: its unknowns y; x and memory after it."""
 
     y: Array
     x: Array
     memory: Array
-    rates: Array
-    multipliers: Array
 
 
 class ImplicitMethod:
@@ -44,7 +42,7 @@ class ImplicitMethod:
 
     @cached_property
     def _data(self) -> dict[str, ca.SX]:
-        width = 2 * (self.flow.u_size + self.form.integrals)
+        width = 2 * (self.flow.x.shape[0] - self.flow.q_size)
         memory = width if self.solver.name == "generalized-alpha" else 0
         return {
             "t": ca.SX.sym("t0"),
@@ -61,9 +59,9 @@ class ImplicitMethod:
         """The step in symbols."""
         d = self._data
         q, u, z = self.flow.parts
-        before = Before(d["t"], d["h"], d["x"][q], d["x"][u], d["x"][z], d["memory"])
-        settings = Settings(d["inputs"], d["p"], d["radius"])
-        return SCHEMES[self.solver.name](self.form, before, settings)
+        x, memory, radius = d["x"], d["memory"], d["radius"]
+        before = Before(d["t"], d["h"], x[q], x[u], x[z], memory, radius)
+        return SCHEMES[self.solver.name](self.form, before)
 
     @cached_property
     def system(self) -> StepSystem:
@@ -73,17 +71,17 @@ class ImplicitMethod:
 
     @cached_property
     def ending(self) -> Kernel:
-        """What follows from the unknowns: the state and the memory after the step, rates, multipliers."""
+        """What follows from the unknowns: the state and the memory after the step."""
         e = self.equations
         inputs = {"y": e.unknowns, **{n: c for n, c in self._data.items() if c.shape[0]}}
-        outputs = {"after": e.after, "memory": e.memory, "rates": e.rates, "lam": e.multipliers}
+        outputs = {"after": e.after, "memory": e.memory}
         return Kernel(inputs, outputs, name=f"end of a step of {self.solver.name}")
 
     @cached_property
     def rates(self) -> Any:
-        """(t, x, inputs, p) -> accelerations and powers of the equations of motion, solved."""
-        flow, n = self.flow, self.flow.q_size
-        rates = flow.xdot[n : n + flow.u_size + self.form.integrals]
+        """(t, x, inputs, p) -> accelerations and rates of integrals, of the equations of motion solved."""
+        flow = self.flow
+        rates = flow.xdot[flow.q_size :]
         return ca.Function("rates", [flow.t, flow.x, flow.inputs, flow.p], [ca.densify(rates)])
 
 
@@ -97,7 +95,7 @@ class ImplicitSteps:
         self._method, self._motors, self._p, self._radius = method, rate, p, radius
         self._newton, ending = Newton(method.system), method.ending
         self._in, self._out = np.empty(ending.n_in), np.empty(ending.n_out)
-        self._places = [ending.output_slices[n] for n in ("after", "memory", "rates", "lam")]
+        self._places = [ending.output_slices[n] for n in ("after", "memory")]
         self._memory: tuple[Array, float] | None = None  # and the length of the steps it is of
         self._previous: tuple[Array, Array, float] | None = None  # unknowns, speeds before, length
         self._tried: tuple[Taken, Array, float] | None = None

@@ -27,8 +27,8 @@ from types import CodeType, ModuleType
 from typing import Any
 
 from deltac.errors import FileError, InputError
-from deltac.files import read_bytes
-from deltac.limits import parse_json
+from deltac.foreign.files import read_bytes
+from deltac.foreign.limits import parse_json
 
 SUFFIXES = (".py", ".ipynb")
 """Files whose Python is read: modules, and the code cells of notebooks."""

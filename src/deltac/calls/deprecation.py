@@ -26,7 +26,7 @@ from functools import wraps
 from importlib import import_module
 from typing import Any
 
-from deltac.arguments import Target, refuse_misfits
+from deltac.calls.arguments import Target, refuse_misfits
 from deltac.errors import ArgumentsError, InputError
 
 

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import IO, Any, Concatenate, ParamSpec, TypeVar
 
 from deltac.errors import FileError, InputError
-from deltac.limits import SMALL, Limits, free_memory
+from deltac.foreign.limits import SMALL, Limits, free_memory
 
 try:
     import resource
@@ -271,7 +271,7 @@ class _Worker:
         path = os.pathsep.join(p for p in sys.path if p)
         self._process = subprocess.Popen(
             # -P: what lies in the folder where deltac is called is not imported.
-            [sys.executable, "-P", "-m", "deltac.isolation_worker"],
+            [sys.executable, "-P", "-m", "deltac.foreign.worker"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL if quiet else None,

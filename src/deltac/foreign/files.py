@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from deltac.errors import FileError, closest
-from deltac.limits import Limits
+from deltac.foreign.limits import Limits
 
 try:
     import fcntl

@@ -10,7 +10,7 @@ import threading
 import warnings
 from typing import Any
 
-from deltac.isolation import INSIDE, Failure, answered, loaded, receive, send
+from deltac.foreign.isolation import INSIDE, Failure, answered, loaded, receive, send
 
 
 def main() -> None:

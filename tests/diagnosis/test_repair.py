@@ -14,9 +14,9 @@ import deltac as dc
 from deltac.repair.mutate.operators import KINDS, mutants
 from deltac.repair.outcome import Repair
 from deltac.repair.repair import repair_source
-from deltac.repair.tracing.tracer import trace
 from deltac.repair.tracing.samples import Target
 from deltac.repair.tracing.source import Source, read_source
+from deltac.repair.tracing.tracer import trace
 
 EQUATIONS = """\
 from math import cos, sin

@@ -25,8 +25,8 @@ from deltac.importers import read_mechanism
 from deltac.importers.urdf import read_urdf
 from deltac.mechanism.laws import as_law
 from deltac.models import load_model
-from deltac.repair.tracing.tracer import branches
 from deltac.repair.tracing.source import Source
+from deltac.repair.tracing.tracer import branches
 from deltac.trajectories import Trajectory, read_trajectory, to_columns, to_metadata
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats.files import draft_mapping, explain

@@ -17,10 +17,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
-from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
+from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at, quaternions
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import (
@@ -35,6 +36,7 @@ from deltac.dynamics.terms import (
 )
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.errors import ArgumentsError, InputError
+from deltac.kernels import Kernel
 from deltac.mechanism.channels import Channel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -102,7 +104,8 @@ class Flow(Once):
     """ẋ in symbols, and what is observed of a motion.
 
     Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
-    accelerations of a hand-written function that could not be traced (else empty). `q_size`, `u_size`
+    accelerations of a hand-written function that could not be traced (else empty), which takes the
+    coordinates `told` if these are not those of x. `q_size`, `u_size`
     divide x; `works`, then `integrals` name what follows. The outputs `q_all`, `u_all`, `udot_all`, the
     `driving` forces and the constraints' `reactions` are full vectors of the mechanism. `bound` holds the
     constraints that the equations are built on, `energies` the testing functions' E, K and V of (t, x);
@@ -115,6 +118,7 @@ class Flow(Once):
     works: tuple[ChannelName, ...]
     integrals: tuple[str, ...]
     equations: Equations | None
+    told: SX | None
     own: OwnCoordinates | None
     split: OwnCoordinates | None
     bound: Constrained | None
@@ -171,6 +175,33 @@ class Flow(Once):
         rest = len(self.integrals) - changes.shape[0]
         return ca.vertcat(ca.SX.zeros(len(self.works)), changes, ca.SX.zeros(rest))
 
+    @cached_property
+    def rate(self) -> Any:
+        """(t, x, p) -> ẋ, as a CasADi function."""
+        return ca.Function("f", [self.t, self.x, self.p], [ca.densify(self.xdot)], {"cse": True})
+
+    @cached_property
+    def energy(self) -> Any:
+        """(t, x, p) -> the testing functions' E, K and V, as a CasADi function."""
+        return ca.Function("E", [self.t, self.x, self.p], [self.energies])
+
+    @cached_property
+    def _told(self) -> Any:
+        """(t, x, p) -> the coordinates that equations by hand take, as a CasADi function."""
+        return ca.Function("told", [self.t, self.x, self.p], [ca.densify(self.told)])
+
+    def by_hand(self, t: float, x: Array, p: Array) -> Array:
+        """The accelerations that equations by hand, called from Python, give at a state."""
+        assert self.equations is not None
+        q, u, _ = self.parts
+        told = x[q].copy() if self.told is None else evaluate_at(self._told, t, x, p)[0]
+        return self.equations(t, told, x[u].copy())
+
+    def kernel(self, name: str, outputs: Mapping[str, SX], **further: SX) -> Kernel:
+        """Compiled: (t, x, p, …) -> outputs."""
+        inputs = {"t": self.t, "x": self.x, "p": self.p, **further}
+        return Kernel({n: c for n, c in inputs.items() if c.shape[0]}, outputs, name=name)
+
     def normalised(self, x: SX) -> SX:
         """The state with its quaternions brought back to unit length."""
         result = ca.SX(x)
@@ -191,8 +222,7 @@ class Flow(Once):
             q, u = (np.array(part).ravel() for part in found)
         x = np.concatenate([q, u, np.zeros(len(self.works) + len(self.integrals))])
         if self.correcting:  # the energy as it should be starts at K + V
-            energies = ca.Function("E", [self.t, self.x, self.p], [self.energies[-2:]])
-            x[-1] = float(np.array(energies(state.t, x, p)).sum())
+            x[-1] = float(np.array(self.energy(state.t, x, p))[-2:].sum())
         return x
 
 
@@ -240,13 +270,15 @@ def build_flow(
     damping = (0.0, 0.0)
     if isinstance(constraints, Baumgarte):
         damping = (constraints.alpha, constraints.beta)
-    given = ca.SX(0, 1)
+    given, told = ca.SX(0, 1), None
     if written is None:
         motion = forward(system, parts, bound, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
         q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u]
     else:
-        own, q, u, qdot = written.own, written.q, written.u, written.qdot
+        state = written.state
+        own, q, u, qdot = state.own, state.q, state.u, state.qdot
+        told = None if state.told is q else state.told
         if written.udot is None:
             given = ca.SX.sym("given", u.shape[0])
         udot = given if written.udot is None else written.udot
@@ -292,6 +324,7 @@ def build_flow(
         works=tuple(working),
         integrals=integrals,
         equations=None if written is None else written.equations,
+        told=told,
         own=own,
         split=split_own,
         bound=bound,

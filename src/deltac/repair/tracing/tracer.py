@@ -378,9 +378,10 @@ class _Tracer:
                 if id(statement) in module.done:
                     continue
                 module.done.add(id(statement))
-                for used in module.in_classes(statement):  # Python looks them up past __missing__
-                    with contextlib.suppress(KeyError):
-                        names[used]
+                if module.classes and any(isinstance(n, ast.ClassDef) for n in ast.walk(statement)):
+                    for used in module.in_classes:  # Python looks them up past `__missing__`
+                        with contextlib.suppress(KeyError):
+                            names[used]
                 try:
                     code = module.code(statement)
                     self.guarded(lambda code=code: exec(code, names))  # type: ignore[misc]

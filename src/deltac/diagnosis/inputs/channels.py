@@ -83,7 +83,7 @@ def foreign_notes(works: dict[str, float], energy_exchanged: float) -> list[Find
             "channel-not-in-model",
             foreign_words(name, work),
             share(work),
-            "Add it to the model if the model shall move so by itself",
+            "Add it to the model if the model is to be simulated on its own",
             "note",
             name,
         )

@@ -235,7 +235,7 @@ def _in_parts(
     _refuse_undefined(ledger)
     note = Finding(
         "read-in-parts",
-        "the log is large and was balanced in parts; statistics other than works and ΔC are of some rows",
+        "the log is large and was balanced in parts; only works and ΔC are of all its rows",
         f"{len(kept)} rows were kept",
         "",
     )

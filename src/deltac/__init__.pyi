@@ -21,6 +21,7 @@ from deltac.analysis.linearise import Equilibrium as Equilibrium
 from deltac.analysis.linearise import Linearisation as Linearisation
 from deltac.analysis.linearise import equilibrium as equilibrium
 from deltac.analysis.linearise import linearise as linearise
+from deltac.analysis.matrices import Matrices as Matrices
 from deltac.analysis.matrices import matrices as matrices
 from deltac.diagnosis.audit.audit import Audit as Audit
 from deltac.diagnosis.audit.audit import audit as audit
@@ -44,7 +45,6 @@ from deltac.diagnosis.study.study import Study as Study
 from deltac.diagnosis.study.study import study as study
 from deltac.diagnosis.verdict import Finding as Finding
 from deltac.diagnosis.verdict import Verdict as Verdict
-from deltac.dynamics.matrices import Matrices as Matrices
 from deltac.energy import Ledger as Ledger
 from deltac.energy import balance as balance
 from deltac.energy import residuals as residuals

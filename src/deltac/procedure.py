@@ -157,7 +157,7 @@ def examine(
         log: a Trajectory or the path of a log of this model.
         mapping: of the log's columns, as for `audit`.
         tolerance: accepted |ΔC|, and error of the motion, as `recommend` and `audit` measure them.
-        solvers: with fixed steps, that compete for the recommendation.
+        solvers: names of the solvers with fixed steps that compete for the recommendation.
         progress: called with the fraction done.
         **simulation: `equations`, `controller` and `constraints`, as for `simulate`. The equations written by
             hand are checked, and integrated in the study; solver and step are chosen by the model's own.

@@ -14,7 +14,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.explain.causes import Candidate, candidates
-from deltac.diagnosis.explain.columns import column_kernels, evaluate
+from deltac.diagnosis.explain.columns import column_kernels
 from deltac.diagnosis.measurements.digits import white_noise
 from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
 
@@ -84,8 +84,7 @@ def test_columns_are_what_a_change_does(what: str) -> None:
 
     (cause,) = (c for c in found if fits(c))
     s = Sampled.of(first, run, evaluator.log)
-    samples = [s.t[:, None], s.q, s.u, s.udot, s.logged, s.logged, s.logged]
-    X = evaluate(kernels.pointwise(), samples, kernels.speeds)[0]
+    X = kernels(*s.columns, s.logged, s.logged)
     effect = X[..., [1 + k for k in cause.columns]] @ cause.coefficients(np.array(theta))
     np.testing.assert_allclose(X[..., 0], residual(first), rtol=0, atol=1e-12)
     difference = residual(changed()) - residual(first)

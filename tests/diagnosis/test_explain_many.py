@@ -22,7 +22,7 @@ def cause(kind: str, element: str, columns: tuple[int, ...]) -> Candidate:
     """A cause of one number, the sum of some columns: a missing damper, or a factor on masses."""
     base, sign = (0.0, "positive") if kind == "missing-damper" else (1.0, "factor")
     weights = np.ones((len(columns), 1))
-    return Candidate(kind, element, columns, weights, ("x",), np.array([base]), ("1",), sign)
+    return Candidate(kind, element, columns, weights, ("x",), np.array([base]), ("1",), sign=sign)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -10,7 +10,7 @@ import deltac as dc
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import natural_scales, random_states
-from deltac.dynamics.textbook.tree import Textbook
+from tests.oracles.textbook.tree import Textbook
 from tests.systems.hand_equations import CASES, lagrange_top, spherical_pendulum
 from tests.systems.random_mechanisms import Options, Sample, samples
 

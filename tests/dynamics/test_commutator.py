@@ -22,11 +22,11 @@ from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.forces import channels
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward, terms
-from deltac.dynamics.textbook.kinematics import along, coordinate_rates
 from deltac.mechanism.bodies import frame, point_mass
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
+from tests.oracles.textbook.kinematics import along, coordinate_rates
 from tests.support.rate_forms import NAMES, ROUNDING, rate_forms, scale_of
 from tests.systems.random_mechanisms import Options, Sample, assert_close, samples, scalar
 

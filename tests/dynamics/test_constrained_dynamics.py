@@ -1,7 +1,7 @@
 """Multipliers by two routes, and the energy theorem on random constrained mechanisms.
 
 One route eliminates by LDLᵀ (`deltac.dynamics.kkt`); the other reduces the generalized speeds by an
-orthogonal complement from singular values (`deltac.dynamics.textbook.constrained`).
+orthogonal complement from singular values (`tests.oracles.textbook.constrained`).
 """
 
 from __future__ import annotations

@@ -10,9 +10,9 @@ import pytest
 import deltac as dc
 from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.system import trace
-from deltac.dynamics.textbook.constraints import KINDS
-from deltac.dynamics.textbook.kinematics import along
 from deltac.mechanism.scene import Constraint
+from tests.oracles.textbook.constraints import KINDS
+from tests.oracles.textbook.kinematics import along
 from tests.systems.constrained_mechanisms import EXAMPLES, Tied, four_bar, playground, playing
 from tests.systems.random_mechanisms import Sample, assert_close, random_state
 

@@ -11,7 +11,7 @@ from deltac.dynamics.frames import aligned_joints, constant_turns
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import Inertia, Transform, Turn
 from deltac.dynamics.system import trace
-from deltac.dynamics.textbook.tree import Textbook
+from tests.oracles.textbook.tree import Textbook
 from tests.systems.random_geometry import random_rotation
 from tests.systems.random_mechanisms import random_state
 

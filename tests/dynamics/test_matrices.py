@@ -10,9 +10,9 @@ import pytest
 from hypothesis import assume, given, settings
 
 import deltac as dc
+from deltac.analysis.matrices import Matrices, matrices_at, stacked
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.kkt import least_squares
-from deltac.dynamics.matrices import Matrices, matrices_at, stacked
 from deltac.errors import InputError
 from deltac.problems.triple_pendulum_equations import HandEquations
 from tests.systems.constrained_mechanisms import Tied, condition, four_bar, parallelogram, tied
@@ -99,6 +99,40 @@ def test_the_recursions_find_the_same(tied: Tied) -> None:
     G = m.B[:, free.u].T @ np.vstack([m.J, m.A]).T
     ties = G @ np.concatenate([m.lambda_c, m.lambda_m])
     near(ties, terms.G[rows].T @ lam, force, loss=loss)
+
+
+@few
+@given(samples(Options()))
+def test_the_textbook_finds_the_same_on_trees(sample: Sample) -> None:
+    """Kinematics, forces and equations that share no line with what is traced."""
+    s, book = sample, sample.book
+    m = matrices_at(s.mechanism, s.t, s.q, s.u)
+    keep = [
+        *range(6 * len(m.bodies)),
+        *(6 * len(m.bodies) + np.flatnonzero(book.M.diagonal()[6 * len(m.bodies) :])),
+    ]
+    near(m.B, book.P[keep])
+    near(m.v_t, book.v_t[keep], m.v)
+    near(m.R_dot, book.R_dot[keep])
+    near(m.v_t_dot, book.v_t_dot[keep], m.v_dot)
+    near(m.M, book.M[np.ix_(keep, keep)])
+    near(m.beta, book.beta[keep])
+    near(m.F_V, book.F_V[keep], m.F)
+    near(m.F_D, book.F_D[keep], m.F)
+    near(m.F_star, book.F_star(m.udot)[keep])
+
+
+@few
+@given(tied(Options(bodies=3, massless=False, thin=False)))
+def test_the_textbook_finds_the_same_with_constraints(tied: Tied) -> None:
+    s, book = tied.sample, tied.ties
+    m = matrices_at(s.mechanism, s.t, s.q, s.u, udot=np.zeros(len(s.u)))
+    holonomic = book.holonomic
+    near(m.J @ m.B, book.G_all[holonomic])
+    near(m.A @ m.B, book.G_all[~holonomic])
+    near(m.f_t, book.c[holonomic])
+    near(m.b, book.c[~holonomic])
+    vanishes(m.J @ m.R_hat, m.R_hat, loss=condition(tied))
 
 
 # --- closed forms --------------------------------------------------------------------------------------

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward
-from deltac.dynamics.textbook.kinematics import along, skew, tree
-from deltac.dynamics.textbook.tree import Textbook
 from deltac.errors import InputError
 from deltac.mechanism.bodies import rod
 from deltac.mechanism.constraints import holonomic
@@ -25,6 +23,8 @@ from deltac.mechanism.forces import joint_torque
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.quantities import ZERO
+from tests.oracles.textbook.kinematics import along, skew, tree
+from tests.oracles.textbook.tree import Textbook
 from tests.systems.random_mechanisms import Sample, assert_close, largest, samples
 
 Array = NDArray[Any]

@@ -11,7 +11,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import Terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
-from deltac.dynamics.textbook.tree import Textbook
+from tests.oracles.textbook.tree import Textbook
 
 # Rounding of ε against the powers that cancel in it: some hundred operations deep.
 ROUNDING = 1e-12

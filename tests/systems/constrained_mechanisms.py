@@ -23,9 +23,6 @@ from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained
-from deltac.dynamics.textbook.constrained import ConstrainedTextbook
-from deltac.dynamics.textbook.kinematics import tree
-from deltac.dynamics.textbook.tree import Textbook
 from deltac.errors import InputError
 from deltac.mechanism.bodies import body, rod
 from deltac.mechanism.constraints import (
@@ -50,6 +47,9 @@ from deltac.mechanism.joints import free, revolute, spherical, universal
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.quantities import rotation_matrix
 from deltac.mechanism.scope import GROUND
+from tests.oracles.textbook.constrained import ConstrainedTextbook
+from tests.oracles.textbook.kinematics import tree
+from tests.oracles.textbook.tree import Textbook
 from tests.systems.random_mechanisms import Options, Sample, random_state, samples
 
 Array = NDArray[Any]

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn
 from numpy.typing import NDArray
 
-from deltac.dynamics.textbook.forces import STATED
 from deltac.mechanism import shapes
 from deltac.mechanism.contact import Contact, contact
 from deltac.mechanism.forces import (
@@ -38,6 +37,7 @@ from deltac.mechanism.friction import (
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
+from tests.oracles.textbook.forces import STATED
 from tests.systems.random_geometry import random_direction, random_rotation
 
 Array = NDArray[Any]

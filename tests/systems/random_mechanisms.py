@@ -17,8 +17,6 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from numpy.typing import NDArray
 
 from deltac.dynamics.system import System
-from deltac.dynamics.textbook.kinematics import prescribed
-from deltac.dynamics.textbook.tree import Textbook
 from deltac.mechanism.bodies import Body, body, box, disc, frame, point_mass, rod, sphere
 from deltac.mechanism.joints import (
     KINDS,
@@ -35,6 +33,8 @@ from deltac.mechanism.joints import (
 )
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
+from tests.oracles.textbook.kinematics import prescribed
+from tests.oracles.textbook.tree import Textbook
 from tests.systems.random_forces import drawn_forces
 from tests.systems.random_geometry import random_direction, random_rotation
 

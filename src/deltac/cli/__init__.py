@@ -12,14 +12,15 @@ import io
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from importlib import import_module
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, NamedTuple, NoReturn
 
 import typer
 import typer.core
 
 from deltac.calls.interrupts import interruptible
+from deltac.cli import options
 from deltac.cli.output import COMMAND
 from deltac.errors import InputError
 
@@ -34,83 +35,105 @@ ClickException: Any = typer.BadParameter.__mro__[2]
 USAGE, INTERNAL = "E-USAGE", "E-INTERNAL"
 """Codes of errors that are no InputError: of the command line itself, and of deltac."""
 
-COMMANDS: dict[str, tuple[str, str]] = {
-    "examine": (
+
+class Command(NamedTuple):
+    """What the list of commands says of one, the examples in its help, its module, its page in the docs."""
+
+    short: str
+    examples: str
+    module: str
+    page: str
+
+
+COMMANDS = {
+    "examine": Command(
         "Run every check of a model, its equations and its log at once.",
         "deltac examine double-pendulum --duration 2\n"
         "  deltac examine model.py:pendulum --equations eom.py:rhs --log run.csv",
+        "verbs",
+        "examine",
     ),
-    "describe": (
-        "Show a model's bodies, joints, degrees of freedom and energies.",
-        "deltac describe triple-pendulum",
-    ),
-    "study": (
-        "Run a motion at several steps: is the error the integrator's?",
-        "deltac study triple-pendulum --steps 0.02,0.01,0.005 --solver ode5\n"
-        "  deltac study arm.xml --logs coarse.csv --logs middle.csv --logs fine.csv",
-    ),
-    "audit": (
+    "audit": Command(
         "Audit logs: where every joule went, and what is wrong.",
         "deltac audit arm.xml run.parquet --tolerance 1e-3 --explain\n"
         "  deltac audit robot.py:model runs/*.csv --mapping map.toml --format github",
+        "audit",
+        "audit",
     ),
-    "check": (
-        "Check hand-written equations of motion, and repair them.",
-        "deltac check model.py:pendulum eom.py:rhs --repair --write fix.patch",
+    "study": Command(
+        "Run a motion at several steps: is the error the integrator's?",
+        "deltac study triple-pendulum --steps 0.02,0.01,0.005 --solver ode5\n"
+        "  deltac study arm.xml --logs coarse.csv --logs middle.csv --logs fine.csv",
+        "verbs",
+        "study",
     ),
-    "states": (
-        "Write states, to check a program in another language.",
-        "deltac states double-pendulum --out states.csv\n  deltac check double-pendulum states.csv",
-    ),
-    "recommend": (
-        "Find the cheapest solver and step within a tolerance.",
-        "deltac recommend double-pendulum --tolerance 1e-6 --solvers ode4,ode5",
-    ),
-    "sweep": (
+    "sweep": Command(
         "Run thousands of motions or studies from one plan, resumably.",
         "deltac sweep arm.toml --out results\n"
         "  deltac sweep --status results\n"
         "  deltac sweep arm.toml --scheduler tcp://head:8786 --format junit",
+        "sweep",
+        "fleets",
     ),
-    "compare": (
+    "compare": Command(
         "Compare two folders of results, before and after a change.",
         "deltac compare main.audits branch.audits --format github",
+        "verbs",
+        "fleets",
     ),
-    "mutate": (
+    "recommend": Command(
+        "Find the cheapest solver and step within a tolerance.",
+        "deltac recommend double-pendulum --tolerance 1e-6 --solvers ode4,ode5",
+        "verbs",
+        "recommend",
+    ),
+    "check": Command(
+        "Check hand-written equations of motion, and repair them.",
+        "deltac check model.py:pendulum eom.py:rhs --repair --write fix.patch",
+        "check",
+        "check",
+    ),
+    "mutate": Command(
         "Make small mistakes on purpose, and see which tests notice.",
         "deltac mutate model.py:pendulum eom.py:rhs",
+        "verbs",
+        "repair",
     ),
-    "view": (
+    "describe": Command(
+        "Show a model's bodies, joints, degrees of freedom and energies.",
+        "deltac describe triple-pendulum",
+        "verbs",
+        "guide",
+    ),
+    "view": Command(
         "Show a motion and its energies in the browser.",
         "deltac view triple-pendulum\n  deltac view arm.xml run.parquet --out arm.html",
+        "view",
+        "report",
     ),
-    "problems": (
+    "states": Command(
+        "Write states, to check a program in another language.",
+        "deltac states double-pendulum --out states.csv\n  deltac check double-pendulum states.csv",
+        "verbs",
+        "other-languages",
+    ),
+    "problems": Command(
         "List the problem library, or run one of its problems.",
         "deltac problems\n  deltac problems n-four-bar --set n=3\n  deltac problems --gallery gallery",
+        "library",
+        "guide",
     ),
-    "reproduce": ("Reproduce the figures of the thesis.", "deltac reproduce --only 4.7"),
-    "cache": ("Show, verify or clear the cache of compiled code.", "deltac cache --verify"),
+    "reproduce": Command(
+        "Reproduce the figures of the thesis.", "deltac reproduce --only 4.7", "library", "thesis"
+    ),
+    "cache": Command(
+        "Show, verify or clear the cache of compiled code.",
+        "deltac cache --verify",
+        "library",
+        "guide",
+    ),
 }
-"""What the list of commands says of each, and the examples in its help."""
-
-PAGES = {
-    "view": "report",
-    "problems": "guide",
-    "describe": "guide",
-    "reproduce": "thesis",
-    "mutate": "repair",
-    "states": "other-languages",
-    "cache": "guide",
-    "sweep": "fleets",
-    "compare": "fleets",
-}
-"""Pages of the documentation that are not named like their command."""
-
-LISTED = (
-    *("examine", "audit", "study", "sweep", "compare", "recommend", "check", "mutate"),
-    *("describe", "view", "states", "problems", "reproduce", "cache"),
-)
-"""The commands in the order of the list, each a module of this package."""
+"""The commands, in the order of the list."""
 
 
 def _version(wanted: bool) -> None:
@@ -119,6 +142,10 @@ def _version(wanted: bool) -> None:
 
         typer.echo(f"deltac {__version__}")
         raise typer.Exit
+
+
+def _listed() -> None:
+    """Stand for a command of which only the name is asked for."""
 
 
 def _options(
@@ -140,8 +167,11 @@ class _Command(typer.core.TyperCommand):
                 vars(parameter)["display_type_rich"] = lambda ctx: None
 
 
-def application(commands: Sequence[str] = LISTED) -> typer.Typer:
-    """The command line with these commands. All of them take a tenth of a second to set up."""
+def application(complete: Collection[str] = tuple(COMMANDS)) -> typer.Typer:
+    """The command line; the commands that are not to be `complete` are listed and have no options.
+
+    A command takes its options from the verbs that it calls, whose modules take a while to load.
+    """
     made = typer.Typer(
         name="deltac",
         help="Energy testing functions: can this multibody simulation be trusted?",
@@ -151,12 +181,13 @@ def application(commands: Sequence[str] = LISTED) -> typer.Typer:
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    for name in commands:
-        short, examples = COMMANDS[name]
-        page = f"docs/{PAGES.get(name, name)}.md"
-        epilog = f"\b\nExamples:\n  {examples}\nMore: {page}"
-        module = import_module(f"deltac.cli.{name}")
-        made.command(name, cls=_Command, short_help=short, epilog=epilog)(module.command)
+    for name, about in COMMANDS.items():
+        epilog = f"\b\nExamples:\n  {about.examples}\nMore: docs/{about.page}.md"
+        command = _listed
+        if name in complete:
+            module = import_module(f"deltac.cli.{about.module}")
+            command = options.complete(getattr(module, name))
+        made.command(name, cls=_Command, short_help=about.short, epilog=epilog)(command)
     made.callback()(_options)
     return made
 
@@ -172,7 +203,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         COMMAND.set(shlex.join(["deltac", *given]))
         with interruptible():
-            wanted = given[:1] if given and given[0] in COMMANDS else LISTED
+            # What the shell hands over to be completed stands in its variables.
+            words = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
+            wanted = given[:1] or words.split()[1:2]
             code = application(wanted)(given, prog_name="deltac", standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()  # what a closed pipe or a full disk has against it is said here

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from deltac.calls.progress import counted
 from deltac.cli import options
 from deltac.cli.formats import Case, worst
+from deltac.cli.options import Verb, of
 from deltac.cli.output import (
     deliver,
     displayed,
@@ -18,9 +21,9 @@ from deltac.cli.output import (
     print_sections,
     progress_bar,
 )
-from deltac.cli.sweep import deliver_fleet, fleet_progress, tell
+from deltac.cli.sweep import deliver_fleet, executed, fleet_progress, tell
 from deltac.errors import ArgumentsError, FileError, InputError
-from deltac.results import Report, Table, number, plain
+from deltac.results import Table, number, plain
 
 if TYPE_CHECKING:
     from deltac.trajectories.formats.reading import ColumnReading
@@ -34,7 +37,10 @@ def _status(folder: Path | None) -> None:
         deliver_fleet(fleet_status(folder), options.Form.text, None)
 
 
-def command(
+@of(audit="deltac.diagnosis.audit.audit", audit_many="deltac.fleets.audits")
+def audit(
+    audit: Verb,
+    audit_many: Verb,
     model: options.Model,
     logs: Annotated[
         list[str],
@@ -43,38 +49,16 @@ def command(
             help="Logs of the motion: files, folders, patterns, URLs; see docs/fleets.md.",
         ),
     ],
-    tolerance: options.Tolerance = 1e-3,
-    work: Annotated[
-        str | None,
-        typer.Option(
-            metavar="RULE", help="How works are integrated: in-loop, samples or discrete."
-        ),
-    ] = None,
-    mapping: options.MappingFile = None,
     explain_log: Annotated[
         bool, typer.Option("--explain-log", help="Show how each column is read, and stop.")
     ] = False,
     draft_mapping: Annotated[
         Path | None,
         typer.Option(
-            "--draft-mapping",
             metavar="FILE",
             help="Write a mapping to edit (columns recognised, guessed and missing), and stop.",
         ),
     ] = None,
-    replay: Annotated[
-        bool,
-        typer.Option(
-            "--replay",
-            help="Step MuJoCo's model between the rows, with the log's controls, and audit every step.",
-        ),
-    ] = False,
-    strict: Annotated[
-        bool,
-        typer.Option(
-            "--strict", help="Exit with 1 for significant mistakes within the tolerance too."
-        ),
-    ] = False,
     explain: Annotated[
         bool,
         typer.Option("--explain", help="Name the changes of the model that would explain the log."),
@@ -90,14 +74,9 @@ def command(
             help="Keep the table of many logs in this folder, and reuse the results in it.",
         ),
     ] = None,
-    workers: options.Workers = None,
-    scheduler: options.Scheduler = None,
-    time_limit: options.TimeLimit = None,
-    retry_failed: options.RetryFailed = False,
     status: Annotated[
         Path | None,
         typer.Option(
-            "--status",
             metavar="DIR",
             help="Show the progress of an audit of many logs; nothing is run.",
             is_eager=True,
@@ -115,107 +94,82 @@ def command(
     the log cannot be read. Of several logs, the worst counts.
     """
     from deltac.fleets.audits import is_fleet
+    from deltac.models import load_model
 
-    fleet = out is not None or scheduler is not None or workers is not None or is_fleet(logs)
-    of_one = (explain, explain_log, draft_mapping, figure, episode)
-    if (len(logs) > 1 or fleet) and any(of_one):
+    form = form.unless(as_json)
+    fleet = out is not None or is_fleet(logs)
+    fleet = fleet or not {"workers", "scheduler"}.isdisjoint(audit_many.keywords)
+    if (len(logs) > 1 or fleet) and any((explain, explain_log, draft_mapping, figure, episode)):
         raise ArgumentsError(
             "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
         )
-    if fleet and values:
-        raise ArgumentsError(
-            "--set is of logs that are audited at once; for --out, --workers or --scheduler write the "
-            "values into the model"
-        )
     if fleet:
-        from deltac.fleets.audits import folder_of, plan_audits, write_case
-        from deltac.fleets.spec import Execution
-
-        plan = plan_audits(
-            model, logs, tolerance=tolerance, work=work, mapping=mapping, strict=strict
-        )
-        execution = Execution().overridden(
-            workers=workers, scheduler=scheduler, time_limit=time_limit
-        )
-        with fleet_progress("audits", len(plan.logs)) as progress:
-            result = plan.run(
-                folder_of(plan, out),
-                execution,
-                retry_failed=retry_failed,
-                progress=progress,
-                notice=tell,
+        if values:
+            raise ArgumentsError(
+                "--set is of logs that are audited at once; for --out, --workers or --scheduler write the "
+                "values into the model"
             )
-        deliver_fleet(
-            result,
-            form.unless(as_json),
-            page,
-            lambda address, path: write_case(plan, address, path),
-        )
+        _audit_fleet(model, logs, out, audit_many, form, page)
     if len(logs) > 1 and page is not None:
         raise ArgumentsError("--report of several logs is of their table: add --out DIR")
-    log, varied = Path(logs[0]), options.with_parameters(model, values)
+    log, mapping = Path(logs[0]), audit.keywords.get("mapping")
     if draft_mapping is not None:
         _draft(model, log, draft_mapping)
         return
     if explain_log:
-        _explain(model, log, mapping, as_json)
+        _explain(model, log, mapping, form)
         return
-    from deltac.diagnosis.audit.audit import audit
-    from deltac.models import load_model
-
-    form = form.unless(as_json)
+    varied = options.with_parameters(model, values)
     if len(logs) > 1:
         loaded = load_model(varied)  # first: a model that is none is no error of a log
-
-        def judged(path: Path) -> Report:
-            return audit(
-                loaded,
-                path,
-                tolerance=tolerance,
-                work=work,
-                mapping=mapping,
-                strict=strict,
-                replay=replay,
-            )
-
         with progress_bar(f"auditing {len(logs)} logs") as progress:
-            cases = []
-            for k, each in enumerate(logs):
-                progress(k / len(logs))
-                cases.append(_case(Path(each), judged))
+            cases = [_case(each, loaded, audit) for each in counted(logs, progress)]
         _print_several(cases, form)
         raise typer.Exit(worst(cases))
-    judged_log: Any = log
+    judged: Any = log
     if episode is not None:
         from deltac.fleets.episodes import read_episode
 
-        judged_log, mapping = read_episode(logs[0], episode, mapping, load_model(varied)), None
+        judged = read_episode(logs[0], episode, mapping, load_model(varied))
+        audit = partial(audit, mapping=None)
     with progress_bar(f"auditing {log.name}") as progress:
-        found = audit(
-            varied,
-            judged_log,
-            tolerance=tolerance,
-            work=work,
-            mapping=mapping,
-            strict=strict,
-            replay=replay,
-            progress=progress,
-        )
+        found = audit(varied, judged, progress=progress)
     explanations = []
     if explain:
         from deltac.diagnosis.explain.explain import explain_residual
 
         with progress_bar("seeking causes") as progress:
             explanations.append(explain_residual(varied, log, mapping=mapping, progress=progress))
-    deliver(found, form, *explanations, name=str(log), figure=figure, page=page)
+    deliver(found, *explanations, form=form, name=str(log), figure=figure, page=page)
 
 
-def _case(log: Path, judged: Callable[[Path], Report]) -> Case:
+def _audit_fleet(
+    model: str, logs: list[str], out: Path | None, verb: Verb, form: options.Form, page: Path | None
+) -> NoReturn:
+    """Audit many logs into a folder; the command ends with them."""
+    from deltac.fleets.audits import folder_of, plan_audits, write_case
+    from deltac.fleets.spec import Execution
+
+    execution, given = executed(Execution(), verb)
+    retry_failed = given.pop("retry_failed")
+    plan = plan_audits(model, logs, **given)
+    with fleet_progress("audits", len(plan.logs)) as progress:
+        result = plan.run(
+            folder_of(plan, out),
+            execution,
+            retry_failed=retry_failed,
+            progress=progress,
+            notice=tell,
+        )
+    deliver_fleet(result, form, page, lambda address, path: write_case(plan, address, path))
+
+
+def _case(log: str, model: Any, audit: Verb) -> Case:
     """One of several logs; one that cannot be read does not keep the others from being judged."""
     try:
-        return Case(str(log), str(log), judged(log))
+        return Case(log, log, audit(model, Path(log)))
     except InputError as error:
-        return Case(str(log), str(log), error)
+        return Case(log, log, error)
 
 
 def _print_several(cases: Sequence[Case], form: options.Form) -> None:
@@ -240,12 +194,12 @@ def _contents(case: Case) -> dict[str, Any]:
     return case.report.contents()
 
 
-def _explain(model: str, log: Path, mapping: Path | None, as_json: bool) -> None:
+def _explain(model: str, log: Path, mapping: Path | None, form: options.Form) -> None:
     from deltac.models import load_model
     from deltac.trajectories import explain
 
     readings = explain(log, mapping, load_model(model).mechanism)
-    if as_json:
+    if form is options.Form.json:
         print_json("Readings", {"columns": [plain(reading) for reading in readings]})
         return
 

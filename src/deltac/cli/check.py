@@ -7,19 +7,23 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deltac.cli import options
-from deltac.cli.output import deliver, progress_bar
+from deltac.cli.options import Verb, of
+from deltac.cli.output import progress_bar
 from deltac.errors import ArgumentsError, InputError, LimitError
 
 if TYPE_CHECKING:
     from deltac.repair.outcome import NoRepair, Repair
 
 
-def command(
+@of(check_equations="deltac.diagnosis.check.check", deliver="deltac.cli.output")
+def check(
+    check_equations: Verb,
+    deliver: Verb,
     model: options.Model,
     equations: Annotated[
         str,
@@ -29,9 +33,6 @@ def command(
             "LIBRARY.so:FUNCTION; UNIT.fmu (model exchange); or a table of `deltac states`, filled in.",
         ),
     ],
-    coordinates: options.OwnCoordinates = None,
-    count: options.StateCount = 64,
-    seed: options.Seed = 0,
     tolerance: Annotated[
         float | None,
         typer.Option(
@@ -57,66 +58,52 @@ def command(
             "--time-limit", min=0.1, metavar="SECONDS", help="Time limit of the function's calls."
         ),
     ] = 300.0,
-    figure: options.FigureFile = None,
-    page: options.PageFile = None,
-    form: options.Format = options.Form.text,
-    as_json: options.Json = False,
 ) -> None:
     """Check equations of motion at random states: are they the model's, and if not, where do they differ?
 
     Exit code 0 if they agree, 1 if not, 3 if unresolved.
     """
-    from deltac.diagnosis.check.check import TOLERANCE, check_equations
-    from deltac.diagnosis.inputs.equations import load_equations, load_map
-
+    coordinates = check_equations.keywords.get("coordinates")
     if equations.lower().endswith(".csv"):
         if repair or write:
             raise ArgumentsError(
                 "--repair seeks an edit in the text of a function, FILE.py:FUNCTION; a table has none"
             )
-        _check_table(model, equations, coordinates, tolerance, form.unless(as_json), figure, page)
-    chosen = None if coordinates is None else load_map(coordinates)
-    rhs = load_equations(equations, _names(model, chosen) if equations.endswith(".fmu") else ())
+        from deltac.diagnosis.check.table import check_table
+
+        found = check_table(model, equations, coordinates=coordinates, tolerance=tolerance)
+        deliver(found, name=equations, model=model)
+    from deltac.diagnosis.inputs.equations import load_equations
+
+    names = _names(model, coordinates) if equations.endswith(".fmu") else ()
+    rhs = load_equations(equations, names)
     # First, because it reads the function without running it: one that never ends is named, not awaited.
-    repaired = refused = None
+    repaired: Any = None
     if repair or write:
         from deltac.repair.repair import TIME_LIMIT
 
+        seed = check_equations.keywords["seed"]
         with progress_bar(f"seeking the edit, at most {TIME_LIMIT:g} s"):
-            repaired, refused = _repair(model, equations, rhs, chosen, seed)
+            repaired = _repair(model, equations, rhs, coordinates, seed)
+    count = check_equations.keywords["count"]
     try:
         with (
             progress_bar(f"checking at {count} random states") as progress,
             time_limit(limit, f"{equations} has not answered"),
         ):
-            found = check_equations(
-                model,
-                rhs,
-                coordinates=chosen,
-                count=count,
-                seed=seed,
-                tolerance=TOLERANCE if tolerance is None else tolerance,
-                progress=progress,
-            )
+            accepted = {} if tolerance is None else {"tolerance": tolerance}
+            found = check_equations(model, rhs, **accepted, progress=progress)
     except InputError:
-        if repaired is not None and not repaired.right and not as_json:
-            typer.echo(f"Repair. {repaired.explain()}\n")
+        if not getattr(repaired, "right", True) and not deliver.keywords["as_json"]:
+            print(f"Repair. {repaired.explain()}\n")
         raise
-    if write is not None and repaired is not None and repaired.fixes:
+    fixes = getattr(repaired, "fixes", None)
+    if write is not None and fixes:
         from deltac.report.files import write_text
 
-        write_text(repaired.fixes[0].diff, write)
-    more = [report for report in (repaired, refused) if report is not None]
-    deliver(
-        found,
-        form.unless(as_json),
-        *more,
-        name=equations,
-        figure=figure,
-        page=page,
-        model=model,
-        equations=rhs,
-    )
+        write_text(fixes[0].diff, write)
+    more = [] if repaired is None else [repaired]
+    deliver(found, *more, name=equations, model=model, rhs=rhs)
 
 
 def _names(model: str, coordinates: Any) -> tuple[str, ...]:
@@ -131,43 +118,21 @@ def _names(model: str, coordinates: Any) -> tuple[str, ...]:
     return tuple(loaded.mechanism.coordinates[int(k)].name for k in free)
 
 
-def _check_table(
-    model: str,
-    table: str,
-    coordinates: str | None,
-    tolerance: float | None,
-    form: options.Form,
-    figure: Path | None,
-    page: Path | None,
-) -> NoReturn:
-    """Check the accelerations that a table has."""
-    from deltac.diagnosis.check.table import check_table
-    from deltac.diagnosis.inputs.equations import load_map
-
-    chosen = None if coordinates is None else load_map(coordinates)
-    found = check_table(model, table, coordinates=chosen, tolerance=tolerance)
-    deliver(found, form, name=table, figure=figure, page=page, model=model)
-
-
-def _repair(
-    model: str, text: str, rhs: Any, coordinates: Any, seed: int
-) -> tuple[Repair | None, NoRepair | None]:
+def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Repair | NoRepair:
     """Seek the edit in the function that the text names, as it is loaded; or say why not."""
     from deltac.repair.outcome import NoRepair
     from deltac.repair.repair import repair_loaded
     from deltac.repair.tracing.interpreter import Endless
 
     try:
-        return repair_loaded(model, text, rhs, coordinates=coordinates, seed=seed), None
+        return repair_loaded(model, text, rhs, coordinates=coordinates, seed=seed)
     except Endless:
         raise
     except InputError as error:
-        return None, NoRepair(str(error))
+        return NoRepair(str(error))
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         # A defect of the search must not take the check's answer with it.
-        return None, NoRepair(
-            f"the search failed, please report it: {type(error).__name__}: {error}"
-        )
+        return NoRepair(f"the search failed, please report it: {type(error).__name__}: {error}")
 
 
 @contextmanager

@@ -1,11 +1,20 @@
-"""Options that several commands share, each described once."""
+"""Options of commands: the keyword arguments of the verbs that they call, and the words that verbs share.
+
+A command names its verbs, ``@of(recommend="deltac.diagnosis.recommend.recommend")``. Their keyword arguments
+become options, with the verb's types, defaults and descriptions; those that no text can give (a progress, an
+executor) are left out. The command is called with each verb under its name, and the options bound to it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import functools
+import inspect
+import re
+from collections.abc import Callable, Collection, Iterator
 from enum import Enum
+from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias, get_type_hints
 
 import typer
 
@@ -116,11 +125,29 @@ MappingFile = Annotated[
     Path | None, typer.Option(metavar="FILE", help="Column names and units of the log (TOML).")
 ]
 
+
+def _by(name: str, home: str) -> Callable[[str], Any]:
+    """A reader of the text of an option, which is loaded when there is some."""
+    return lambda text: getattr(import_module(home), name)(text)
+
+
 OwnEquations = Annotated[
     str | None,
     typer.Option(
         metavar="FILE.py:FUNCTION", help="Hand-written equations of motion: u̇ = FUNCTION(t, q, u)."
     ),
+    _by("load_equations", "deltac.diagnosis.inputs.equations"),
+]
+
+OwnController = Annotated[
+    str | None,
+    typer.Option(
+        "--controller",
+        "--control",
+        metavar="FILE.py:FUNCTION",
+        help="Controller of a MuJoCo model: a function of (model, data).",
+    ),
+    _by("load_callable", "deltac.models"),
 ]
 
 OwnCoordinates = Annotated[
@@ -130,10 +157,8 @@ OwnCoordinates = Annotated[
         help="The coordinates of the equations: joint, absolute, or a CoordinateMap. By default those of "
         "the dc.Equations, or of the problem's own equations, else joint.",
     ),
+    _by("load_map", "deltac.diagnosis.inputs.equations"),
 ]
-
-StateCount = Annotated[int, typer.Option(min=1, metavar="N", help="Number of random states.")]
-Seed = Annotated[int, typer.Option(metavar="N", help="Random seed.")]
 
 
 def _checked(check: str) -> Callable[[Path | None], Path | None]:
@@ -170,19 +195,122 @@ PageFile = Annotated[
     ),
 ]
 
-# --- of fleets ----------------------------------------------------------------------------------
+SHARED: dict[str, Any] = {
+    "state": StartState,
+    "tolerance": Tolerance,
+    "duration": Duration,
+    "mapping": MappingFile,
+    "equations": OwnEquations,
+    "controller": OwnController,
+    "coordinates": OwnCoordinates,
+    "figure": FigureFile,
+    "page": PageFile,
+    "form": Format,
+    "as_json": Json,
+}
+"""Options by the arguments that mean the same to all verbs."""
 
-Workers = Annotated[
-    int | None, typer.Option(min=1, metavar="N", help="Worker processes. [default: one per core]")
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(metavar="tcp://…", help="Address of the scheduler of a Dask cluster to run on."),
-]
-TimeLimit = Annotated[
-    float | None,
-    typer.Option(metavar="SECONDS", help="Time limit of a piece of work. [default: 600]"),
-]
-RetryFailed = Annotated[
-    bool, typer.Option("--retry-failed", help="Try again the runs that were set aside.")
-]
+
+def _words(text: str) -> list[str]:
+    return [word.strip() for word in text.split(",") if word.strip()]
+
+
+KINDS: dict[str, tuple[Any, str | None, Callable[[Any], Any] | None]] = {
+    "bool": (bool, None, None),
+    "int": (int, "N", None),
+    "float": (float, "NUMBER", None),
+    "str": (str, "TEXT", None),
+    "Sequence[str]": (str, "A,B", _words),
+}
+"""Annotations of arguments that text can give: the type for typer, the name of a value, how it is read."""
+
+HANDED_ON = ("equations", "controller")
+"""Options that verbs hand on to `simulate`, as their last argument says."""
+
+Verb: TypeAlias = functools.partial[Any]
+"""A verb with the options of the command line bound to it."""
+
+
+Command: TypeAlias = Callable[..., None]
+
+
+def of(*, without: str = "", **verbs: str) -> Callable[[Command], Command]:
+    """A command that calls these verbs, each by the name of its module, `without` some of their options."""
+
+    def noted(command: Command) -> Command:
+        vars(command)["verbs"] = verbs, without.split()
+        return command
+
+    return noted
+
+
+def complete(command: Command) -> Command:
+    """A command with the options of its verbs, for typer; the modules of the verbs are loaded now."""
+    homes, without = getattr(command, "verbs", ({}, []))
+    if not homes:
+        return command
+    verbs = {name: getattr(import_module(home), name) for name, home in homes.items()}
+    hints = get_type_hints(command, include_extras=True)
+    own = {
+        p.name: p.replace(annotation=hints[p.name], kind=p.KEYWORD_ONLY)
+        for p in inspect.signature(command).parameters.values()
+        if p.name not in verbs
+    }
+    left_out = {*own, *without}
+    offered = {name: {p.name: p for p in _offered(verb, left_out)} for name, verb in verbs.items()}
+
+    def run(**given: Any) -> None:
+        def bound(name: str) -> Verb:
+            said = ((n, p, given[n]) for n, p in offered[name].items() if given[n] is not None)
+            return functools.partial(verbs[name], **{n: _read(p, value) for n, p, value in said})
+
+        command(**{name: bound(name) for name in verbs}, **{name: given[name] for name in own})
+
+    every = dict(own)
+    for name, p in (entry for each in offered.values() for entry in each.items()):
+        every.setdefault(name, p)  # the first verb that has it says what it is
+    vars(run)["__signature__"] = inspect.Signature(list(every.values()))
+    run.__doc__ = command.__doc__
+    return run
+
+
+def _read(option: inspect.Parameter, value: Any) -> Any:
+    """What is given for an option, as the verb takes it."""
+    read = option.annotation.__metadata__[-1]
+    return read(value) if callable(read) else value
+
+
+def _offered(verb: Callable[..., Any], left_out: Collection[str]) -> Iterator[inspect.Parameter]:
+    """The arguments of a verb that may be left out and that text can give, as options for typer."""
+    told = described(verb)
+    given = list(inspect.signature(verb).parameters.values())
+    if given[-1].name == "simulation":  # what it hands on to `simulate`
+        given[-1:] = [
+            given[-1].replace(name=n, kind=inspect.Parameter.KEYWORD_ONLY, default=None)
+            for n in HANDED_ON
+        ]
+    for p in given:
+        if p.default is not p.empty and p.name not in left_out:
+            annotation = SHARED.get(p.name) or _option(p, told.get(p.name, ""))
+            default = None if isinstance(p.default, tuple) else p.default
+            if annotation is not None:
+                yield p.replace(annotation=annotation, kind=p.KEYWORD_ONLY, default=default)
+
+
+def _option(p: inspect.Parameter, told: str) -> Any:
+    """The option of an argument by its annotation and description; None where text cannot give it."""
+    kind, _, rest = str(p.annotation).partition(" | ")
+    if not told or kind not in KINDS or rest not in ("", "None"):
+        return None
+    made, value, read = KINDS[kind]
+    value = "SECONDS" if told.startswith("seconds") else value
+    names = [f"--{p.name.replace('_', '-')}"] if made is bool else []
+    option = typer.Option(*names, metavar=value, help=f"{told[:1].upper()}{told[1:]}")
+    return Annotated[made if p.default is not None and read is None else made | None, option, read]
+
+
+def described(verb: Callable[..., Any]) -> dict[str, str]:
+    """What a verb's docstring says of each argument, without marks."""
+    text = inspect.cleandoc(verb.__doc__ or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
+    entries = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", text, re.MULTILINE)
+    return {name: " ".join(told.replace("`", "").split()) for name, told in entries}

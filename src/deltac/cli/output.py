@@ -59,39 +59,39 @@ def print_sections(sections: Iterable[Section]) -> None:
 
 def deliver(
     report: Report,
-    form: options.Form,
     *more: Report,
     name: str = "",
+    form: options.Form = options.Form.text,
+    as_json: bool = False,
     figure: Path | None = None,
     page: Path | None = None,
     model: Any = None,
-    run: Any = None,
-    equations: Any = None,
+    rhs: Any = None,
     **contents: Any,
 ) -> NoReturn:
     """Print a report, then further ones, and end the command with its exit code.
 
     `name` is what was judged, for forms that tell of several things; `figure` is where its picture goes,
-    `page` its page, with `model`, `run` and `equations` for reports that hold none. In JSON, `contents` and
+    `page` its page, with `model` and the equations `rhs` for reports that hold none. In JSON, `contents` and
     the further reports (by the names of their classes) follow its own.
     """
+    form = form.unless(as_json)
     if figure is not None:
-        from deltac.report import write_figure
+        from deltac.report.files import write_figure
 
         write_figure(report.plot(), figure)
     if page is not None:
-        report.report(page, *more, model=model, run=run, equations=equations, command=COMMAND.get())
+        report.report(page, *more, model=model, equations=rhs, command=COMMAND.get())
+    written = {"figure": figure, "page": page}
+    files = {what: str(path) for what, path in written.items() if path is not None}
     if form is options.Form.json:
         told = {type(other).__name__.lower(): other.contents() for other in more}
-        written = {"figure": figure, "page": page}
-        shown = {what: str(path) for what, path in written.items() if path is not None}
-        print_json(type(report).__name__, {**report.contents(), **told, **contents, **shown})
+        print_json(type(report).__name__, {**report.contents(), **told, **contents, **files})
     else:
         # What has a line and an edit says more to a program than what the check found without them.
         fixed = [part for part in more if getattr(part, "fixes", ())]
         found = [part for part in (*fixed, report, *more) if part.findings]
-        speaks = next(iter(found), report)
-        if form is options.Form.text or form is options.Form.github:
+        if form in READ_BY_PEOPLE:
             for k, part in enumerate((report, *more)):
                 print("\n" * bool(k), end="")
                 print_sections(part.sections())
@@ -99,8 +99,12 @@ def deliver(
                 print(f"figure: {figure}")
             if page is not None:
                 print(f"report: {page}")
-        print_cases([Case(name, name.rpartition(":")[0] or name, speaks)], form)
+        case = Case(name, name.rpartition(":")[0] or name, next(iter(found), report))
+        print_cases([case], form)
     raise typer.Exit(report.exit_code)
+
+
+READ_BY_PEOPLE = (options.Form.text, options.Form.github)
 
 
 def print_cases(cases: Sequence[Case], form: options.Form) -> None:

@@ -7,24 +7,28 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
 from deltac.calls.progress import Progress
 from deltac.cli import options
 from deltac.cli.formats import Case
+from deltac.cli.options import Verb, of
 from deltac.cli.output import print_cases, print_json, print_sections, progress_bar
 from deltac.errors import ArgumentsError, FileError
 
 if TYPE_CHECKING:
     from deltac.fleets.result import Fleet
+    from deltac.fleets.spec import Execution
 
 INTERVAL = 10.0
 """Seconds between two lines of progress where there is no terminal."""
 
 
-def command(
+@of(sweep="deltac.fleets.sweep")
+def sweep(
+    sweep: Verb,
     plan: Annotated[
         Path | None, typer.Argument(metavar="SWEEP.toml", help="The plan; see docs/fleets.md.")
     ] = None,
@@ -32,21 +36,6 @@ def command(
         Path | None,
         typer.Option(metavar="DIR", help="Folder of the results. [default: NAME.sweep]"),
     ] = None,
-    workers: options.Workers = None,
-    scheduler: options.Scheduler = None,
-    time_limit: options.TimeLimit = None,
-    retries: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            metavar="N",
-            help="Further attempts for a run whose process died or took too long. [default: 2]",
-        ),
-    ] = None,
-    chunk: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Number of runs in a piece of work.")
-    ] = None,
-    retry_failed: options.RetryFailed = False,
     only: Annotated[
         str | None,
         typer.Option(
@@ -56,9 +45,7 @@ def command(
     ] = None,
     status: Annotated[
         Path | None,
-        typer.Option(
-            "--status", metavar="DIR", help="Show the progress of a sweep; nothing is run."
-        ),
+        typer.Option(metavar="DIR", help="Show the progress of a sweep; nothing is run."),
     ] = None,
     page: options.PageFile = None,
     form: options.Format = options.Form.text,
@@ -88,24 +75,25 @@ def command(
         (row,) = run_only(made, only).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
-    execution = made.spec.execution.overridden(
-        workers=workers,
-        scheduler=scheduler,
-        time_limit=time_limit,
-        retries=retries,
-        chunk=chunk,
-    )
+    execution, given = executed(made.spec.execution, sweep)
     with fleet_progress("runs", len(made.addresses)) as progress:
         fleet = run_plan(
             made,
             folder_of(made, out),
             execution,
-            retry_failed=retry_failed,
+            **given,
             progress=progress,
             reproducer=f"deltac sweep {plan}",
             notice=tell,
         )
     deliver_fleet(fleet, form, page, lambda address, path: write_case(made, address, path))
+
+
+def executed(execution: Execution, verb: Verb) -> tuple[Execution, dict[str, Any]]:
+    """An execution with the options of a verb that are of it, and the other options."""
+    given = dict(verb.keywords)
+    own = {name: given.pop(name) for name in type(execution).model_fields if name in given}
+    return execution.overridden(**own), given
 
 
 def tell(told: str) -> None:
@@ -139,7 +127,7 @@ def deliver_fleet(
     form: options.Form,
     page: Path | None = None,
     case: Callable[[str, Path], None] | None = None,
-) -> None:
+) -> NoReturn:
     """Print the results of a fleet, write its page, and end with its exit code."""
     if page is not None:
         fleet.report(page, case=case)

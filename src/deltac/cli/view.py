@@ -8,11 +8,13 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli import options
+from deltac.cli.options import Verb, of
 from deltac.cli.output import COMMAND, progress_bar
 
 
-def command(
+@of(viewed="deltac.report.page.motion")
+def view(
+    viewed: Verb,
     what: Annotated[
         str,
         typer.Argument(
@@ -25,23 +27,8 @@ def command(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out",
-            metavar="FILE.html",
-            help="The page to write. [default: NAME.html in this folder]",
-        ),
+        typer.Option(metavar="FILE.html", help="The page to write. [default: NAME.html]"),
     ] = None,
-    duration: options.Duration = None,
-    step: Annotated[
-        float | None,
-        typer.Option(metavar="SECONDS", help="Step. [default: the problem's, else 0.001]"),
-    ] = None,
-    solver: Annotated[
-        str | None,
-        typer.Option(metavar="SOLVER", help="Solver. [default: the problem's, else ode5]"),
-    ] = None,
-    mapping: options.MappingFile = None,
-    state: options.StartState = None,
     show: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
     ] = True,
@@ -52,15 +39,15 @@ def command(
     """
     from deltac.report.files import check_page
     from deltac.report.page import write_page
-    from deltac.report.page.motion import log_page, motion_page, viewed
+    from deltac.report.page.motion import log_page, motion_page
 
     name = Path(log or what).name.rpartition(":")[2]
     path = check_page(out or Path(f"{Path(name).stem or 'motion'}.html"))
     with progress_bar(f"showing {name}"):
         if log is None and _is_log(what):
-            page = log_page(Path(what), mapping)
+            page = log_page(Path(what), viewed.keywords.get("mapping"))
         else:
-            page = motion_page(*viewed(what, log, state, duration, step, solver, mapping))
+            page = motion_page(*viewed(what, log))
         write_page(page, path, COMMAND.get())
     print(f"page: {path}")
     if show:

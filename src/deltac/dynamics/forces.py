@@ -15,12 +15,16 @@ def channels(system: System) -> tuple[Channel, ...]:
 
     The driving forces of prescribed joints are not among them: they follow from the motion.
     """
-    scene = Scene(system)
+    return channels_on(Scene(system))
+
+
+def channels_on(scene: Scene) -> tuple[Channel, ...]:
+    """The same, of forces that are stated on any scene."""
     found: list[Channel] = []
     # An expression may be zero only by the present values of parameters that vary.
-    if any(g != 0.0 for g in system.mechanism.gravity):
+    if any(g != 0.0 for g in scene.system.mechanism.gravity):
         found.append(_gravity(scene))
-    for element in system.mechanism.elements:
+    for element in scene.system.mechanism.elements:
         found.extend(element.channels(scene))
     return tuple(found)
 

@@ -200,10 +200,8 @@ def _validated(document: dict[str, Any], where: Any) -> SweepSpec:
 
 def _words(error: Any) -> str:
     """What pydantic expected, as we would say it."""
-    text = str(error["msg"]).removeprefix("Value error, ")
-    return text[:1].lower() + text[1:].replace("Input should be", "expected").replace(
-        "input should be", "expected"
-    )
+    text = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "expected")
+    return text[:1].lower() + text[1:]
 
 
 def _hint(name: str, known: Sequence[str]) -> str:

@@ -264,8 +264,9 @@ def audit(
         log: a Trajectory; the path of a log; a table (a dictionary of arrays, a DataFrame,
             an xarray Dataset, an array (T, n)); or what SciPy returned (see `Trajectory.from_scipy`).
         tolerance: accepted |ΔC| as a fraction of the energy exchanged.
-        work: as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop where the run
-            has that, discrete where it holds every step of an engine that holds its forces over a step.
+        work: rule for works, as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop
+            where the run has that, discrete where it holds every step of an engine that holds its forces over
+            a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
         replay: step MuJoCo's model between the rows of a log of states and controls, which need not have

@@ -13,7 +13,6 @@ from deltac.diagnosis.explain.regression import LEAST_ROWS
 from deltac.diagnosis.inputs.logs import Log, balanced
 from deltac.diagnosis.measurements.kinematics import unsteadiness
 from deltac.diagnosis.residuals.one_step import LEAST, OneStep, one_step
-from deltac.diagnosis.residuals.schemes import EXPLICIT
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -148,7 +147,7 @@ def _held(reference: Reference, log: Log, step: OneStep) -> Log:
     order = 2
     if step.closes and scheme is not None:
         order = scheme.order
-        if scheme.forces == "smooth" or scheme.name not in EXPLICIT:
+        if scheme.forces == "smooth" or not scheme.explicit:
             return log
     elif not _resting_until_told(step) and not (step.steps is not None and step.steps.held):
         return log

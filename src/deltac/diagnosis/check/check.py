@@ -218,8 +218,8 @@ def check_equations(
             one). By default the map of the `Equations`, or of the problem's own equations, else "joint".
         states: where to test: `States` in own coordinates, or the states of a run; drawn by `random_states`
             if not given.
-        count: how many states to draw.
-        seed: which ones; the same seed gives the same states.
+        count: number of random states.
+        seed: random seed; the same seed gives the same states.
         tolerance: residual that is accepted, as a fraction of each equation's terms.
         progress: called with the fraction done.
 

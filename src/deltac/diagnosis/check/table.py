@@ -49,7 +49,15 @@ def write_states(
     The columns are ``t``, ``q.<coordinate>``, ``u.<speed>`` in SI units, and ``udot.<speed>``, which the
     program to be tested fills in; ``qdot.<coordinate>`` may be added, and is tested then.
 
-    Raises InputError for a model that has no such states, and a file that cannot be written.
+    Args:
+        model: a Mechanism, a Problem or a problem's name, a model file.
+        path: of the table, ``.csv``.
+        coordinates: of the states, as for `check_equations`.
+        count: number of random states.
+        seed: random seed; the same seed gives the same states.
+
+    Raises:
+        InputError: the model has no such states, or the file cannot be written.
     """
     loaded = load_model(model)
     kane = Kane(loaded.mechanism, chosen_map(loaded, coordinates), loaded.first)

@@ -16,33 +16,23 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.progress import Deadline, Progress, counted, untold
-from deltac.diagnosis.explain.causes import candidates
-from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels, evaluate
+from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels
 from deltac.diagnosis.explain.explain import told
 from deltac.diagnosis.explain.regression import (
-    BLOCKS,
     LEAST,
     NOISY,
     Prepared,
-    Regression,
     arranged,
     factored,
+    regression_of,
     terms_of,
-    weights_of,
 )
 from deltac.diagnosis.explain.search import Found, promise, search
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.residuals.rows import trimmed
-from deltac.diagnosis.residuals.schemes import (
-    INSTANTS,
-    ORDERS,
-    TABLEAUS,
-    Relation,
-    Scheme,
-    Steps,
-)
+from deltac.diagnosis.residuals.schemes import METHODS, Relation, Scheme, Steps
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.forces import JointDamper, JointSpring
 from deltac.mechanism.mechanism import Mechanism
@@ -66,12 +56,6 @@ CLEAR = 30.0
 
 NEARLY = 1.1
 """How many times what an implicit step makes a cause may be to be that."""
-
-DAMPS_AT_THE_END = (
-    "implicit-damping-euler", "linearly-implicit-euler", "implicit-euler", "implicit-speed-euler",
-)  # fmt: skip
-SPRINGS_AT_THE_END = ("implicit-euler", "semi-implicit-euler-vu")
-"""Methods that take the forces of dampers, and of springs, from the end of a step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +98,6 @@ def known_but_for_one(
     for end, of in zip(evaluator.reach, (np.min, np.max)):  # of the rows that are looked at
         end[mechanism.free.q] = of(steps.start.q, axis=0)
     kernels = column_kernels(evaluator)
-    function = kernels.pointwise()
     tried, h = [], float(np.median(np.diff(run.t)))
     for relation in counted(list(_distinct(steps)), progress):
         if deadline.passed("all integrators together with one cause"):
@@ -122,15 +105,14 @@ def known_but_for_one(
         at = relation.at
         udot = steps.model.acceleration(at.t, at.q, at.u, at.F) + steps.D - relation.a
         still = np.zeros_like(at.F)
-        columns = [at.t[:, None], at.q, at.u, udot, at.F, still, still]
-        whole = evaluate(function, columns, kernels.speeds)[0]
-        if relation.name in INSTANTS and not np.array_equal(udot, steps.D):
+        whole = kernels(at.t, at.q, at.u, udot, at.F, still, still)
+        method = METHODS.get(relation.name)
+        if method is not None and method.at and not np.array_equal(udot, steps.D):
             # What implicit terms take off an acceleration is no part of what inertias multiply.
-            columns[3] = steps.D
-            whole[..., 1:] = evaluate(function, columns, kernels.speeds)[0][..., 1:]
-        several = ORDERS.get(relation.name, 2) > 1  # instants, of which the columns are of one
+            whole[..., 1:] = kernels(at.t, at.q, at.u, steps.D, at.F, still, still)[..., 1:]
+        several = method is None or method.order > 1  # instants, of which the columns are of one
         change = np.gradient(whole, at.t, axis=0) * h if several else None
-        tried.append((relation, *_regression(whole, kernels, change)))
+        tried.append((relation, *_regression(whole, kernels, run, at.u, change)))
     tried.sort(key=lambda item: promise(item[1].regression))
     pairs = [
         _Pair(relation, prepared, residual, weight, search(prepared.regression, 1, deadline))
@@ -144,7 +126,7 @@ def known_but_for_one(
     known = _with(step, best, name if min(others, default=math.inf) > APART * best.left else "")
     if not known.significant.any():
         return None
-    return known, told(mechanism, run, best.prepared, best.found).findings
+    return known, told(best.prepared, best.found, run).findings
 
 
 def _below_digits(run: Trajectory, step: OneStep, steps: Steps) -> bool:
@@ -167,7 +149,8 @@ def _distinct(steps: Steps) -> list[Relation]:
     """The relations, of methods of high order those that see their forces and the rows in their own way."""
     found: list[Relation] = []
     for r in steps.relations:
-        accurate = r.name in TABLEAUS and ORDERS[r.name] > 2
+        method = METHODS.get(r.name)
+        accurate = method is not None and method.order > 2 and not method.on_group
         if accurate and (r.name != "rk4" or r.forces == "smooth"):
             continue
         if not any(np.allclose(r.a, x.a, rtol=1e-12, atol=0.0) for x in found):
@@ -176,7 +159,7 @@ def _distinct(steps: Steps) -> list[Relation]:
 
 
 def _regression(
-    whole: Array, kernels: ColumnKernels, change: Array | None
+    whole: Array, kernels: ColumnKernels, run: Trajectory, u: Array, change: Array | None
 ) -> tuple[Prepared, Array, Array]:
     """The regression of [r X] (I, n, 1 + P), with r and the weights of the equations.
 
@@ -184,30 +167,15 @@ def _regression(
     """
     scale = terms_of(whole, kernels)
     weight = 1.0 / np.maximum(NOISY * scale, 1e-300)
-    matrix = arranged(whole * weight[:, None])
-    width = matrix.shape[2]
-    count = min(BLOCKS, max(2, len(matrix) // 8))
-    blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
-    # What digits and noise leave needs no estimate: no cause takes it off.
-    precise = np.sum((LEAST * scale * weight) ** 2)
+    matrix, width = arranged(whole * weight[:, None]), whole.shape[2]
     blur: Array | None = None
     if change is not None:
         blur = factored([arranged(change * weight[:, None]).reshape(-1, width)])[0]
-    regression = Regression(
-        factored(blocks),
-        candidates(kernels.evaluator, kernels.columns),
-        whole.shape[0] * whole.shape[1],
-        np.zeros((width, width)),
-        float(len(matrix) * precise),
-        weights_of(kernels.columns),
-        blur,
-    )
-    mechanism = kernels.evaluator.mechanism
-    speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)
-    residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
-    prepared = Prepared(
-        regression, kernels, "samples", speeds, scale, residual, np.zeros_like(scale), whole[..., 1:],
-        np.zeros(whole.shape[:2]), 0.0, len(whole), 0.0, False,
+    # What digits and noise leave needs no estimate: no cause takes it off.
+    precise = float(np.sum((LEAST * scale * weight) ** 2))
+    prepared = regression_of(
+        kernels, run, matrix, whole[..., 1:], u, whole[..., 0], np.zeros_like(scale), scale, precise,
+        np.zeros((1, width)), np.ones(whole.shape[:2]), blur=blur,
     )  # fmt: skip
     return prepared, whole[..., 0], weight
 
@@ -229,12 +197,14 @@ def _of_an_integrator(pair: _Pair, h: float) -> bool:
 
     A relation that takes these at the end already has that; more of it is no integrator's.
     """
-    mechanism, name = pair.prepared.kernels.evaluator.mechanism, pair.relation.name
+    mechanism = pair.prepared.kernels.evaluator.mechanism
+    method = METHODS.get(pair.relation.name)
+    at_end = method.at_end if method is not None else ()
     for k, theta in zip(pair.found.best.chosen, pair.found.best.theta):
         c = pair.prepared.regression.candidates[k]
         joint = c.element.split(".")[0]  # of a speed of several: joint.speed
-        damping = 0.0 if name in DAMPS_AT_THE_END else _largest(mechanism, JointDamper, joint)
-        stiffness = 0.0 if name in SPRINGS_AT_THE_END else _largest(mechanism, JointSpring, joint)
+        damping = 0.0 if "damper" in at_end else _largest(mechanism, JointDamper, joint)
+        stiffness = 0.0 if "spring" in at_end else _largest(mechanism, JointSpring, joint)
         like = {
             "armature": h * damping + h * h * stiffness,
             "missing-rotor-inertia": h * damping + h * h * stiffness,
@@ -265,6 +235,7 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         np.maximum(pair.left, math.sqrt(pair.prepared.regression.precision / len(r))) / pair.weight
     )
     u = steps.start.u
+    order = METHODS[name].order if name else 0
     time_ = float(step.residual.t[-1] - step.residual.t[0])
     left = replace(
         step.residual,
@@ -273,7 +244,6 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
         allowed=np.broadcast_to(bar, r.shape),
         size=trimmed(r),
         bar=bar,
-        fitted={},
         taken=np.zeros_like(bar),
         hidden=float(np.sum(trimmed(u) * bar)) * time_,
         spent=abs(float(np.mean(np.sum(u * r, axis=1)))) * time_,
@@ -281,7 +251,7 @@ def _with(step: OneStep, pair: _Pair, name: str) -> OneStep:
     )
     return replace(
         step,
-        scheme=Scheme(name, ORDERS.get(name, 0), 1.0, steps.digits, pair.relation.forces, 1.0),
+        scheme=Scheme(name, order, 1.0, steps.digits, pair.relation.forces, 1.0),
         found=lambda: left,
         by_scheme=lambda: None,
         known_but_for_causes=True,

@@ -8,8 +8,8 @@ f(t − τ) = f − τ ḟ + τ² f̈/2.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import casadi as ca
 import numpy as np
@@ -20,45 +20,169 @@ from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.system import Link
 from deltac.mechanism.coordinates import Entry
 from deltac.mechanism.forces import JointDamper, JointSpring
-from deltac.mechanism.joints import Joint
 
 Sign = Literal["any", "positive", "factor", "slip"]
 
-PREFERENCE = (
-    "gravity",
-    "mass-scale",
-    "actuator-gear",
-    "channel-factor",
-    "body-inertia",
-    "body-mass",
-    "damping",
-    "stiffness",
-    "missing-damper",
-    "missing-rotor-inertia",
-    "armature",
-    "zero-offset",
-    "body-centre",
-    "body-moments",
-    "body-moment",
-    "missing-friction",
-    "missing-drag",
-    "missing-spring",
-    "rest-angle",
-    "actuator-delay",
-    "late-rows",
-    "constant-force",
-    "missing-stop",
-    "gravity-vector",
-    "applied-force",
-    "applied-moment",
-    "thrust",
-    "body-torque",
-    "body-tensor",
-    "velocity-terms",
-    "gyroscopic-terms",
-)
-"""Of causes that explain the same by as many numbers, the one that comes first is named first."""
+SAME_VALUE = "Give the model the value that the simulator used"
+MASSES = "Check masses and inertias of the model against those that the simulator used"
+TERMS = "Check the terms in products of speeds in the equations of the run, or its frames"
+GRAVITY = "Give model and simulator the same gravity"
+ADD = "Add it to the model, or log its force"
 
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of cause, in words.
+
+    words   the cause in a sentence, of what `result.sentence` fills in
+    remedy  what to do about it
+    number  name of its number
+    unit    of its number; {F}, {q} and {J} are those of a joint's force, coordinate and inertia
+    sign    "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10, or of units;
+            "slip": it is a factor that a slip in equations makes
+    tells   which of a body's mass m, mass centre c and central inertia J it tells
+    """
+
+    words: str
+    remedy: str = ADD
+    number: str = ""
+    unit: str = ""
+    sign: Sign = "any"
+    tells: str = ""
+
+
+def _factor(words: str, remedy: str, sign: Sign = "any", tells: str = "") -> Kind:
+    return Kind(words, remedy, "factor", "1", sign, tells)
+
+
+def _mass(words: str, tells: str) -> Kind:
+    return _factor(f"{words}{{more}}", MASSES, "factor", tells)
+
+
+def _lacking(what: str, number: str, unit: str) -> Kind:
+    words = f"a {what} of {{shown}} {{unit}} at joint {{element}} that the model does not have"
+    return Kind(words, ADD, number, unit, "positive")
+
+
+def _other(what: str, number: str, unit: str, sign: Sign = "any") -> Kind:
+    words = f"the {what} of joint {{element}} in the run is {{shown}}, not {{base}} {{unit}}"
+    return Kind(words, SAME_VALUE, number, unit, sign)
+
+
+def _push(what: str, frame: str, unit: str) -> Kind:
+    words = (
+        f"a constant {what} of {{several}} {unit} along {{axes}} of the {frame} acts on {{element}}"
+    )
+    return Kind(words, unit=unit)
+
+
+KINDS = {
+    "gravity": _factor("gravity in the run is {shown} m/s² instead of {base} m/s²", GRAVITY),
+    "mass-scale": _mass(
+        "all masses and inertias in the run are {shown} times those of the model", "mJ"
+    ),
+    "actuator-gear": _factor(
+        "{element} delivers {shown} of its {origin} force (gear, unit or scale of the actuator)",
+        "Check the gear ratio and the unit of this actuator's logged force",
+    ),
+    "channel-factor": _factor(
+        "{element} {acts} {shown} of its {origin} force",
+        "Check this element's parameters in the model, or the unit of its logged force",
+    ),
+    "body-inertia": _mass(
+        "mass and inertia of {element} in the run are {shown} times the model's", "mJ"
+    ),
+    "body-mass": _mass("the mass of {element} in the run is {shown} times the model's", "m"),
+    "damping": _other("damping", "damping", "{F}·s/{q}"),
+    "stiffness": _other("stiffness", "stiffness", "{F}/{q}"),
+    "missing-damper": _lacking("viscous damping", "damping", "{F}·s/{q}"),
+    "missing-rotor-inertia": _lacking("rotor inertia", "rotor inertia", "{J}"),
+    "armature": _other("rotor inertia", "rotor inertia", "{J}", "positive"),
+    "zero-offset": Kind(
+        "the zero of joint {element} is off: it is logged {shown} {unit} too large",
+        "Calibrate the zero of this coordinate, or subtract the offset",
+        "offset",
+        "{q}",
+    ),
+    "body-centre": Kind(
+        "the mass centre of {element} in the run is displaced by {several} m along {axes} of the body",
+        MASSES,
+        unit="m",
+        tells="c",
+    ),
+    "body-moments": _mass(
+        "the central moments of inertia of {element} in the run are {shown} times the model's", "J"
+    ),
+    "body-moment": Kind(
+        "the central moment of inertia {axes} of {element} in the run is {shown}, not {base} kg·m²",
+        MASSES,
+        unit="kg·m²",
+        sign="positive",
+        tells="J",
+    ),
+    "missing-friction": _lacking("dry friction", "friction", "{F}"),
+    "missing-drag": _lacking("drag by the square of the speed", "drag", "{F}·s²/{q}²"),
+    "missing-spring": _lacking("spring stiffness", "stiffness", "{F}/{q}"),
+    "rest-angle": Kind(
+        "the spring of joint {element} rests at {shown}, not {base} {unit}",
+        SAME_VALUE,
+        "rest",
+        "{q}",
+    ),
+    "actuator-delay": Kind(
+        "{element} acts {shown} s later than logged",
+        "Log the force that acted, not the one that was commanded",
+        "delay",
+        "s",
+    ),
+    "late-rows": Kind(
+        "the coordinates are those of {shown} s before the speeds beside them",
+        "Write coordinates and speeds of the same instant into one row",
+        "delay",
+        "s",
+    ),
+    "constant-force": Kind(
+        "a constant force of {shown} {unit} acts on joint {element}", ADD, "force", "{F}"
+    ),
+    "missing-stop": Kind(
+        "joint {element} has a stop that the model does not have: a stiffness of {several} {unit} {where}",
+        unit="{F}/{q}",
+        sign="positive",
+    ),
+    "gravity-vector": Kind(
+        "gravity in the run is {several} m/s², not {bases}", GRAVITY, unit="m/s²"
+    ),
+    "applied-force": _push("force", "world", "N"),
+    "applied-moment": _push("moment", "world", "N·m"),
+    "thrust": _push("force", "body", "N"),
+    "body-torque": _push("moment", "body", "N·m"),
+    "body-tensor": Kind(
+        "the central inertia of {element} in the run is ({shown}) kg·m² (xx, yy, zz, xy, xz, yz)",
+        MASSES,
+        unit="kg·m²",
+        tells="J",
+    ),
+    "velocity-terms": _factor(
+        "the centrifugal, Coriolis and gyroscopic terms of all bodies are {times}",
+        TERMS,
+        sign="slip",
+    ),
+    "gyroscopic-terms": _factor("the gyroscopic terms of {element} are {times}", TERMS, "slip"),
+}
+"""All kinds of causes. Of those that explain the same by as many numbers, the first is named first."""
+
+PREFERENCE = tuple(KINDS)
+
+OF_A_BODY = "a drag of {shown} {unit} times the square of its speed acts on {element}"
+WITH_A_FORCE = (
+    "a spring of {numbers[0]} {unit} that the model does not have acts on joint {element}, with {numbers[1]} "
+    "{units[1]} at zero"
+)
+TOUCHING = (
+    "joint {element} touches a stop that the model does not have all the time: a stiffness of {numbers[0]} "
+    "{unit} {side}"
+)
+"""Drag of a body, a spring of which the force at zero is told, and a stop that is always touched."""
 
 SLIPS, SLIPPED = (0.0, -1.0, 2.0, 0.5), 0.02
 """Factors of terms that were forgotten, or have another sign, or a 2 too many or too few; how near."""
@@ -69,17 +193,6 @@ UNITS = (3, 6, 7, 9)
 FREE = "free"
 OF_JOINTS = ("missing-friction", "missing-rotor-inertia", "constant-force")
 """What acts in joints, and not on bodies that are free."""
-
-_TELLS = {
-    "mass-scale": "mJ",
-    "body-inertia": "mJ",
-    "body-mass": "m",
-    "body-centre": "c",
-    "body-moments": "J",
-    "body-moment": "J",
-    "body-tensor": "J",
-}
-"""Which of a body's mass, mass centre and central inertia a cause tells."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +205,8 @@ class Candidate:
     names           of its d numbers
     base            what the model has of it (d,): values are base + θ
     units           of its d numbers
-    sign            "positive": base + θ > 0; "factor": it is a factor between 0.1 and 10, or of units;
-                    "slip": it is a factor that a slip in equations makes
+    words           the sentence that tells it, of what `result.sentence` fills in
+    sign            what its numbers must be, as of its `Kind`
     origin          "logged" or "computed" for channels; the kind of joint for what acts in joints
     limit           of |θ|
     touching        least and largest value of a coordinate, where θ is a stiffness with its force at zero,
@@ -108,6 +221,7 @@ class Candidate:
     names: tuple[str, ...]
     base: Array
     units: tuple[str, ...]
+    words: str = ""
     sign: Sign = "any"
     quadratic: Array | None = None
     origin: str = ""
@@ -167,11 +281,11 @@ class Candidate:
     @property
     def of_a_body(self) -> bool:
         """Whether it tells a number of a body, and so may exclude others."""
-        return self.kind in _TELLS
+        return bool(KINDS[self.kind].tells)
 
     def excludes(self, other: Candidate) -> bool:
         """Whether both together would tell one number of a body twice, in sentences that contradict."""
-        here, there = _TELLS.get(self.kind, ""), _TELLS.get(other.kind, "")
+        here, there = KINDS[self.kind].tells, KINDS[other.kind].tells
         same = self.element == other.element or "mass-scale" in (self.kind, other.kind)
         if self.kind == other.kind == "body-moment":
             return self.names == other.names
@@ -208,29 +322,48 @@ class Places:
 
     of: Mapping[Column, int]
 
-    def __call__(self, *columns: Column) -> tuple[int, ...] | None:
-        """The places of columns, None where one is missing."""
+    def __call__(self, *columns: Column) -> tuple[int, ...]:
+        """The places of columns, none where one is missing."""
         found = [self.of.get(c) for c in columns]
-        return None if None in found else tuple(p for p in found if p is not None)
+        return () if None in found else tuple(p for p in found if p is not None)
 
 
-def one(
+def cause(
     kind: str,
     element: str,
-    columns: tuple[int, ...] | None,
-    weights: Sequence[float],
-    name: str,
-    base: float,
-    unit: str,
-    sign: Sign = "any",
-    origin: str = "",
+    columns: tuple[int, ...],
+    weights: Sequence[float] | Array,
+    base: float | Array | Sequence[float] = 0.0,
+    names: tuple[str, ...] = (),
+    entry: Entry | None = None,
+    **more: Any,
 ) -> Iterator[Candidate]:
-    """A cause of one number, if its columns are there and not all weights zero."""
-    L = np.array(weights, dtype=float)[:, None]
-    if columns is not None and L.any():
-        yield Candidate(
-            kind, element, columns, L, (name,), np.array([base]), (unit,), sign, origin=origin,
-        )  # fmt: skip
+    """A cause, if its columns are there and not all weights (a,) or (a, d) zero.
+
+    `entry` tells a joint's units; `more` are further fields of `Candidate`.
+    """
+    if not columns or not np.any(weights):
+        return
+    told = KINDS[kind]
+    L = np.array(weights, dtype=float).reshape(len(columns), -1)
+    d = L.shape[1]
+    fields = {
+        "words": told.words,
+        "sign": told.sign,
+        "units": (of_joint(told.unit, entry),) * d,
+        **more,
+    }
+    numbers = np.broadcast_to(np.asarray(base, dtype=float), d)
+    yield Candidate(kind, element, columns, L, names or (told.number,), numbers, **fields)
+
+
+def of_joint(unit: str, entry: Entry | None) -> str:
+    """A unit with those of a joint's speed filled in."""
+    if entry is None:
+        return unit
+    turning = entry.unit == "rad/s"
+    F, q, J = ("N·m", "rad", "kg·m²") if turning else ("N", "m", "kg")
+    return unit.format(F=F, q=q, J=J)
 
 
 def other_unit(factor: Array) -> bool:
@@ -261,7 +394,6 @@ class _Mass:
     centre: Array
     central: Array
     E: Array
-    columns: tuple[int, ...] = field(default=())
 
     @staticmethod
     def of(link: Link) -> _Mass:
@@ -286,42 +418,33 @@ def _six(J: Array) -> list[float]:
 def of_bodies(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     """Masses, moments of inertia and mass centres of each body, and all masses together."""
     system = evaluator.symbols.system
-    whole: list[tuple[tuple[int, ...], list[float]]] = []
-    steady: list[int] = []
+    whole = list[tuple[tuple[int, ...], Array]]()
+    steady = list[int]()
     for link in system.links:
         if evaluator.mechanism.body(link.joint.child).massless:
             continue
         b = _Mass.of(link)
-        here = [places(Column("inertia", b.name, k)) for k in range(10)]
-        kept = [k for k, p in enumerate(here) if p is not None]
-        at = tuple(p[0] for p in here if p is not None)
+        kept = [k for k in range(10) if Column("inertia", b.name, k) in places.of]
+        at = places(*(Column("inertia", b.name, k) for k in kept))
         if not kept:
             continue
-
-        def take(weights: list[float], kept: list[int] = kept) -> list[float]:
-            return [weights[k] for k in kept]
-
-        mass = [b.mass, *(b.mass * b.centre), *_six(b.mass * _steiner(b.centre))]
-        moments = [0.0] * 4 + _six(b.central)
-        every = [x + y for x, y in zip(mass, moments)]
-        whole.append((at, take(every)))
-        steady += places(Column("velocity", b.name)) or ()
+        mass = np.array([b.mass, *(b.mass * b.centre), *_six(b.mass * _steiner(b.centre))])[kept]
+        moments = np.array([0.0] * 4 + _six(b.central))[kept]
+        whole.append((at, mass + moments))
+        steady += places(Column("velocity", b.name))
         own = places(Column("gyroscopic", b.name))
-        yield from one("gyroscopic-terms", b.name, own, [1.0], "factor", 1.0, "1", "slip")
-        factor: Sign = "factor"
-        yield from one("body-inertia", b.name, at, take(every), "factor", 1.0, "1", factor)
-        yield from one("body-mass", b.name, at, take(mass), "factor", 1.0, "1", factor)
-        yield from one("body-moments", b.name, at, take(moments), "factor", 1.0, "1", factor)
+        yield from cause("gyroscopic-terms", b.name, own, [1.0], 1.0)
+        yield from cause("body-inertia", b.name, at, mass + moments, 1.0)
+        yield from cause("body-mass", b.name, at, mass, 1.0)
+        yield from cause("body-moments", b.name, at, moments, 1.0)
         yield from _centres(b, at, kept)
         yield from _moments(b, at, kept)
     if len(whole) > 1:
         columns = tuple(k for at, _ in whole for k in at)
-        weights = [w for _, some in whole for w in some]
-        yield from one("mass-scale", "all bodies", columns, weights, "factor", 1.0, "1", "factor")
+        weights = np.concatenate([w for _, w in whole])
+        yield from cause("mass-scale", "all bodies", columns, weights, 1.0)
         ones = [1.0] * len(steady)
-        yield from one(
-            "velocity-terms", "all bodies", tuple(steady), ones, "factor", 1.0, "1", "slip"
-        )
+        yield from cause("velocity-terms", "all bodies", tuple(steady), ones, 1.0)
 
 
 def _centres(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candidate]:
@@ -345,11 +468,11 @@ def _centres(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
     shown = [k for k in range(3) if L[:, k].any()]  # of planar motion, not the axis across
     for group in [*([k] for k in shown), shown] if len(shown) > 1 else [shown]:
         if group:
-            yield Candidate(
-                "body-centre", b.name, at, L[:, group], tuple("xyz"[k] for k in group),
-                np.zeros(len(group)), ("m",) * len(group), "any", Q[:, group][:, :, group],
-                limit=limit,
-            )  # fmt: skip
+            axes_of = tuple("xyz"[k] for k in group)
+            curved = Q[:, group][:, :, group]
+            yield from cause(
+                "body-centre", b.name, at, L[:, group], names=axes_of, quadratic=curved, limit=limit
+            )
 
 
 def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candidate]:
@@ -362,12 +485,8 @@ def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
         L[4:, n] = _six(b.E.T @ unit @ b.E)
     L, base, names = L[kept], np.array(_six(own)), ("xx", "yy", "zz", "xy", "xz", "yz")
     for n in range(3):
-        yield from one(
-            "body-moment", b.name, at, list(L[:, n]), names[n], float(base[n]), "kg·m²",
-            "positive",
-        )  # fmt: skip
-    if L.any():
-        yield Candidate("body-tensor", b.name, at, L, names, base, ("kg·m²",) * 6)
+        yield from cause("body-moment", b.name, at, L[:, n], base[n], (names[n],))
+    yield from cause("body-tensor", b.name, at, L, base, names)
 
 
 # --- all causes that a mechanism may have --------------------------------------------------------
@@ -378,210 +497,150 @@ MOST_LATE = 10.0
 MOST_OFFSET = {"rad": 0.2, "m": 0.1}
 """Offsets of a coordinate's zero beyond which the equations have more than squares of it."""
 
-_SQUARE = np.array([[[0.0]], [[1.0]]])
-"""A number whose square is the coefficient of a second column."""
+_FIRST, _SQUARE = np.array([1.0, 0.0]), np.array([[[0.0]], [[1.0]]])
+"""A number that is the coefficient of a column, and its square that of a second one."""
 
-PUSHES: tuple[tuple[What, str, str], ...] = (
-    ("force", "applied-force", "N"),
-    ("moment", "applied-moment", "N·m"),
-    ("body-force", "thrust", "N"),
-    ("body-moment", "body-torque", "N·m"),
-)
+PUSHES: tuple[tuple[What, str], ...] = (
+    ("force", "applied-force"), ("moment", "applied-moment"), ("body-force", "thrust"),
+    ("body-moment", "body-torque"),
+)  # fmt: skip
 """Forces and moments on a body that a model may lack: in world components, and turning with the body."""
+
+ON_A_SPEED: tuple[tuple[str, What], ...] = (
+    ("missing-damper", "damper"), ("missing-drag", "drag"), ("missing-rotor-inertia", "armature"),
+    ("missing-friction", "friction"),
+)  # fmt: skip
+"""What may act on a joint's speed, or alike on all of them."""
 
 
 def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candidate, ...]:
     """All causes of a mechanism whose columns there are."""
     places = Places({column: k for k, column in enumerate(columns)})
     found: list[Candidate] = []
-    for part in (_gravity, of_bodies, _speeds, _channels, _wrenches):
+    for part in (_gravity, of_bodies, _joints, _channels, _wrenches):
         found.extend(part(evaluator, places))
-    late = places(Column("late", ""))
-    if late is not None:
-        found.append(
-            Candidate(
-                "late-rows", "", late, np.eye(1), ("delay",), np.zeros(1), ("s",),
-                limit=MOST_LATE * evaluator.spacing,
-            )
-        )  # fmt: skip
+    late, limit = places(Column("late", "")), MOST_LATE * evaluator.spacing
+    found.extend(cause("late-rows", "", late, [1.0], limit=limit))
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
     return tuple(c for c in found if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
 
 
 def _gravity(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     g = np.array([evaluator.mechanism.number(x) for x in evaluator.mechanism.gravity])
-    axes = [places(Column("gravity", "", k)) for k in range(3)]
-    columns = tuple(p[0] for p in axes if p is not None)
-    active = [k for k, p in enumerate(axes) if p is not None]
-    if not active:
-        return
-    if g[active].any():
-        yield from one("gravity", "gravity", columns, list(g[active]), "factor", 1.0, "1")
-    yield Candidate(
-        "gravity-vector", "gravity", columns, np.eye(len(active)), tuple("xyz"[k] for k in active),
-        g[active], ("m/s²",) * len(active),
-    )  # fmt: skip
+    active = [k for k in range(3) if Column("gravity", "", k) in places.of]
+    columns = places(*(Column("gravity", "", k) for k in active))
+    axes = tuple("xyz"[k] for k in active)
+    yield from cause("gravity", "gravity", columns, g[active], 1.0)
+    yield from cause("gravity-vector", "gravity", columns, np.eye(len(active)), g[active], axes)
 
 
 # --- joints, channels, forces -----------------------------------------------------------------------
 
 
-def _speeds(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+def _joints(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     """What may act on a joint: damper, dry friction, drag, rotor inertia, spring, stop, constant force."""
     mechanism = evaluator.mechanism
-    number = mechanism.number
     acting = {c.element for c in places.of if c.what == "channel"}
-    free = {int(place) for place in evaluator.symbols.system.free_u}
+    speeds = [mechanism.speeds[place] for place in evaluator.symbols.system.free_u]
     for joint in mechanism.joints:
-        span = mechanism.speeds.of(joint.name)
-        entries = [
-            mechanism.speeds[place] for place in range(span.start, span.stop) if place in free
+        lacking = [
+            (kind, what)
+            for kind, what in ON_A_SPEED
+            if not (kind == "missing-rotor-inertia" and joint.armature)
+            and not (kind == "missing-friction" and f"friction {joint.name}" in acting)
         ]
-        if len(entries) > 1:
-            yield from _on_all_speeds(joint, entries, acting, places)
-    for place in evaluator.symbols.system.free_u:
-        entry = mechanism.speeds[place]
-        joint = mechanism.joint(entry.joint)
-        row = place - mechanism.speeds.of(joint.name).start
-        single = len(joint.speeds) == 1
-        force, per = _units(entry)
-        own = {
-            type(e): (e, f"{kind} {e.name}")
-            for e in mechanism.elements
-            for kind, cls in (("damper", JointDamper), ("spring", JointSpring))
-            if isinstance(e, cls)
-            and e.joint == joint.name
-            and places(Column("channel", f"{kind} {e.name}")) is not None  # which is not zero
-        }
-        damper, spring = own.get(JointDamper), own.get(JointSpring)
-
-        def at(what: What, name: str = entry.name) -> tuple[int, ...] | None:
-            return places(Column(what, name))
-
-        has_damper = single and (damper is not None or f"damper {joint.name}" in acting)
-        if not has_damper:
-            yield from one(
-                "missing-damper", entry.name, at("damper"), [1.0], "damping", 0.0,
-                f"{force}·s/{per}", "positive",
-            )  # fmt: skip
-        elif damper is not None and damper[1] not in evaluator.log.places:
-            law = getattr(damper[0], "damping", (None,))[0]
-            if isinstance(law, float):
-                yield from one(
-                    "damping", entry.name, at("damper"), [1.0], "damping", law, f"{force}·s/{per}"
-                )
-        first, second = (places(Column("offset", entry.name, k)) for k in range(2))
-        if first is not None and second is not None:
-            yield Candidate(
-                "zero-offset", entry.name, (*first, *second), np.array([[1.0], [0.0]]), ("offset",),
-                np.zeros(1), (per,), "any", _SQUARE, limit=MOST_OFFSET[per],
-            )  # fmt: skip
-        if f"friction {joint.name}" not in acting:
-            yield from one(
-                "missing-friction", entry.name, at("friction"), [1.0], "friction", 0.0, force,
-                "positive", joint.kind,
-            )  # fmt: skip
-        yield from one(
-            "missing-drag",
-            entry.name,
-            at("drag"),
-            [1.0],
-            "drag",
-            0.0,
-            f"{force}·s²/{per}²",
-            "positive",
-        )
-        have = number(joint.armature[row]) if joint.armature else 0.0
-        yield from one(
-            "armature" if have else "missing-rotor-inertia", entry.name, at("armature"), [1.0],
-            "rotor inertia", have, "kg·m²" if per == "rad" else "kg", "positive", joint.kind,
-        )  # fmt: skip
-        yield from _stops(evaluator, places, entry, row)
-        stiffness = getattr(spring[0], "stiffness", ()) if spring else ()
-        if spring is None and f"spring {joint.name}" not in acting:
-            yield from one(
-                "missing-spring", entry.name, at("spring"), [1.0], "stiffness", 0.0,
-                f"{force}/{per}", "positive",
-            )  # fmt: skip
-            both = (*(at("spring") or ()), *(at("constant") or ()))
-            if len(both) == 2:
-                yield Candidate(
-                    "missing-spring", entry.name, both, np.eye(2), ("stiffness", "force at zero"),
-                    np.zeros(2), (f"{force}/{per}", force),
-                )  # fmt: skip
-                at_q = mechanism.coordinates.of(entry.joint).start + row
-                low, high = (float(x[at_q]) for x in evaluator.reach)
-                yield Candidate(
-                    "missing-stop", entry.name, both, np.eye(2), ("stiffness", "force at zero"),
-                    np.zeros(2), (f"{force}/{per}", force), touching=(low, high),
-                )  # fmt: skip
-        elif row < len(stiffness) and isinstance(stiffness[row], float) and spring is not None:
-            rest = spring[0].rest[row] if isinstance(spring[0], JointSpring) else None
-            if isinstance(rest, float) and stiffness[row]:
-                yield from one(
-                    "rest-angle", entry.name, at("constant"), [stiffness[row]], "rest", rest, per
-                )
-                continue  # a constant force would be the same
-        yield from one(
-            "constant-force",
-            entry.name,
-            at("constant"),
-            [1.0],
-            "force",
-            0.0,
-            force,
-            "any",
-            joint.kind,
-        )
+        own = [entry for entry in speeds if entry.joint == joint.name]
+        for unit in dict.fromkeys(e.unit for e in own):
+            some = [e for e in own if e.unit == unit]
+            for kind, what in lacking if len(some) > 1 else ():
+                columns = places(*(Column(what, e.name) for e in some))
+                ones = [1.0] * len(some)
+                yield from cause(kind, joint.name, columns, ones, entry=some[0], origin=joint.kind)
+    for entry in speeds:
+        yield from _on_a_speed(evaluator, places, entry, acting)
 
 
-def _units(entry: Entry) -> tuple[str, str]:
-    """The units of a speed's force and of its coordinate."""
-    return ("N·m", "rad") if entry.unit == "rad/s" else ("N", "m")
-
-
-def _on_all_speeds(
-    joint: Joint, entries: Sequence[Entry], acting: set[str], places: Places
+def _on_a_speed(
+    evaluator: Evaluator, places: Places, entry: Entry, acting: set[str]
 ) -> Iterator[Candidate]:
-    """One number for all speeds of a unit of a joint that has several."""
-    for unit in dict.fromkeys(e.unit for e in entries):
-        some = [e for e in entries if e.unit == unit]
-        force, per = _units(some[0])
-        kinds: list[tuple[str, What, str, str]] = [
-            ("missing-damper", "damper", "damping", f"{force}·s/{per}"),
-            ("missing-drag", "drag", "drag", f"{force}·s²/{per}²"),
-        ]
-        if not joint.armature:
-            inertia = "kg·m²" if per == "rad" else "kg"
-            kinds.append(("missing-rotor-inertia", "armature", "rotor inertia", inertia))
-        if f"friction {joint.name}" not in acting:
-            kinds.append(("missing-friction", "friction", "friction", force))
-        for kind, what, name, of in kinds if len(some) > 1 else ():
-            columns = places(*(Column(what, e.name) for e in some))
-            ones = [1.0] * len(some)
-            yield from one(kind, joint.name, columns, ones, name, 0.0, of, "positive", joint.kind)
+    """What may act on one speed of a joint."""
+    mechanism, log = evaluator.mechanism, evaluator.log.places
+    joint = mechanism.joint(entry.joint)
+    row = entry.index - mechanism.speeds.of(joint.name).start
+    damper, spring = (
+        next((e for e in reversed(mechanism.elements) if isinstance(e, of) and e.joint == joint.name
+              and f"{kind} {e.name}" in acting), None)
+        for kind, of in (("damper", JointDamper), ("spring", JointSpring))
+    )  # fmt: skip
+
+    def one(kind: str, what: What, weight: float = 1.0, base: float = 0.0) -> Iterator[Candidate]:
+        at = places(Column(what, entry.name))
+        yield from cause(kind, entry.name, at, [weight], base, entry=entry, origin=joint.kind)
+
+    if len(joint.speeds) > 1 or (damper is None and f"damper {joint.name}" not in acting):
+        yield from one("missing-damper", "damper")
+    elif isinstance(damper, JointDamper) and f"damper {damper.name}" not in log:
+        law = damper.damping[0]
+        if isinstance(law, float):
+            yield from one("damping", "damper", base=law)
+    offset = places(*(Column("offset", entry.name, k) for k in range(2)))
+    limit = MOST_OFFSET[of_joint("{q}", entry)]
+    yield from cause(
+        "zero-offset",
+        entry.name,
+        offset,
+        _FIRST,
+        entry=entry,
+        quadratic=_SQUARE,
+        limit=limit,
+    )
+    if f"friction {joint.name}" not in acting:
+        yield from one("missing-friction", "friction")
+    yield from one("missing-drag", "drag")
+    have = mechanism.number(joint.armature[row]) if joint.armature else 0.0
+    yield from one("armature" if have else "missing-rotor-inertia", "armature", base=have)
+    yield from _stops(evaluator, places, entry, row)
+    if spring is None and f"spring {joint.name}" not in acting:
+        yield from one("missing-spring", "spring")
+        both = places(Column("spring", entry.name), Column("constant", entry.name))
+        at_q = mechanism.coordinates.of(entry.joint).start + row
+        reach = tuple(float(x[at_q]) for x in evaluator.reach)
+        units = of_joint("{F}/{q}", entry), of_joint("{F}", entry)
+        names = ("stiffness", "force at zero")
+        for kind, words, touching in (
+            ("missing-spring", WITH_A_FORCE, None), ("missing-stop", TOUCHING, reach),
+        ):  # fmt: skip
+            yield from cause(
+                kind, entry.name, both, np.eye(2), names=names, units=units, sign="any", words=words,
+                touching=touching,
+            )  # fmt: skip
+    elif isinstance(spring, JointSpring) and row < len(spring.stiffness):
+        k, rest = spring.stiffness[row], spring.rest[row]
+        if isinstance(k, float) and isinstance(rest, float) and k:
+            yield from one("rest-angle", "constant", k, rest)
+            return  # a constant force would be the same
+    yield from one("constant-force", "constant")
 
 
 def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iterator[Candidate]:
     """A stop that pushes back above a place, or below it."""
-    force, per = _units(entry)
     at = evaluator.mechanism.coordinates.of(entry.joint).start + row
     linear = places(Column("spring", entry.name), Column("constant", entry.name))
-    columns = [places(Column("stop", entry.name, k)) for k in range(len(STOPS))]
-    if linear is None or None in columns:
+    hinge = places(*(Column("stop", entry.name, k) for k in range(len(STOPS))))
+    if not linear or not hinge:
         return
     c = stops(evaluator, at)
-    hinge = [k for found in columns if found is not None for k in found]
     # −k max(q − c, 0), with c between two places, is the sum of such forces at both.
     above = np.eye(2)
     for k in range(len(c) - 1):
         # max(c − q, 0) = max(q − c, 0) − q + c pushes up.
         below = np.vstack([-np.eye(2), [[1.0, 1.0], [c[k], c[k + 1]]]])
         for side, L, more in (("above", above, ()), ("below", below, linear)):
-            names = tuple(f"stiffness {side} {place:.4g} {per}" for place in c[k : k + 2])
-            yield Candidate(
-                "missing-stop", entry.name, (*hinge[k : k + 2], *more), L, names, np.zeros(2),
-                (f"{force}/{per}",) * 2, "positive", stop=(int(at), c[k], c[k + 1]),
+            unit = of_joint("{q}", entry)
+            names = tuple(f"stiffness {side} {place:.4g} {unit}" for place in c[k : k + 2])
+            yield from cause(
+                "missing-stop", entry.name, (*hinge[k : k + 2], *more), L, names=names, entry=entry,
+                stop=(int(at), c[k], c[k + 1]),
             )  # fmt: skip
 
 
@@ -603,38 +662,29 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         name = part.name
         at = places(Column("channel", name))
         logged = name in evaluator.log.places
-        if at is None or (name in constant and not logged):
+        if not at or (name in constant and not logged):
             continue
         origin = "logged" if logged else "computed"
         spring = linear.get(name)
-        if spring is not None and not logged and isinstance(spring.stiffness[0], float):
-            k = spring.stiffness[0]
-            turning = mechanism.speeds[mechanism.speeds.of(spring.joint)][0].unit == "rad/s"
-            unit = "N·m/rad" if turning else "N/m"
-            yield from one("stiffness", spring.joint, at, [1.0 / k], "stiffness", k, unit)
+        if spring is not None and not logged and isinstance(k := spring.stiffness[0], float):
+            entry = mechanism.speeds[mechanism.speeds.of(spring.joint)][0]
+            yield from cause("stiffness", spring.joint, at, [1.0 / k], k, entry=entry)
             continue
         kind = "actuator-gear" if name.kind == "actuator" else "channel-factor"
-        yield from one(kind, name, at, [1.0], "factor", 1.0, "1", origin=origin)
-        first, second = (places(Column("delay", name, k)) for k in range(2))
-        if first is not None and second is not None:
-            yield Candidate(
-                "actuator-delay", name, (*first, *second), np.array([[1.0], [0.0]]), ("delay",),
-                np.zeros(1), ("s",), "any", _SQUARE, origin,
-            )  # fmt: skip
+        yield from cause(kind, name, at, [1.0], 1.0, origin=origin)
+        delay = places(*(Column("delay", name, k) for k in range(2)))
+        yield from cause("actuator-delay", name, delay, _FIRST, quadratic=_SQUARE, origin=origin)
 
 
 def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     for link in evaluator.symbols.system.links:
         body = link.joint.child
         drag = places(Column("drag of a body", body))
-        yield from one("missing-drag", body, drag, [1.0], "drag", 0.0, "N·s²/m²", "positive")
-        for what, kind, unit in PUSHES:
-            found = [
-                (k, p[0]) for k in range(3) if (p := places(Column(what, body, k))) is not None
-            ]
-            groups = [[f] for f in found] + ([found] if len(found) > 1 else [])
-            for group in groups:
-                yield Candidate(
-                    kind, body, tuple(p for _, p in group), np.eye(len(group)),
-                    tuple("xyz"[k] for k, _ in group), np.zeros(len(group)), (unit,) * len(group),
-                )  # fmt: skip
+        unit = ("N·s²/m²",)
+        yield from cause("missing-drag", body, drag, [1.0], units=unit, words=OF_A_BODY)
+        for what, kind in PUSHES:
+            found = [k for k in range(3) if Column(what, body, k) in places.of]
+            for group in [[k] for k in found] + ([found] if len(found) > 1 else []):
+                columns = places(*(Column(what, body, k) for k in group))
+                axes = tuple("xyz"[k] for k in group)
+                yield from cause(kind, body, columns, np.eye(len(group)), names=axes)

@@ -7,8 +7,9 @@ forces. So each has a column x with residual(θ) = residual(0) + Σ θ x, comput
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import casadi as ca
@@ -56,9 +57,9 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class ColumnKernels:
-    """The residual (first column) and all others as CasADi functions of samples.
+    """The residual (first column) and all others as a function of samples.
 
-    `pointwise` gives (n, 1 + P) of t, q, u, u̇, logged forces, their first and their second rates.
+    It takes t, q, u, u̇, logged forces, their first and their second rates, each (T, …).
     """
 
     columns: tuple[Column, ...]
@@ -67,9 +68,19 @@ class ColumnKernels:
     evaluator: Evaluator
     inputs: tuple[SX, ...]
 
-    def pointwise(self) -> ca.Function:
-        """F_r + F*_r and the columns."""
+    @cached_property
+    def _function(self) -> ca.Function:
         return ca.Function("columns", list(self.inputs), [ca.densify(self.expression)])
+
+    def __call__(self, *samples: Array) -> Array:
+        """F_r + F*_r and the columns (T, n, 1 + P)."""
+        (values,) = at_rows(self._function, samples)
+        return values.reshape(len(values), -1, self.speeds).transpose(0, 2, 1)
+
+    @property
+    def residual_only(self) -> ColumnKernels:
+        """The same without the columns."""
+        return replace(self, expression=self.expression[:, 0])
 
 
 def column_kernels(evaluator: Evaluator) -> ColumnKernels:
@@ -270,10 +281,3 @@ def _channels(evaluator: Evaluator, rate: SX, curve: SX) -> dict[Column, SX]:
             found[Column("delay", part.name, 0)] = -first[at]
             found[Column("delay", part.name, 1)] = 0.5 * second[at]
     return found
-
-
-def evaluate(function: ca.Function, samples: Sequence[Array], speeds: int) -> list[Array]:
-    """Each output of a function of samples as (T, n, 1 + P)."""
-    count = len(samples[0])
-    found = at_rows(function, samples)
-    return [values.reshape(count, -1, speeds).transpose(0, 2, 1) for values in found]

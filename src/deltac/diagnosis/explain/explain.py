@@ -1,4 +1,4 @@
-"""Which further motion would tell causes apart that a log does not: computed, not guessed."""
+"""`explain_residual`: the few causes that explain what a model leaves of a log."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Deadline, Progress, untold
-from deltac.diagnosis.explain.columns import evaluate
 from deltac.diagnosis.explain.regression import (
     Fit,
     Prepared,
@@ -21,133 +19,16 @@ from deltac.diagnosis.explain.regression import (
 )
 from deltac.diagnosis.explain.result import Cause, Explanation, Kind, sentence
 from deltac.diagnosis.explain.search import MOST, Found, plausible, search
+from deltac.diagnosis.explain.separation import advice
 from deltac.diagnosis.explain.turned import turned
 from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_words, other_gears
 from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.measurements.kinematics import accelerations, trusted
-from deltac.diagnosis.residuals.at_samples import Sampled
 from deltac.diagnosis.residuals.defect import Residual
 from deltac.diagnosis.residuals.one_step import one_step
 from deltac.errors import ArgumentsError, ModelError
-from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-
-STATES = 60
-APART = 0.05
-"""Relative difference of what two causes do, from which on a motion is said to tell them apart."""
-
-
-def advice(
-    mechanism: Mechanism, run: Trajectory, prepared: Prepared, found: Found, deadline: Deadline
-) -> str:
-    """A sentence: the simplest motion in which the causes differ, or that there is none."""
-    fits = [found.best, *found.alternatives]
-    most, said = 0, ""
-    for name, samples in _experiments(mechanism, run, prepared):
-        if deadline.passed("which motion would tell the causes apart"):
-            return said and f"To tell some of them apart, log also {said}"
-        first, *others = _effects(prepared, samples, fits)
-        told = sum(_difference(first, other) > APART for other in others)
-        if told > most:
-            most, said = told, name
-    if not said:
-        return (
-            "No motion of this machine can tell them apart from joint coordinates and these forces: they "
-            "are equivalent"
-        )
-    them = "them" if most == len(found.alternatives) else "some of them"
-    return f"To tell {them} apart, log also {said}"
-
-
-def _effects(prepared: Prepared, samples: Sampled, fits: list[Fit]) -> list[Array]:
-    """What each fit adds to the equations at the samples, scaled equation by equation."""
-    kernels = prepared.kernels
-    nothing = np.zeros_like(samples.logged)
-    rng = np.random.default_rng(2)
-    rates = [rng.standard_normal(nothing.shape) * (np.abs(samples.logged) > 0) for _ in range(2)]
-    columns = [
-        samples.t[:, None], samples.q, samples.u, samples.udot, samples.logged, *rates,
-    ]  # fmt: skip
-    X = evaluate(kernels.pointwise(), columns, kernels.speeds)[0][..., 1:]
-    scale = np.sqrt(np.mean(np.sum(X**2, axis=2), axis=0))
-    X = X / np.maximum(scale, 1e-300)[:, None]
-    found = []
-    for fit in fits:
-        total = np.zeros(X.shape[:2])
-        for k, theta in zip(fit.chosen, fit.theta):
-            c = prepared.regression.candidates[k]
-            effect = X[..., list(c.columns)] @ c.coefficients(theta)
-            if c.touching is not None:  # it pushes to one side, wherever else the motion goes
-                effect = np.where(effect * (theta[1] - theta[0] * c.touching[0]) > 0.0, effect, 0.0)
-            total += effect
-        found.append(total.ravel())
-    return found
-
-
-def _difference(a: Array, b: Array) -> float:
-    """Relative difference of two effects."""
-    size = max(float(np.linalg.norm(a)), float(np.linalg.norm(b)))
-    return float(np.linalg.norm(a - b)) / size if size > 0.0 else 0.0
-
-
-def _experiments(
-    mechanism: Mechanism, run: Trajectory, prepared: Prepared
-) -> list[tuple[str, Sampled]]:
-    """Motions that a user could make, simplest first."""
-    rng = np.random.default_rng(1)
-    free = mechanism.free
-    speed = max(float(np.abs(run.u).max(initial=0.0)), 1.0)
-    bent = max(speed**2, 10.0)
-    nq, nu = len(free.q), len(free.u)
-    logged = prepared.kernels.evaluator.log.size
-
-    def states(q: Array, u: Array, udot: Array, forces: float) -> Sampled:
-        return Sampled(
-            np.full(STATES, float(run.t[0])),
-            q,
-            u,
-            udot,
-            forces * rng.standard_normal((STATES, logged)),
-        )
-
-    anywhere = _poses(mechanism, rng)
-    here = np.repeat(run.q[:1, free.q], STATES, axis=0)
-    still = np.zeros((STATES, nu))
-    fast, hard = speed * rng.standard_normal((STATES, nu)), bent * rng.standard_normal((STATES, nu))
-    force = (
-        float(max((np.abs(f).max(initial=0.0) for f in run.forces.values()), default=0.0)) or 1.0
-    )
-    found = [
-        ("the machine at rest in several poses", states(anywhere, still, still, 0.0)),
-        ("a motion with different motor forces", states(anywhere, fast, hard, force)),
-    ]
-    for k in range(nu):
-        alone = np.zeros((STATES, nu))
-        alone[:, k] = 1.0
-        name = mechanism.speeds[int(free.u[k])].name
-        found.append((f"a motion of `{name}` alone", states(here, fast * alone, hard * alone, 0.0)))
-    found += [
-        ("fast motions at constant speeds", states(anywhere, 5 * fast, still, 0.0)),
-        ("a motion of all joints through other poses", states(anywhere, fast, hard, 0.0)),
-    ]
-    assert all(s.q.shape[1] == nq for _, s in found)
-    return found
-
-
-def _poses(mechanism: Mechanism, rng: np.random.Generator) -> Array:
-    """Random poses (STATES, free q); quaternions of unit length."""
-    q = rng.uniform(-np.pi, np.pi, (STATES, len(mechanism.coordinates)))
-    for joint in mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = mechanism.coordinates.of(joint.name).start + offset
-            turns = rng.standard_normal((STATES, 4))
-            q[:, start : start + 4] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
-    return np.asarray(q[:, mechanism.free.q])
-
-
-# --- `explain_residual` --------------------------------------------------------------------------
 
 EXPLAINS = 0.95
 """Share of what is no noise that causes must explain of the squared residual to be named."""
@@ -272,21 +153,16 @@ def explanation(
     prepared = prepare(mechanism, run, left, sliding=sliding)
     regression = prepared.regression
 
-    def made(
-        kind: Kind, found: Found | None = None, explained: float = 0.0, said: str = ""
-    ) -> Explanation:
-        return _made(mechanism, prepared, kind, found, explained, said)
-
     floor = regression.floor(regression.nothing)
     if regression.total <= (floor if left is not None else regression.precision):
-        return made("nothing")
+        return _made(prepared, "nothing")
     found = search(regression, most, deadline, progress)
     explained = _explained(prepared, found.best)
     if most > 1 and regression.total <= CLEAR * floor and not regression.stands_out(found.best):
         found = search(regression, 1)
         explained = _explained(prepared, found.best)
         if not regression.stands_out(found.best):
-            return made("nothing")
+            return _made(prepared, "nothing")
     unclosed = regression.left(found.best) > CLEAR * regression.floor(found.best)
     if not prepared.sliding and unclosed and not deadline.passed("joints that stick at times"):
         slid = explanation(mechanism, run, left, least, most=most, sliding=True, deadline=deadline)
@@ -301,13 +177,13 @@ def explanation(
             there = search(stopped.regression, min(most, WITH_A_STOP), deadline)
             share = _explained(stopped, there.best)
             if share > explained and share >= _enough(stopped.regression, there.best, least):
-                return told(mechanism, run, stopped, there, deadline)
+                return told(stopped, there, run, deadline)
     if explained < _enough(regression, found.best, least):  # then one cause, if it says nearly all
         found = search(regression, 1)
         explained = _explained(prepared, found.best)
     if not found.best.chosen or explained < _enough(regression, found.best, least):
-        return made("unexplained", Found(found.best, ()), explained)
-    return told(mechanism, run, prepared, found, deadline)
+        return _made(prepared, "unexplained", Found(found.best, ()), explained)
+    return told(prepared, found, run, deadline)
 
 
 def _at_its_place(
@@ -336,26 +212,20 @@ def _at_its_place(
 
 
 def told(
-    mechanism: Mechanism,
-    run: Trajectory,
-    prepared: Prepared,
-    found: Found,
-    deadline: Deadline | None = None,
+    prepared: Prepared, found: Found, run: Trajectory, deadline: Deadline | None = None
 ) -> Explanation:
     """The explanation by causes that were found."""
+    kind: Kind = "ambiguous" if found.alternatives else "explained"
+    separating = advice(run, prepared, found, deadline or Deadline()) if found.alternatives else ""
     explained = _explained(prepared, found.best)
-    if not found.alternatives:
-        return turned(mechanism, _made(mechanism, prepared, "explained", found, explained))
-    separating = advice(mechanism, run, prepared, found, deadline or Deadline())
-    return turned(mechanism, _made(mechanism, prepared, "ambiguous", found, explained, separating))
+    return turned(prepared.mechanism, _made(prepared, kind, found, explained, separating))
 
 
 def _made(
-    mechanism: Mechanism,
     prepared: Prepared,
     kind: Kind,
-    found: Found | None,
-    explained: float,
+    found: Found | None = None,
+    explained: float = 0.0,
     separating: str = "",
 ) -> Explanation:
     relative = float(np.max(prepared.residual / np.maximum(prepared.scale, 1e-300), initial=0.0))
@@ -363,9 +233,9 @@ def _made(
     effect, work = prepared.effect(found.best) if found else (np.zeros_like(prepared.scale), 0.0)
     return Explanation(
         kind,
-        _causes(mechanism, prepared, found.best) if found else (),
+        _causes(prepared, found.best) if found else (),
         explained,
-        tuple(_causes(mechanism, prepared, f) for f in found.alternatives) if found else (),
+        tuple(_causes(prepared, f) for f in found.alternatives) if found else (),
         separating,
         _unseen(prepared),
         prepared.form,
@@ -396,7 +266,7 @@ def _explained(prepared: Prepared, fit: Fit) -> float:
     return float(np.clip(1.0 - left / there, 0.0, 1.0))
 
 
-def _causes(mechanism: Mechanism, prepared: Prepared, fit: Fit) -> tuple[Cause, ...]:
+def _causes(prepared: Prepared, fit: Fit) -> tuple[Cause, ...]:
     regression = prepared.regression
     if not fit.chosen:
         return ()
@@ -419,7 +289,7 @@ def _causes(mechanism: Mechanism, prepared: Prepared, fit: Fit) -> tuple[Cause, 
                 c.units,
                 tuple(float(x) for x in c.base),
                 float(min(share, 1.0)),
-                sentence(mechanism, c, theta, error),
+                sentence(prepared.mechanism, c, theta, error),
             )
         )
     held = [c for c in found if c.kind == "actuator-delay" and abs(c.values[0]) <= prepared.spacing]

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import accumulate
 from typing import Literal
 
 import casadi as ca
@@ -22,7 +23,6 @@ from deltac.diagnosis.explain.columns import (
     Column,
     ColumnKernels,
     column_kernels,
-    evaluate,
 )
 from deltac.diagnosis.measurements.digits import resolution, white_noise
 from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
@@ -94,7 +94,7 @@ class Regression:
 
     def noise(self, fit: Fit) -> float:
         """The part of what a fit leaves that is noise: that of the terms with the fit's numbers in them."""
-        c, _ = self._at(fit)
+        c = self.coefficients(fit)
         return float(np.sum((self.shaken[:, :-1] @ c + self.shaken[:, -1]) ** 2))
 
     def floor(self, fit: Fit) -> float:
@@ -105,7 +105,7 @@ class Regression:
         """The part of what a fit leaves that may be of columns known only so far."""
         if self.blur is None:
             return 0.0
-        return float(np.sum((self.blur[:, :-1] @ self._at(fit)[0]) ** 2))
+        return float(np.sum((self.blur[:, :-1] @ self.coefficients(fit)) ** 2))
 
     def left(self, fit: Fit) -> float:
         """What a fit leaves, whenever within a step the integrator took its causes.
@@ -176,33 +176,32 @@ class Regression:
     def fit(self, chosen: Sequence[int]) -> Fit:
         """Least squares by the candidates with these numbers together."""
         parts = [self.candidates[k] for k in chosen]
-        edges = np.concatenate([[0], np.cumsum([c.size for c in parts])]).astype(int)
+        edges = _edges(parts)
         theta = np.zeros(edges[-1])
         heavier = len(parts) > 1 and any(c.kind == "gravity" for c in parts)
         curved = heavier or _products(parts) or any(c.quadratic is not None for c in parts)
         for _ in range(STEPS if curved else 1):
-            c, J = self._linearised(parts, edges, theta)
+            c, J = self._linearised(chosen, theta)
             e = self.R[:, :-1] @ c + self.R[:, -1]
             step = np.linalg.lstsq(self.R[:, :-1] @ J, -e, rcond=1e-11)[0]
             theta = theta + step
             if np.linalg.norm(step) <= 1e-12 * np.linalg.norm(theta):
                 break
-        c, _ = self._linearised(parts, edges, theta)
+        c, _ = self._linearised(chosen, theta)
         left = float(np.sum((self.R[:, :-1] @ c + self.R[:, -1]) ** 2))
-        values = tuple(theta[a:b] for a, b in zip(edges[:-1], edges[1:]))
-        return Fit(tuple(chosen), values, left)
+        return Fit(tuple(chosen), tuple(np.split(theta, edges[1:-1])) if parts else (), left)
 
-    def _linearised(
-        self, parts: Sequence[Candidate], edges: Array, theta: Array
-    ) -> tuple[Array, Array]:
+    def _linearised(self, chosen: Sequence[int], theta: Array) -> tuple[Array, Array]:
         """Coefficients (P,) of all columns and their derivatives (P, d)."""
+        parts = [self.candidates[k] for k in chosen]
+        edges = _edges(parts)
         width = self.R.shape[1] - 1
         c, J = np.zeros(width), np.zeros((width, len(theta)))
         for part, a, b in zip(parts, edges[:-1], edges[1:]):
             np.add.at(c, list(part.columns), part.coefficients(theta[a:b]))
             np.add.at(J[:, a:b], list(part.columns), part.tangent(theta[a:b]))
         for i, k, per in _products(parts):  # what is heavier and moved is more than both
-            place, start, end = int(edges[i]), int(edges[k]), int(edges[k + 1])
+            place, start, end = edges[i], edges[k], edges[k + 1]
             at, factor = list(parts[k].columns), per * theta[place]
             moved = parts[k].coefficients(theta[start:end])
             np.add.at(c, at, factor * moved)
@@ -216,18 +215,13 @@ class Regression:
                 J[pulled, a] += c[masses]
         return c, J
 
+    def _at(self, fit: Fit) -> tuple[Array, Array]:
+        return self._linearised(fit.chosen, np.concatenate([*fit.theta, np.zeros(0)]))
+
     def tangents(self, fit: Fit) -> tuple[Array, Array]:
         """R times the derivatives of a fit's coefficients (P + 1, d), and what it leaves (P + 1,)."""
         c, J = self._at(fit)
         return self.R[:, :-1] @ J, self.R[:, :-1] @ c + self.R[:, -1]
-
-    def _at(self, fit: Fit) -> tuple[Array, Array]:
-        if not fit.chosen:
-            width = self.R.shape[1] - 1
-            return np.zeros(width), np.zeros((width, 0))
-        parts = [self.candidates[k] for k in fit.chosen]
-        edges = np.concatenate([[0], np.cumsum([c.size for c in parts])]).astype(int)
-        return self._linearised(parts, edges, np.concatenate(fit.theta))
 
     def coefficients(self, fit: Fit) -> Array:
         """Coefficients (P,) of all columns."""
@@ -296,6 +290,11 @@ class Fit:
     left: float
 
 
+def _edges(parts: Sequence[Candidate]) -> list[int]:
+    """Where the numbers of each cause begin among those of all, and their end."""
+    return [0, *accumulate(c.size for c in parts)]
+
+
 def _products(parts: Sequence[Candidate]) -> list[tuple[int, int, float]]:
     """Pairs of causes whose product is in the residual: the factor, what it scales, by how much."""
     pairs = ((i, k, a.scales(b)) for i, a in enumerate(parts) for k, b in enumerate(parts))
@@ -338,29 +337,36 @@ class Prepared:
     """A regression, and the scales of its equations.
 
     form        at "samples", with measured accelerations, or over "steps" from row to row
-    speeds      names of the free speeds (n,)
     scale       typical size of the terms of each equation (n,), N or N·m
     residual    root mean square of what the model leaves of each (n,)
     noise       root mean square of what the log's noise makes of each (n,)
     columns     what one unit of each column makes of the equations (rows, n, P)
     u           speeds (rows, n); time: of the log (s)
-    samples     how many were looked at; spacing: of them (s)
+    spacing     of the log's rows (s)
     sliding     whether what joints do that hardly move was left out
     """
 
     regression: Regression
     kernels: ColumnKernels
     form: Form
-    speeds: tuple[str, ...]
     scale: Array
     residual: Array
     noise: Array
     columns: Array
     u: Array
     time: float
-    samples: int
     spacing: float
     sliding: bool
+
+    @property
+    def samples(self) -> int:
+        """How many rows were looked at."""
+        return len(self.u)
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The model."""
+        return self.kernels.evaluator.mechanism
 
     def effect(self, fit: Fit) -> tuple[Array, float]:
         """Root mean square of the generalized forces that a fit's causes make (n,), and their energy (J)."""
@@ -416,87 +422,77 @@ def _over_steps(kernels: ColumnKernels, run: Trajectory, left: Residual, sliding
     """
     width = kernels.speeds * (1 + len(kernels.columns))
     intervals = left.intervals.few(max(300, MOST_NUMBERS // width))
-    function = kernels.pointwise()
 
     def columns(rows: Rows, udot: Array, k: NDArray[np.intp], F: Array) -> Array:
         rate, curve = _rates(rows.t, rows.F)
-        samples = [rows.t[k, None], rows.q[k], rows.u[k], udot[k], F, rate[k], curve[k]]
-        return evaluate(function, samples, kernels.speeds)[0][..., 1:]
+        return kernels(rows.t[k], rows.q[k], rows.u[k], udot[k], F, rate[k], curve[k])[..., 1:]
 
     (whole, change), residual = intervals.made_by(columns), -intervals.defects
     matrix = np.concatenate([whole, residual[..., None], change], axis=2)
     weight = 1.0 / np.hypot(left.bar, LEAST * left.scale)
     moving = _where_it_moves(intervals.slowest, sliding)
     counts = (weight * moving)[..., None]
-    rows, scheme = matrix * counts, intervals.scheme * counts
-    flat = rows.reshape(-1, rows.shape[2])
-    spanned = scheme.reshape(len(flat), scheme.shape[2])
-    U, size, _ = np.linalg.svd(spanned, full_matrices=False)
+    flat, scheme = (x.reshape(-1, x.shape[2]) for x in (matrix * counts, intervals.scheme * counts))
+    U, size, _ = np.linalg.svd(scheme, full_matrices=False)
     kept = 1.0 / np.sqrt(1.0 + size**2)
     flat = flat - U @ ((1.0 - kept)[:, None] * (U.T @ flat))
     count = len(kernels.columns) + 1
-    rows, steps = (
-        flat[:, :count].reshape(*rows.shape[:2], count),
-        (flat[:, :count], flat[:, count:]),
-    )
     # White noise is known by its size: what no cause explains, and nothing predicts.
     noise = left.bars["noise"] * weight
-    shaken = np.append(np.zeros(len(kernels.columns)), np.sqrt(len(rows) * np.sum(noise**2)))
-    return _prepared(
-        kernels, run, "steps", rows, whole, intervals.u, moving, shaken[None], float(np.sum(1.0 - noise**2)),
-        left.scale, np.sqrt(np.mean(residual**2, axis=0)), left.bars["noise"], len(rows), sliding,
-        steps,
+    shaken = np.append(np.zeros(count - 1), np.sqrt(len(whole) * np.sum(noise**2)))
+    return regression_of(
+        kernels, run, flat[:, :count].reshape(*moving.shape, count), whole, intervals.u, residual,
+        left.bars["noise"], left.scale, float(np.sum(1.0 - noise**2)), shaken[None], moving, sliding,
+        steps=(flat[:, :count], flat[:, count:]),
     )  # fmt: skip
 
 
 def _at_samples(kernels: ColumnKernels, run: Trajectory, sliding: bool) -> Prepared:
     """The regression of what the equations leave at the samples."""
     stretches = _stretches(run, kernels)
-    rows = _Rows(kernels)
-    whole = np.concatenate([rows(s) for s in stretches])
+    whole = np.concatenate([kernels(*s.columns) for s in stretches])
     scale = terms_of(whole, kernels)
-    digits = _digits(kernels, stretches)
-    shaken = _shaken(rows, stretches)
+    some = stretches[:: max(1, len(stretches) // 4)]
+    digits = _digits(kernels, some)
+    shaken = _moved(kernels, some, _noise, np.random.default_rng(1))
     noise = np.sqrt(np.mean(shaken[..., 0] ** 2, axis=0))
     weight = 1.0 / np.maximum(np.maximum(noise, NOISY * scale), 1e-300)
-    moving = _where_it_moves(np.concatenate([np.abs(s.samples.u) for s in stretches]), sliding)
+    u = np.concatenate([s.samples.u for s in stretches])
+    moving = _where_it_moves(np.abs(u), sliding)
     matrix = arranged(whole * (weight * moving)[..., None])
     precise = float(np.sum(((4.0 * digits + LEAST * scale) * weight) ** 2))
     shaken = arranged(shaken * weight[:, None]).reshape(-1, matrix.shape[2])
     shaken *= np.sqrt(float(np.sum(moving)) / float(len(shaken)))
-    residual = np.sqrt(np.mean(whole[..., 0] ** 2, axis=0))
-    u = np.concatenate([s.samples.u for s in stretches])
-    return _prepared(
-        kernels, run, "samples", matrix, whole[..., 1:], u, moving, shaken, precise, scale, residual, noise,
-        len(u), sliding,
+    return regression_of(
+        kernels, run, matrix, whole[..., 1:], u, whole[..., 0], noise, scale, precise, shaken, moving,
+        sliding,
     )  # fmt: skip
 
 
-def _prepared(
+def regression_of(
     kernels: ColumnKernels,
     run: Trajectory,
-    form: Form,
     matrix: Array,
     columns: Array,
     u: Array,
-    moving: Array,
-    shaken: Array,
-    precise: float,
-    scale: Array,
     residual: Array,
     noise: Array,
-    samples: int,
-    sliding: bool,
+    scale: Array,
+    precise: float,
+    shaken: Array,
+    moving: Array,
+    sliding: bool = False,
     steps: tuple[Array, Array] | None = None,
+    blur: Array | None = None,
 ) -> Prepared:
     """The regression of weighted equations [X r] (rows, n, P + 1), of which `shaken` is noise.
 
-    `precise` is the sum of squares of what digits and rounding leave of one row.
+    `precise` is the sum of squares of what digits and rounding leave of one row; `moving` (rows, n) tells
+    which equations count; `steps` and `blur` are those of `Regression`, the rest of `Prepared`.
     """
     width = matrix.shape[2]
     count = min(BLOCKS, max(2, len(matrix) // 8))
     blocks = [b.reshape(-1, width) for b in np.array_split(matrix, count)]
-    mechanism = kernels.evaluator.mechanism
     regression = Regression(
         factored(blocks),
         candidates(kernels.evaluator, kernels.columns),
@@ -504,13 +500,13 @@ def _prepared(
         factored([shaken])[0],
         len(matrix) * precise,
         weights_of(kernels.columns),
-        steps=steps,
+        blur,
+        steps,
     )
-    free = [mechanism.speeds[int(k)].name for k in mechanism.free.u]
-    t = run.t
     return Prepared(
-        regression, kernels, form, tuple(free), scale, residual, noise, columns, u, float(t[-1] - t[0]),
-        samples, 1.01 * float(np.median(np.diff(t))), sliding,
+        regression, kernels, "samples" if steps is None else "steps", scale,
+        np.sqrt(np.mean(residual**2, axis=0)), noise, columns, u, float(np.ptp(run.t)),
+        1.01 * float(np.median(np.diff(run.t))), sliding,
     )  # fmt: skip
 
 
@@ -554,7 +550,7 @@ class _Stretch:
     @property
     def columns(self) -> list[Array]:
         s = self.samples
-        return [s.t[:, None], s.q, s.u, s.udot, s.logged, self.rate, self.curve]
+        return [*s.columns, self.rate, self.curve]
 
 
 def _stretches(run: Trajectory, kernels: ColumnKernels) -> list[_Stretch]:
@@ -579,18 +575,6 @@ def _stretches(run: Trajectory, kernels: ColumnKernels) -> list[_Stretch]:
     if not kept:
         raise too_short(run)
     return [_Stretch.of(everything.take(p)) for p in kept]
-
-
-class _Rows:
-    """The residual and its columns (rows, n, 1 + P) of a stretch."""
-
-    def __init__(self, kernels: ColumnKernels, residual_only: bool = False) -> None:
-        if residual_only:
-            kernels = replace(kernels, expression=kernels.expression[:, 0])
-        self._function, self._speeds = kernels.pointwise(), kernels.speeds
-
-    def __call__(self, stretch: _Stretch) -> Array:
-        return evaluate(self._function, stretch.columns, self._speeds)[0]
 
 
 def terms_of(whole: Array, kernels: ColumnKernels) -> Array:
@@ -619,39 +603,32 @@ def _ten(inertia: Inertia) -> list[SX]:
 
 
 PERTURBATIONS = 2
-COLUMNS = ("q", "u", "udot", "logged")
 
 
-def _some(stretches: Sequence[_Stretch]) -> Sequence[_Stretch]:
-    """A few of them, over the whole log."""
-    return stretches[:: max(1, len(stretches) // 4)]
-
-
-def _moved(stretch: _Stretch, size: Callable[[Array], Array], rng: np.random.Generator) -> _Stretch:
-    """The stretch with every number moved at random by a size."""
-    moved = {}
-    for name in COLUMNS:
-        values = getattr(stretch.samples, name)
-        moved[name] = values + rng.standard_normal(values.shape) * size(values)
-    return replace(stretch, samples=replace(stretch.samples, **moved))
+def _moved(
+    kernels: ColumnKernels,
+    stretches: Sequence[_Stretch],
+    size: Callable[[Array], Array],
+    rng: np.random.Generator,
+) -> Array:
+    """How residual and columns change (rows, n, 1 + P) as every number moves at random by its size."""
+    changes = []
+    for stretch in stretches:
+        moved = {}
+        for name in ("q", "u", "udot", "logged"):
+            values = getattr(stretch.samples, name)
+            moved[name] = values + rng.standard_normal(values.shape) * size(values)
+        there = replace(stretch, samples=replace(stretch.samples, **moved))
+        changes.append(kernels(*there.columns) - kernels(*stretch.columns))
+    return np.concatenate(changes)
 
 
 def _digits(kernels: ColumnKernels, stretches: Sequence[_Stretch]) -> Array:
     """Root mean square (n,) of what the log's digits make of the residual."""
-    rows = _Rows(kernels, residual_only=True)
     rng = np.random.default_rng(0)
-    changes = [
-        rows(_moved(s, lambda x: resolution(x) / np.sqrt(3.0), rng))[..., 0] - rows(s)[..., 0]
-        for s in _some(stretches)
-        for _ in range(PERTURBATIONS)
-    ]
-    return np.asarray(np.sqrt(np.mean(np.concatenate(changes) ** 2, axis=0)))
-
-
-def _shaken(rows: _Rows, stretches: Sequence[_Stretch]) -> Array:
-    """What noise like that of the log does to the residual and its columns (some rows, n, 1 + P)."""
-    rng = np.random.default_rng(1)
-    return np.concatenate([rows(_moved(s, _noise, rng)) - rows(s) for s in _some(stretches)])
+    each = [s for s in stretches for _ in range(PERTURBATIONS)]
+    changes = _moved(kernels.residual_only, each, lambda x: resolution(x) / np.sqrt(3.0), rng)
+    return np.asarray(np.sqrt(np.mean(changes[..., 0] ** 2, axis=0)))
 
 
 def arranged(values: Array) -> Array:

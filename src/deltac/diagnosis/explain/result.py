@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import SLIPPED, Candidate, other_unit
+from deltac.diagnosis.explain.causes import KINDS, SLIPPED, Candidate, other_unit
 from deltac.diagnosis.explain.regression import Form
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
@@ -27,134 +27,35 @@ WORTH_SAYING = 1e-7
 
 def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> str:
     """One cause with its numbers, as what the run has and the model does not."""
-    value, shown = c.base + theta, _numbers(c, theta, error)
-    several = f"({shown})" if c.size > 1 else shown
-    element = f"`{c.element}`"
+    scale = 1.0
+    if c.kind == "gravity":  # a factor, told as what it makes of g
+        scale = float(np.linalg.norm([mechanism.number(x) for x in mechanism.gravity]))
+    base, value, error = scale * c.base, scale * (c.base + theta), scale * error
+    numbers = [_number(float(v), float(e)) for v, e in zip(value, error)]
+    shown, bases = ", ".join(numbers), ", ".join(f"{x:.6g}" for x in base)
     factor = float(value[0])
-    match c.kind:
-        case "gravity":
-            g = float(np.linalg.norm([mechanism.number(x) for x in mechanism.gravity]))
-            ours, theirs = f"{g:.6g}", f"{g * factor:.6g}{_error(g * factor, g * error[0])}"
-            return f"gravity in the run is {theirs} m/s² instead of {ours} m/s²"
-        case "gravity-vector":
-            ours = _plain(c.base) if c.size == 1 else f"({_plain(c.base)})"
-            return f"gravity in the run is {several} m/s², not {ours}"
-        case "mass-scale":
-            return f"all masses and inertias in the run are {shown} times those of the model{_more(factor)}"
-        case "body-inertia":
-            return f"mass and inertia of {element} in the run are {shown} times the model's{_more(factor)}"
-        case "body-mass":
-            return f"the mass of {element} in the run is {shown} times the model's{_more(factor)}"
-        case "body-moments":
-            return (
-                f"the central moments of inertia of {element} in the run are {shown} times the model's"
-                + _more(factor)
-            )
-        case "body-moment":
-            return (
-                f"the central moment of inertia {c.names[0]} of {element} in the run is {shown}, not "
-                f"{c.base[0]:.6g} kg·m²"
-            )
-        case "body-tensor":
-            return f"the central inertia of {element} in the run is ({shown}) kg·m² (xx, yy, zz, xy, xz, yz)"
-        case "body-centre":
-            axes = ", ".join(c.names)
-            where = f"{several} m along {axes} of the body"
-            return f"the mass centre of {element} in the run is displaced by {where}"
-        case "velocity-terms" | "gyroscopic-terms":
-            which = "centrifugal, Coriolis and gyroscopic terms of all bodies"
-            if c.kind == "gyroscopic-terms":
-                which = f"gyroscopic terms of {element}"
-            if abs(factor) < SLIPPED:
-                return f"the {which} are missing in the run"
-            sign = " (of the other sign)" if factor < 0.0 else ""
-            return f"the {which} are {shown} times the model's in the run{sign}"
-        case "actuator-gear":
-            return f"{element} delivers {shown} of its {c.origin} force (gear, unit or scale of the actuator)"
-        case "channel-factor" if abs(factor) < 3.0 * error[0]:
-            return f"{element} does not act in the run: {shown} of its {c.origin} force"
-        case "channel-factor":
-            return f"{element} acts with {shown} of its {c.origin} force"
-        case "actuator-delay":
-            return f"{element} acts {shown} s later than logged"
-        case "late-rows":
-            return f"the coordinates are those of {shown} s before the speeds beside them"
-        case "zero-offset":
-            return (
-                f"the zero of joint {element} is off: it is logged {shown} {c.units[0]} too large"
-            )
-        case "damping" | "stiffness" | "armature":
-            noun = {"damping": "the damping of", "stiffness": "the stiffness of"}
-            what = noun.get(c.kind, "the rotor inertia of")
-            return f"{what} joint {element} in the run is {shown}, not {c.base[0]:.6g} {c.units[0]}"
-        case "rest-angle":
-            return (
-                f"the spring of joint {element} rests at {shown}, not {c.base[0]:.6g} {c.units[0]}"
-            )
-        case "constant-force":
-            return f"a constant force of {shown} {c.units[0]} acts on joint {element}"
-        case "missing-spring" if c.size == 2:
-            return (
-                f"a spring of {_number(theta[0], error[0])} {c.units[0]} that the model does not have acts "
-                f"on joint {element}, with {_number(theta[1], error[1])} {c.units[1]} at zero"
-            )
-        case "missing-stop" if c.touching is not None:
-            side = "above" if theta[1] - theta[0] * c.touching[1] < 0.0 else "below"
-            return (
-                f"joint {element} touches a stop that the model does not have all the time: a stiffness of "
-                f"{_number(theta[0], error[0])} {c.units[0]} {side} {theta[1] / theta[0]:.4g}"
-            )
-        case "missing-stop":
-            where = " and ".join(name.removeprefix("stiffness ") for name in c.names)
-            return (
-                f"joint {element} has a stop that the model does not have: a stiffness of {several} "
-                f"{c.units[0]} {where}"
-            )
-        case "missing-drag" if c.element in {b.name for b in mechanism.bodies}:
-            return f"a drag of {shown} {c.units[0]} times the square of its speed acts on {element}"
-        case (
-            "missing-damper" | "missing-friction" | "missing-drag" | "missing-rotor-inertia"
-            | "missing-spring"
-        ):  # fmt: skip
-            noun = {
-                "missing-damper": "viscous damping",
-                "missing-friction": "dry friction",
-                "missing-drag": "drag by the square of the speed",
-                "missing-rotor-inertia": "rotor inertia",
-            }
-            return (
-                f"a {noun.get(c.kind, 'spring stiffness')} of {shown} {c.units[0]} at joint {element} that "
-                "the model does not have"
-            )
-    along = ", ".join(c.names)
-    frame = "the body" if c.kind in ("thrust", "body-torque") else "the world"
-    noun_of = "moment" if c.kind in ("applied-moment", "body-torque") else "force"
-    return (
-        f"a constant {noun_of} of {several} {c.units[0]} along {along} of {frame} acts on {element}"
+    times = f"{shown} times the model's in the run{' (of the other sign)' * (factor < 0.0)}"
+    side = ""
+    if c.touching is not None:
+        above = theta[1] - theta[0] * c.touching[1] < 0.0
+        side = f"{'above' if above else 'below'} {theta[1] / theta[0]:.4g}"
+    return c.words.format(
+        element=f"`{c.element}`",
+        shown=shown,
+        several=f"({shown})" if c.size > 1 else shown,
+        numbers=numbers,
+        base=f"{base[0]:.6g}",
+        bases=f"({bases})" if c.size > 1 else bases,
+        unit=c.units[0],
+        units=c.units,
+        axes=", ".join(c.names),
+        origin=c.origin,
+        more=_more(factor),
+        times="missing in the run" if abs(factor) < SLIPPED else times,
+        acts="does not act in the run:" if abs(factor) < 3.0 * error[0] else "acts with",
+        where=" and ".join(name.removeprefix("stiffness ") for name in c.names),
+        side=side,
     )
-
-
-def remedy(kind: str) -> str:
-    """What to do about a cause of a kind."""
-    if kind.startswith("gravity"):
-        return "Give model and simulator the same gravity"
-    if kind == "actuator-gear":
-        return "Check the gear ratio and the unit of this actuator's logged force"
-    if kind == "actuator-delay":
-        return "Log the force that acted, not the one that was commanded"
-    if kind == "late-rows":
-        return "Write coordinates and speeds of the same instant into one row"
-    if kind == "zero-offset":
-        return "Calibrate the zero of this coordinate, or subtract the offset"
-    if kind in ("velocity-terms", "gyroscopic-terms"):
-        return "Check the terms in products of speeds in the equations of the run, or its frames"
-    if kind == "channel-factor":
-        return "Check this element's parameters in the model, or the unit of its logged force"
-    if kind == "mass-scale" or kind.startswith("body-"):
-        return "Check masses and inertias of the model against those that the simulator used"
-    if kind in ("damping", "stiffness", "armature", "rest-angle"):
-        return "Give the model the value that the simulator used"
-    return "Add it to the model, or log its force"
 
 
 def _more(factor: float) -> str:
@@ -164,11 +65,6 @@ def _more(factor: float) -> str:
     if percent < 1e-4 or factor <= 0.0:
         return ""
     return f": {percent:.3g} % {'larger' if factor > 1.0 else 'smaller'}"
-
-
-def _numbers(c: Candidate, theta: Array, error: Array) -> str:
-    """Values with errors; a mass that moved and a missing force are told by θ, which is their value."""
-    return ", ".join(_number(float(v), float(e)) for v, e in zip(c.base + theta, error))
 
 
 def _number(value: float, error: float) -> str:
@@ -185,10 +81,6 @@ def _digits(value: float, error: float) -> int:
 
 def _error(value: float, error: float) -> str:
     return "" if error <= WORTH_SAYING * abs(value) else f" ± {error:.2g}"
-
-
-def _plain(values: Sequence[float] | Array) -> str:
-    return ", ".join(f"{float(v):.6g}" for v in values)
 
 
 # --- what an explanation holds -------------------------------------------------------------------
@@ -346,16 +238,13 @@ class Explanation(Report, also=("sentence",)):
         found = []
         for c in self.causes:
             equals = self._in_place_of(c)
-            told = "; or ".join(" and ".join(map(str, some)) for some in equals[:SHOWN_EQUALS])
+            same = "; or ".join(" and ".join(map(str, some)) for some in equals[:SHOWN_EQUALS])
             more = f"; or {len(equals) - SHOWN_EQUALS} more" if len(equals) > SHOWN_EQUALS else ""
             others = tuple(dict.fromkeys((x.kind, x.element) for some in equals for x in some))
-            what = f"one of these: {c.sentence}; or {told}{more}" if equals else c.sentence
-            found.append(
-                Finding(
-                    c.kind, what, explains, remedy(c.kind), "cause", c.element, c.values[0], c.errors[0],
-                    others,
-                )
-            )  # fmt: skip
+            what = f"one of these: {c.sentence}; or {same}{more}" if equals else c.sentence
+            numbers = c.values[0], c.errors[0]
+            do = KINDS[c.kind].remedy
+            found.append(Finding(c.kind, what, explains, do, "cause", c.element, *numbers, others))
         return tuple(found)
 
     def _in_place_of(self, cause: Cause) -> list[tuple[Cause, ...]]:

@@ -75,11 +75,11 @@ def recommend(
         state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long it is, s; by default the problem's.
         tolerance: of the largest |ΔC| (Wang's), as a share of the energy exchanged.
-        motion_tolerance: of q and u, each as a share of the range of what has its unit; by default
-            `tolerance`. `math.inf` leaves the motion out, as for chaotic motions over long times.
-        solvers: names to choose from; by default all that suit the model.
-        time_limit: of the search, s. It ends then with the best that was found, and the notes say
-            which solvers were not tried to the end.
+        motion_tolerance: accepted error of q and u, each as a share of the range of what has its unit; by
+            default `tolerance`. `inf` leaves the motion out, as for chaotic motions over long times.
+        solvers: names of the solvers to try; by default all that suit the model.
+        time_limit: seconds that the search may take. It then ends with the best that was found, and the
+            notes say which solvers were not tried to the end.
         progress: called with the fraction done.
         **simulation: `equations`, `controller` and `constraints`, as for `simulate`. For MuJoCo the
             controller is a function, called as controller(model, data) before each step.

@@ -209,7 +209,7 @@ def one_steps(
         if not pieces:
             continue
         # What filters and means do to a loop shows in its constraints.
-        unsteady = max(unsteady, *(model.violation(rows) for rows, _ in pieces))
+        unsteady = max(unsteady, *map(model.violation, pieces))
         log = StretchesOfLog(run, pieces, late, unsteady)
         of_model.setdefault(model.functions, []).append((place, model, log))
     for several in of_model.values():
@@ -235,5 +235,5 @@ def _tested(
 
     mechanism = model.mechanism
     speeds = tuple(mechanism.speeds[int(k)].name for k in mechanism.free.u)
-    rows = sum(len(r.t) for r, _ in log.stretches)
+    rows = sum(len(r.t) for r in log.stretches)
     return OneStep(scheme, speeds, rows, off, steps, found, by_scheme)

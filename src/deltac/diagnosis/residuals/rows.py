@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -98,7 +98,7 @@ class Model:
         self._rates = [
             (free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u
         ]
-        self._quaternions = [
+        self.quaternions = [
             (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
         ]
 
@@ -167,7 +167,7 @@ class Model:
         made = np.array(q)
         for i, j in self._rates:
             made[:, i] += h[:, 0] * u[:, j]
-        for i, j in self._quaternions:
+        for i, j in self.quaternions:
             turn = h * u[:, j : j + 3]
             angle = np.linalg.norm(turn, axis=1, keepdims=True)
             half = 0.5 * np.sinc(angle / (2.0 * np.pi))
@@ -226,8 +226,15 @@ class Rows:
         return Rows(self.t, moved(self.q, size.q), moved(self.u, size.u), moved(self.F, size.F))
 
 
-def rows_of(model: Model, run: Trajectory) -> list[tuple[Rows, Rows]]:
-    """Stretches of a log, as many as the work allows, each with the scatter of its numbers."""
+@dataclass(frozen=True, eq=False)
+class Stretch(Rows):
+    """Consecutive rows of a log, with the `scatter` of their numbers."""
+
+    scatter: Rows
+
+
+def rows_of(model: Model, run: Trajectory) -> list[Stretch]:
+    """Stretches of a log, as many as the work allows."""
     free = model.mechanism.free
     digits, forces = digits_of(run), model.log.values(run)
     found = []
@@ -238,10 +245,8 @@ def rows_of(model: Model, run: Trajectory) -> list[tuple[Rows, Rows]]:
         q, u = run.q[here][:, free.q], run.u[here][:, free.u]
         of_q = digits["q"].scatter(here)[:, free.q]
         of_u = digits["u"].scatter(here)[:, free.u]
-        found.append((
-            Rows(run.t[here], q, u, np.concatenate(nothing + F, axis=1)),
-            Rows(run.t[here], of_q, of_u, np.concatenate(nothing + of_F, axis=1)),
-        ))  # fmt: skip
+        scatter = Rows(run.t[here], of_q, of_u, np.concatenate(nothing + of_F, axis=1))
+        found.append(Stretch(run.t[here], q, u, np.concatenate(nothing + F, axis=1), scatter))
     return found
 
 
@@ -286,13 +291,13 @@ class StretchesOfLog:
     """A log as the test sees it.
 
     run        the log
-    stretches  of its rows, each with the scatter of its numbers
+    stretches  of its rows
     late       rows by which q is ahead of u: it tells explicit from semi-implicit Euler
     unsteady   share of the movement that no relation of q and u explains
     """
 
     run: Trajectory
-    stretches: Sequence[tuple[Rows, Rows]]
+    stretches: Sequence[Stretch]
     late: float
     unsteady: float
 
@@ -351,11 +356,6 @@ def trimmed(values: Array) -> Array:
         return np.zeros(values.shape[1])
     squares = np.sort(values**2, axis=0)
     return np.asarray(np.sqrt(np.mean(squares[: max(1, int(0.9 * len(squares)))], axis=0)))
-
-
-def sum_of(arrays: Iterable[Array]) -> Array:
-    """The sum of arrays."""
-    return np.asarray(np.sum(list(arrays), axis=0))
 
 
 def rms(values: Array) -> Array:

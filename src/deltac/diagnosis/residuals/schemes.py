@@ -11,8 +11,8 @@ the log names the integrator.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property, partial
 from typing import Any, TypeAlias
 
@@ -24,6 +24,7 @@ from deltac.diagnosis.measurements.digits import medians
 from deltac.diagnosis.residuals.rows import (
     Model,
     Rows,
+    Stretch,
     StretchesOfLog,
     mass_norm,
     mean_over_steps,
@@ -84,42 +85,64 @@ class Scheme:
         return self.typical <= ROUNDING
 
     @property
+    def explicit(self) -> bool:
+        """Whether the force of a row moves the state from there on."""
+        return bool(self.name) and METHODS[self.name].explicit
+
+    @property
     def late_forces(self) -> bool:
         """Whether forces beside the new state moved it there by an explicit scheme: they are one row late."""
-        return self.forces == "end" and self.name in EXPLICIT
+        return self.forces == "end" and self.explicit
 
 
-ON_THE_GROUP = "-on-the-group"
-"""Ends the names of methods whose stages turn bodies along their angular velocities."""
-
-ORDERS = {
-    "explicit-euler": 1, "semi-implicit-euler": 1, "euler": 1, "implicit-euler": 1,
-    "implicit-damping-euler": 1, "linearly-implicit-euler": 1, "semi-implicit-euler-vu": 1,
-    "implicit-speed-euler": 1, "verlet": 2,
-    "explicit-midpoint": 2, "heun": 2, "trapezoidal": 2, "implicit-midpoint": 2, "generalized-alpha": 2,
-    "adams-bashforth-2": 2,
-    "rk3": 3, "bs3": 3, "rk4": 4, "dopri5": 5, "rk4-on-the-group": 4, "heun-on-the-group": 2,
-    "explicit-midpoint-on-the-group": 2,
-}  # fmt: skip
+Tableau: TypeAlias = "tuple[Sequence[Sequence[float]], Sequence[float]]"
 
 
-OF_SEVERAL_STEPS = ("adams-bashforth-2", "generalized-alpha", "trapezoidal")
-"""Methods that carry something over from the step before; Newmark's is a trapezoidal rule."""
+@dataclass(frozen=True)
+class Method:
+    """An integrator of the dictionary.
 
-EXPLICIT = (
-    "explicit-euler", "semi-implicit-euler", "euler", "implicit-damping-euler", "linearly-implicit-euler",
-    "explicit-midpoint", "heun", "rk3", "bs3", "rk4", "dopri5",
-    "rk4-on-the-group", "heun-on-the-group", "explicit-midpoint-on-the-group",
-)  # fmt: skip
+    order     of its error
+    at        whether t, q and u of its equation are of the end of a step, where each is of one instant
+    at_end    elements, "damper" or "spring", whose forces it takes from the end of a step
+    explicit  whether a row's force moves the state from there on
+    carries   whether it carries something over from the step before; Newmark's is a trapezoidal rule
+    tableau   rows of a and weights b of an explicit Runge–Kutta method
+    on_group  whether its stages turn bodies along their angular velocities
+    """
+
+    order: int
+    at: tuple[int, int, int] | None = None
+    at_end: tuple[str, ...] = ()
+    explicit: bool = False
+    carries: bool = False
+    tableau: Tableau | None = None
+    on_group: bool = False
 
 
-TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
-    "explicit-midpoint": (((0.5,),), (0.0, 1.0)),
-    "heun": (((1.0,),), (0.5, 0.5)),
-    "rk3": (((0.5,), (-1.0, 2.0)), (1 / 6, 4 / 6, 1 / 6)),
-    "bs3": (((0.5,), (0.0, 0.75)), (2 / 9, 3 / 9, 4 / 9)),
-    "rk4": (((0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 2 / 6, 2 / 6, 1 / 6)),
-    "dopri5": (
+def _explicit(order: int, *tableau: Any) -> Method:
+    return Method(order, explicit=True, tableau=tableau)
+
+
+METHODS = {
+    "explicit-euler": Method(1, explicit=True),
+    "semi-implicit-euler": Method(1, explicit=True),
+    "euler": Method(1, (0, 0, 0), explicit=True),
+    "implicit-damping-euler": Method(1, (0, 0, 0), ("damper",), explicit=True),
+    "linearly-implicit-euler": Method(1, (0, 0, 0), ("damper",), explicit=True),
+    "implicit-euler": Method(1, (1, 1, 1), ("damper", "spring")),
+    "semi-implicit-euler-vu": Method(1, (0, 1, 0), ("spring",)),
+    "implicit-speed-euler": Method(1, (1, 0, 1), ("damper",)),
+    "trapezoidal": Method(2, carries=True),
+    "implicit-midpoint": Method(2),
+    "verlet": Method(2),
+    "explicit-midpoint": _explicit(2, ((0.5,),), (0.0, 1.0)),
+    "heun": _explicit(2, ((1.0,),), (0.5, 0.5)),
+    "rk3": _explicit(3, ((0.5,), (-1.0, 2.0)), (1 / 6, 4 / 6, 1 / 6)),
+    "bs3": _explicit(3, ((0.5,), (0.0, 0.75)), (2 / 9, 3 / 9, 4 / 9)),
+    "rk4": _explicit(4, ((0.5,), (0.0, 0.5), (0.0, 0.0, 1.0)), (1 / 6, 2 / 6, 2 / 6, 1 / 6)),
+    "dopri5": _explicit(
+        5,
         (
             (1 / 5,),
             (3 / 40, 9 / 40),
@@ -129,8 +152,15 @@ TABLEAUS: Mapping[str, tuple[Sequence[Sequence[float]], Sequence[float]]] = {
         ),
         (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
     ),
+    "adams-bashforth-2": Method(2, carries=True),
+    "generalized-alpha": Method(2, carries=True),
 }
-"""Explicit Runge–Kutta methods: rows of a, weights b (Hairer, Nørsett, Wanner 1993, section II)."""
+"""The integrators that are known; tableaus from Hairer, Nørsett and Wanner 1993, section II."""
+
+METHODS |= {
+    f"{name}-on-the-group": replace(METHODS[name], on_group=True)
+    for name in ("rk4", "heun", "explicit-midpoint")
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,11 +184,6 @@ class Relation:
     def a(self) -> Array:
         """Mean accelerations (I, n)."""
         return self.find()
-
-    @property
-    def mark(self) -> str:
-        """The forces, as a mark of its name."""
-        return "" if self.forces == "start" else f"@{self.forces}"
 
     def of(self, some: slice) -> Relation:
         """Its part for some of the steps."""
@@ -276,16 +301,9 @@ def _offs(D: Array, N: Array, relations: Sequence[Relation]) -> Array:
     return np.sqrt(np.maximum(energy, 0.0))
 
 
-INSTANTS = {
-    "euler": (0, 0, 0), "implicit-damping-euler": (0, 0, 0), "linearly-implicit-euler": (0, 0, 0),
-    "implicit-euler": (1, 1, 1), "semi-implicit-euler-vu": (0, 1, 0), "implicit-speed-euler": (1, 0, 1),
-}  # fmt: skip
-"""Whether t, q and u of Euler's methods are of the end of a step; of all others the middle is taken."""
-
-
 def _single(log: StretchesOfLog) -> list[NDArray[np.bool_]]:
     """Which intervals of each stretch are single steps: of the shortest length that many have, or all."""
-    lengths = [rows.h[:, 0] for rows, _ in log.stretches]
+    lengths = [rows.h[:, 0] for rows in log.stretches]
     h = np.sort(np.concatenate(lengths))
     same = SAME_LENGTH * h[0]
     many = h[SINGLE - 1 :] - h[: max(len(h) - SINGLE + 1, 0)] < same
@@ -308,121 +326,115 @@ def _steps_looked_at(own: NDArray[np.bool_]) -> NDArray[np.intp]:
 def _relations(chosen: Chosen) -> list[Relation]:
     """Every integrator of the dictionary at some steps."""
     model, start, end = chosen.model, chosen.rows(0), chosen.rows(1)
-    t0, q0, u0, F0 = start.t, start.q, start.u, start.F
-    t1, q1, u1, F1 = end.t, end.q, end.u, end.F
-    h0 = (t1 - t0)[:, None]
-    held, even = Chosen.alike(*chosen.parts[0])
-    mean = 0.5 * (F0 + F1)
+    h = (end.t - start.t)[:, None]
+    changing, even = Chosen.alike(*chosen.parts[0])
+    F = {"start": start.F, "end": end.F, "smooth": 0.5 * (start.F + end.F)}
     found = list[Relation]()
 
     @cache
     def middle() -> tuple[Array, Array, Array]:
-        half_u = 0.5 * (u0 + u1)
-        return 0.5 * (t0 + t1), model.moved(q0, half_u, 0.5 * h0), half_u
+        u = 0.5 * (start.u + end.u)
+        return 0.5 * (start.t + end.t), model.moved(start.q, u, 0.5 * h), u
 
-    def smooth(c: float) -> Array:
-        if not held:
-            return F0
-        return np.concatenate([r.smooth_F(r.t[k] + c * np.diff(r.t)[k]) for r, k in chosen.parts])
+    def instant(at: tuple[int, int, int]) -> tuple[Array, Array, Array]:
+        t, q, u = ((start, end)[k] for k in at)
+        return t.t, q.q, u.u
 
-    def offer(marked: str, find: Callable[[], Array]) -> None:
-        name, _, forces = marked.partition("@")
-        F = {"": F0, "end": F1, "smooth": mean}[forces]
-
+    def offer(name: str, forces: str, find: Callable[..., Array], *given: Any, **more: Any) -> None:
         def locate() -> Rows:
-            if name not in INSTANTS:
-                return Rows(*middle(), F)
-            at_t, at_q, at_u = INSTANTS[name]
-            return Rows((t0, t1)[at_t], (q0, q1)[at_q], (u0, u1)[at_u], F)
+            at = METHODS[name].at if name != ACCURATE else None
+            return Rows(*(middle() if at is None else instant(at)), F[forces])
 
-        found.append(Relation(name, forces or "start", locate, find))
+        found.append(Relation(name, forces, locate, partial(find, *given, **more)))
+
+    @cache
+    def at(instants: tuple[int, int, int], forces: str) -> Array:
+        """Accelerations with t, q and u of the start (0) or the end (1) of a step."""
+        if instants == (0, 0, 0) and (forces == "start" or not changing):
+            return chosen.acceleration(0)
+        if instants == (1, 1, 1) and (forces == "end" or not changing):
+            return chosen.acceleration(1)
+        return model.acceleration(*instant(instants), F[forces])
+
+    def here(forces: str) -> Array:
+        return at((0, 0, 0), forces)
+
+    def damped(forces: str) -> Array:
+        before, after = (model.damping(start.t, start.q, u, F[forces]) for u in (start.u, end.u))
+        return here(forces) + model.response(start.t, start.q, after - before)
+
+    def linear(forces: str) -> Array:
+        step, along = 1e-4, end.u - start.u
+        ahead, back = (
+            model.acceleration(start.t, start.q, start.u + s * step * along, F[forces])
+            for s in (1.0, -1.0)
+        )
+        return here(forces) + (ahead - back) / (2.0 * step)
+
+    def trapezoidal(first: str, last: str) -> Array:
+        return np.asarray(0.5 * (here(first) + at((1, 1, 1), last)))
+
+    def carried() -> Array:
+        before = model.acceleration(start.t, start.q, start.u, chosen.rows(-1).F)
+        return np.asarray(0.5 * (before + at((1, 1, 1), "start")))
+
+    def at_middle(forces: Array) -> Array:
+        return model.acceleration(*middle(), forces)
+
+    def verlet(first: str, last: str) -> Array:
+        half = start.u + 0.5 * h * here(first)
+        return np.asarray(0.5 * (here(first) + model.acceleration(end.t, end.q, half, F[last])))
 
     @cache
     def rate() -> Array:
-        return model.rate(t0, q0, u0)
+        return model.rate(start.t, start.q, start.u)
 
-    def a00() -> Array:
-        return chosen.acceleration(0)
+    def held(forces: str, c: float) -> Array:
+        return F[forces]
 
-    def a11() -> Array:
-        return chosen.acceleration(1)
-
-    def offer_held(mark: str, F: Array) -> None:
-        """Those that hold their forces over a step."""
-
-        @cache
-        def a() -> Array:
-            return a00() if mark == "" else model.acceleration(t0, q0, u0, F)
-
-        offer("euler" + mark, a)
-
-        def damped() -> Array:
-            change = model.damping(t0, q0, u1, F) - model.damping(t0, q0, u0, F)
-            return a() + model.response(t0, q0, change)
-
-        if model.damped:
-            offer("implicit-damping-euler" + mark, damped)
-
-        def linear() -> Array:
-            step, along = 1e-4, u1 - u0
-            ahead, back = (
-                model.acceleration(t0, q0, u0 + s * step * along, F) for s in (1.0, -1.0)
-            )
-            return a() + (ahead - back) / (2.0 * step)
-
-        @cache
-        def a_end() -> Array:
-            return a11() if mark == "" and not held else model.acceleration(t1, q1, u1, F)
-
-        offer("linearly-implicit-euler" + mark, linear)
-        offer("implicit-euler" + mark, a_end)
-        offer("semi-implicit-euler-vu" + mark, lambda: model.acceleration(t0, q1, u0, F))
-        offer("implicit-speed-euler" + mark, lambda: model.acceleration(t1, q0, u1, F))
-        offer("trapezoidal" + mark, lambda: 0.5 * (a() + a_end()))
-        offer("implicit-midpoint" + mark, lambda: model.acceleration(*middle(), F))
-        offer(
-            "verlet" + mark,
-            lambda: 0.5 * (a() + model.acceleration(t1, q1, u0 + 0.5 * h0 * a(), F)),
-        )
-        for name in TABLEAUS:
-            made = partial(_runge_kutta, model, name, t0, q0, u0, partial(_held, F), h0)
-            offer(name + mark, partial(made, first=lambda: (rate(), a())))
-
-    offer_held("", F0)
-    if held:  # or forces that change within a step
-        offer_held("@end", F1)
-        offer("trapezoidal@smooth", lambda: 0.5 * (a00() + a11()))
-        for F in (mean, smooth(0.5)):  # interpolated linearly, or of time
-            offer("implicit-midpoint@smooth", partial(_at_middle, model, middle, F))
-
-        def carried() -> Array:
-            before = model.acceleration(t0, q0, u0, chosen.rows(-1).F)
-            return 0.5 * (before + model.acceleration(t1, q1, u1, F0))
-
-        # Newmark's method carries its acceleration over, with the force of the step before.
-        offer("trapezoidal", carried)
-        offer(
-            "verlet@smooth",
-            lambda: 0.5 * (a00() + model.acceleration(t1, q1, u0 + 0.5 * h0 * a00(), F1)),
-        )
-        for name in TABLEAUS:
-            made = partial(_runge_kutta, model, name, t0, q0, u0, h=h0)
-            offer(name + "@smooth", partial(made, force=smooth))
-            # or written one row late
-            offer(name + "@end", partial(made, force=lambda c: smooth(1.0 + c)))
-    if model._quaternions:
-        for name in ("rk4", "heun", "explicit-midpoint"):
-            turned = partial(_runge_kutta, model, name, t0, q0, u0, h=h0, on_group=True)
-            offer(f"{name}{ON_THE_GROUP}", partial(turned, force=partial(_held, F0)))
-            if held:
-                offer(f"{name}{ON_THE_GROUP}@smooth", partial(turned, force=smooth))
+    def smooth(c: float) -> Array:
+        if not changing:
+            return start.F
+        return np.concatenate([r.smooth_F(r.t[k] + c * np.diff(r.t)[k]) for r, k in chosen.parts])
 
     def accurate() -> Array:
         return np.concatenate([mean_over_steps(r.t, model.at(r), 5)[k] for r, k in chosen.parts])
 
+    explicit = [name for name, m in METHODS.items() if m.tableau and not m.on_group]
+    for forces in ("start", "end") if changing else ("start",):
+        offer("euler", forces, here, forces)
+        if model.damped:
+            offer("implicit-damping-euler", forces, damped, forces)
+        offer("linearly-implicit-euler", forces, linear, forces)
+        for name in ("implicit-euler", "semi-implicit-euler-vu", "implicit-speed-euler"):
+            offer(name, forces, at, METHODS[name].at, forces)
+        offer("trapezoidal", forces, trapezoidal, forces, forces)
+        offer("implicit-midpoint", forces, at_middle, F[forces])
+        offer("verlet", forces, verlet, forces, forces)
+        for name in explicit:
+            made = partial(_runge_kutta, model, METHODS[name], start, h, partial(held, forces))
+            offer(name, forces, made, lambda forces=forces: (rate(), here(forces)))
+    if changing:  # or forces that change within a step
+        offer("trapezoidal", "smooth", trapezoidal, "start", "end")
+        for within in (F["smooth"], smooth(0.5)):  # interpolated linearly, or of time
+            offer("implicit-midpoint", "smooth", at_middle, within)
+        # Newmark's method carries its acceleration over, with the force of the step before.
+        offer("trapezoidal", "start", carried)
+        offer("verlet", "smooth", verlet, "start", "end")
+        for name in explicit:
+            made = partial(_runge_kutta, model, METHODS[name], start, h)
+            offer(name, "smooth", made, smooth)
+            offer(name, "end", made, lambda c: smooth(1.0 + c))  # or written one row late
+    if model.quaternions:
+        for name, method in METHODS.items():
+            if method.on_group:
+                made = partial(_runge_kutta, model, method, start, h)
+                offer(name, "start", made, partial(held, "start"))
+                if changing:
+                    offer(name, "smooth", made, smooth)
     if even:
         found += _two_step_relations(chosen)
-    offer(f"{ACCURATE}@smooth" if held else ACCURATE, accurate)
+    offer(ACCURATE, "smooth" if changing else "start", accurate)
     return found
 
 
@@ -498,33 +510,33 @@ def identify(model: Model, logs: Sequence[StretchesOfLog]) -> list[Identified]:
     What is left is a share of the accelerations.
     """
     found: list[Identified] = [(None, 1.0, None, _nothing)] * len(logs)
-    alike: dict[Any, list[tuple[int, Rows, Rows, NDArray[np.intp]]]] = {}
+    alike: dict[Any, list[tuple[int, Stretch, NDArray[np.intp]]]] = {}
     for place, log in enumerate(logs):
-        (whole, size), own_steps = max(zip(log.stretches, _single(log)), key=lambda x: len(x[1]))
+        whole, own_steps = max(zip(log.stretches, _single(log)), key=lambda x: len(x[1]))
         k = _steps_looked_at(own_steps)
         if len(k):
-            alike.setdefault(Chosen.alike(whole, k), []).append((place, whole, size, k))
+            alike.setdefault(Chosen.alike(whole, k), []).append((place, whole, k))
     at_once = SIDE_BY_SIDE // IDENTIFYING
     for same in alike.values():
         for several in (same[i : i + at_once] for i in range(0, len(same), at_once)):
-            chosen = Chosen(model, [(whole, k) for _, whole, _, k in several])
+            chosen = Chosen(model, [(whole, k) for _, whole, k in several])
             relations = _relations(chosen)
-            few = _relations(Chosen(model, [(whole, k[::EVERY]) for _, whole, _, k in several]))
+            few = _relations(Chosen(model, [(whole, k[::EVERY]) for _, whole, k in several]))
             if [(r.name, r.forces) for r in few] != [(r.name, r.forces) for r in relations]:
                 few = []  # other ones are offered where no force changes
             here, a00, D = chosen.rows(0), chosen.acceleration(0), chosen.D()
             N = model.inertia(here.t, here.q)
             # Digits of u in D, and of q and u in a: by moving them.
             other = [
-                whole.taken(k).shaken(size.taken(k), np.random.default_rng(3))
-                for _, whole, size, k in several
+                whole.taken(k).shaken(whole.scatter.taken(k), np.random.default_rng(3))
+                for _, whole, k in several
             ]
             shaken = model.at(Rows.joined(other)) - a00
-            fine = [size.u[k] / whole.h[k] for _, whole, size, k in several]
+            fine = [whole.scatter.u[k] / whole.h[k] for _, whole, k in several]
             digits_of = mass_norm(N, np.concatenate(fine)) + mass_norm(N, shaken)
             of_a, of_D = mass_norm(N, a00), mass_norm(N, D)
             last = last_few = 0
-            for place, whole, _, k in several:
+            for place, whole, k in several:
                 some = slice(last, last := last + len(k))
                 a = [chosen.acceleration(j)[some] for j in (0, 1, 2)]
                 typical = float(medians(of_a[some]) + medians(of_D[some])) + 1e-300
@@ -566,7 +578,7 @@ def _identified(
         if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < left.min():
             return None, min(best, two_step.left), steps, _nothing
         name = steps.named(half)  # it closes but for what happens now and then
-        found = Scheme(name, ORDERS[name], best, digits, half.forces, typical_left)
+        found = Scheme(name, METHODS[name].order, best, digits, half.forces, typical_left)
         by = _left_by(steps.model, log, places[int(np.argmin(left))], half, PROVES * typical)
         return found, min(best, two_step.left), steps, by if found.exact else _nothing
     # Methods of one order that are the same for these equations are no rivals: the simplest one is named.
@@ -578,9 +590,9 @@ def _identified(
     alike = {r.name for r in same}
     rivals = [x for x, k in ranked if relations[k].name not in alike]
     unique = not rivals or rivals[0] > DISTINCT * max(best, 1e-13)
-    unique &= len({ORDERS[steps.named(r)] for r in same}) == 1
+    unique &= len({METHODS[steps.named(r)].order for r in same}) == 1
     base = steps.named(chosen)
-    name, order = (base, ORDERS[base]) if unique else ("", 0)
+    name, order = (base, METHODS[base].order) if unique else ("", 0)
     place = next(k for k, r in enumerate(relations) if r is chosen)
     typical_left = float(medians(own[place])) / typical
     near = (relations[k] for x, k in ranked if x <= max(DISTINCT * max(best, 1e-13), limit))
@@ -597,16 +609,16 @@ def _left_by(
 
     @cache
     def left() -> Left | None:
-        several = relation.name in OF_SEVERAL_STEPS
+        several = METHODS[relation.name].carries
         t, forces, allowed, work = list[Array](), list[Array](), list[Array](), 0.0
-        for (rows, _), own in zip(log.stretches, _single(log)):
+        for rows, own in zip(log.stretches, _single(log)):
             k = np.flatnonzero(own)
             if several:
                 k = k[(k >= STARTING) & own[k - 1]]
             chosen = Chosen(model, [(rows, k)])
             offered = _relations(chosen) if len(k) else []
             # Others are offered where no force changes: then all of one name are the same.
-            there = [r for r in offered[place : place + 1] if r.mark == relation.mark]
+            there = [r for r in offered[place : place + 1] if r.forces == relation.forces]
             same = [r for r in (*there, *offered) if r.name == relation.name]
             if not same:
                 continue
@@ -632,52 +644,38 @@ def _nearly_all(values: Array) -> Array:
     return np.asarray(np.quantile(values, NEARLY_ALL, axis=0))
 
 
-def _held(F: Array, c: float) -> Array:
-    """Forces that do not change within a step."""
-    return F
-
-
-def _at_middle(model: Model, middle: Callable[[], tuple[Array, Array, Array]], F: Array) -> Array:
-    return model.acceleration(*middle(), F)
-
-
 def _runge_kutta(
     model: Model,
-    name: str,
-    t: Array,
-    q: Array,
-    u: Array,
-    force: Callable[[float], Array],
+    method: Method,
+    start: Rows,
     h: Array,
-    *,
+    force: Callable[[float], Array],
     first: Callable[[], tuple[Array, Array]] | None = None,
-    on_group: bool = False,
 ) -> Array:
     """Mean acceleration of a step of an explicit Runge–Kutta method; `force` at a fraction of the step.
 
     `first`: q̇ and u̇ of the first stage, where they are known.
     """
-    rows, b = TABLEAUS[name]
-    slopes_u: list[Array] = []
-    slopes_q: list[Array] = []
-    velocities: list[Array] = []
-    x, v, c = q, u, 0.0
+    assert method.tableau is not None
+    rows, b = method.tableau
+    slopes_u, slopes_q, velocities = list[Array](), list[Array](), list[Array]()
+    q, u, c = start.q, start.u, 0.0
     for s in range(len(b)):
         if s:
             weights = rows[s - 1]
             c = float(sum(weights))
-            v = u + h * _weighted(weights, slopes_u)
-            if on_group:
-                x = model.moved(q, _weighted(weights, velocities), h)
+            u = start.u + h * _weighted(weights, slopes_u)
+            if method.on_group:
+                q = model.moved(start.q, _weighted(weights, velocities), h)
             else:
-                x = q + h * _weighted(weights, slopes_q)
-        now = t + c * h[:, 0]
+                q = start.q + h * _weighted(weights, slopes_q)
         if s == 0 and first is not None:
             rate, slope = first()
         else:
-            rate, slope = model.rate(now, x, v), model.acceleration(now, x, v, force(c))
+            now = start.t + c * h[:, 0]
+            rate, slope = model.rate(now, q, u), model.acceleration(now, q, u, force(c))
         slopes_q.append(rate)
-        velocities.append(v)
+        velocities.append(u)
         slopes_u.append(slope)
     return _weighted(b, slopes_u)
 

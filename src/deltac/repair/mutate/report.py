@@ -183,17 +183,20 @@ def mutate_equations(
         model: a Mechanism, a Problem or a problem's name, a model file.
         rhs: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
         coordinates: the function's own coordinates, as for `check_equations`.
-        names: how many other names to try in place of each use of a name.
-        seed: of the states and of the names drawn.
+        names: number of other names to try in place of each use of a name.
+        seed: random seed, of the states and of the names drawn.
         tests: a command that runs your own tests, such as ``"pytest tests/"``; it is run on some of the
             mutants, in a copy of the project.
-        most: on how many mutants at most.
+        most: with `tests`, the number of mutants at most.
         progress: called with the fraction done.
 
     Raises:
         InputError: no source, or one that is not understood, as for `repair_equations`; tests that fail on
             the function as it is, or do not load it.
     """
+    for name, value, least in (("names", names, 0), ("most", most, 1)):
+        if value < least:
+            raise InputError(f"{name} is {value}; expected {least} or more")
     found = load_model(model)
     if coordinates is None and isinstance(rhs, Equations):
         chosen = rhs.coordinates

@@ -44,10 +44,19 @@ def viewed(
 ) -> tuple[Mechanism, Trajectory, Ledger]:
     """A model, and its motion with its energies: as logged, else simulated from the model's start.
 
-    A problem says itself how long it moves and how it is integrated. Other models move from their start, or
-    from zero and at rest, for 5 s.
+    Models that say nothing of their motion move from their start, or from zero and at rest, for 5 s.
 
-    Raises InputError as `load_model`, `simulate` and `audit`.
+    Args:
+        model: what every verb takes.
+        log: of its motion.
+        state: where the motion starts.
+        duration: s.
+        step: step (s). [default: the problem's, else 0.001]
+        solver: name of the solver. [default: the problem's, else ode5]
+        mapping: of the log's columns, as for `audit`.
+
+    Raises:
+        InputError: as `load_model`, `simulate` and `audit`.
     """
     loaded = load_model(model)
     mechanism, problem = loaded.mechanism, loaded.problem

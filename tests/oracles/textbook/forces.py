@@ -13,9 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from deltac.dynamics.textbook import contact
-from deltac.dynamics.textbook.kinematics import Array
-from deltac.dynamics.textbook.situation import ChannelForce, Situation, between
 from deltac.errors import ModelError
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.forces import (
@@ -30,6 +27,9 @@ from deltac.mechanism.forces import (
 from deltac.mechanism.friction import JointFriction, PointFriction
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import evaluate, rate
+from tests.oracles.textbook import contact
+from tests.oracles.textbook.kinematics import Array
+from tests.oracles.textbook.situation import ChannelForce, Situation, between
 
 
 def channel_forces(now: Situation) -> tuple[ChannelForce, ...]:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from deltac.dynamics.textbook.kinematics import Array, Tree, numbers
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
+from tests.oracles.textbook.kinematics import Array, Tree, numbers
 
 
 @dataclass(frozen=True)

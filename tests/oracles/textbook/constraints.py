@@ -2,7 +2,7 @@
 
 Each kind is written twice, as one draws it on paper: where things are, f(x, t), and how fast they move,
 ψ = J v + f_t (or A v + b at motion constraints), with velocities and ω × d instead of derivatives. What
-follows from them is in `deltac.dynamics.textbook.constrained`. Laws must be smooth.
+follows from them is in `tests.oracles.textbook.constrained`. Laws must be smooth.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from deltac.dynamics.textbook.kinematics import Array, Frame, coordinate_rates, skew
 from deltac.mechanism.constraints import (
     Angle,
     Distance,
@@ -28,6 +27,7 @@ from deltac.mechanism.constraints import (
 )
 from deltac.mechanism.laws import rate
 from deltac.mechanism.mechanism import Mechanism
+from tests.oracles.textbook.kinematics import Array, Frame, coordinate_rates, skew
 
 
 @dataclass(frozen=True, eq=False)

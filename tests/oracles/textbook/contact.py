@@ -10,12 +10,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.dynamics.textbook.kinematics import Array, numbers
-from deltac.dynamics.textbook.situation import ChannelForce, Situation, between
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import FrictionLaw, JointFriction, PointFriction
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere
+from tests.oracles.textbook.kinematics import Array, numbers
+from tests.oracles.textbook.situation import ChannelForce, Situation, between
 
 Touch: TypeAlias = tuple[float, Array, Array]
 """Gap, unit normal from the second shape to the first, and the place halfway between the surfaces."""

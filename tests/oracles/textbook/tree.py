@@ -25,8 +25,10 @@ from functools import cached_property
 
 import numpy as np
 
-from deltac.dynamics.textbook.forces import channel_forces
-from deltac.dynamics.textbook.kinematics import (
+from deltac.errors import ModelError
+from deltac.mechanism.mechanism import Mechanism
+from tests.oracles.textbook.forces import channel_forces
+from tests.oracles.textbook.kinematics import (
     Array,
     Tree,
     along,
@@ -36,9 +38,7 @@ from deltac.dynamics.textbook.kinematics import (
     prescribed,
     tree,
 )
-from deltac.dynamics.textbook.situation import ChannelForce, Situation
-from deltac.errors import ModelError
-from deltac.mechanism.mechanism import Mechanism
+from tests.oracles.textbook.situation import ChannelForce, Situation
 
 
 @dataclass(frozen=True, eq=False)

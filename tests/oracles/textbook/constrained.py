@@ -8,7 +8,7 @@
 
 The complement R is taken from a singular value decomposition: another route to u̇ and λ than the
 factorised multiplier equations of `deltac.dynamics.kkt`, which are tested against it. After the thesis
-(see `deltac.dynamics.textbook.tree`) and Wang, Huston, *Kane's equations with undetermined multipliers*,
+(see `tests.oracles.textbook.tree`) and Wang, Huston, *Kane's equations with undetermined multipliers*,
 1987.
 """
 
@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 
-from deltac.dynamics.textbook.constraints import KINDS, Scene
-from deltac.dynamics.textbook.kinematics import Array, Frame, along, numbers, prescribed, skew, tree
-from deltac.dynamics.textbook.tree import Textbook
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
+from tests.oracles.textbook.constraints import KINDS, Scene
+from tests.oracles.textbook.kinematics import Array, Frame, along, numbers, prescribed, skew, tree
+from tests.oracles.textbook.tree import Textbook
 
 
 @dataclass(frozen=True, eq=False)

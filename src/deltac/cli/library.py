@@ -1,0 +1,220 @@
+"""Commands about what deltac brings: the problem library, the thesis's study, the cache of compiled code."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from deltac.cli.options import Form, Json, PageFile
+from deltac.cli.output import COMMAND, deliver, print_json, print_sections, progress_bar
+from deltac.results import Table, number, plain
+
+if TYPE_CHECKING:
+    from deltac.problems import Problem
+
+RUNS = 0.85
+"""The share of the runs in the time that `reproduce` takes; the rest is drawing."""
+
+
+def problems(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NAME", show_default=False, help="A problem's name. Without it, all are listed."
+        ),
+    ] = None,
+    given: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="OPTION=VALUE", help="Choose a variant, as in --set n=40."),
+    ] = None,
+    gallery: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Write an animated page of every problem, and index.html."
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the problem library, or run the problem NAME and compare it with its references.
+
+    Exit code 1 if a reference number is not met.
+    """
+    from deltac import problems as library
+
+    if gallery is not None:
+        from deltac.report.page.motion import write_gallery
+
+        with progress_bar("writing the gallery") as progress:
+            failed = list(write_gallery(gallery, progress))
+        for reason in failed:
+            print(f"left out: {reason}")
+        print(f"gallery: {gallery / 'index.html'}")
+    elif name is None:
+        _list([library.load(known) for known in library.names()], as_json)
+    else:
+        _compared(library.load(name, **_options(given or [])), as_json)
+
+
+def _options(given: list[str]) -> dict[str, Any]:
+    """Options of a problem: numbers, true and false, else text."""
+    from deltac.errors import InputError
+
+    found: dict[str, Any] = {}
+    for text in given:
+        key, equals, value = text.partition("=")
+        if not (key and equals):
+            raise InputError(f"--set {text!r}: expected OPTION=VALUE, for example --set n=40")
+        try:
+            read = json.loads(value.lower())
+        except ValueError:
+            read = None
+        found[key] = read if isinstance(read, int | float) else value
+    return found
+
+
+def _list(library: list[Problem], as_json: bool) -> None:
+    if as_json:
+        print_json("Problems", {"problems": [_description(problem) for problem in library]})
+        return
+    rows = (
+        (p.name, p.title, str(p.freedom), ", ".join(p.conserved) or "–", str(len(p.reference)))
+        for p in library
+    )
+    print_sections([Table(("name", "what", "dof", "conserved", "refs"), tuple(rows))])
+
+
+def _description(problem: Problem) -> dict[str, Any]:
+    return {
+        "name": problem.name,
+        "title": problem.title,
+        "dof": problem.freedom,
+        "conserved": list(problem.conserved),
+        "source": problem.source,
+        "reference": [
+            {name: getattr(r, name) for name in ("quantity", "value", "unit", "kind", "accuracy")}
+            for r in problem.reference
+        ],
+    }
+
+
+def _compared(problem: Problem, as_json: bool) -> None:
+    """Print a problem's references beside what a run gives; the command ends with it."""
+    from deltac.analysis.classify import classify
+    from deltac.studies.references import compare
+
+    found, kind = compare(problem), classify(problem).kind
+    if as_json:
+        description = _description(problem)
+        for entry, row in zip(description["reference"], found, strict=True):
+            entry |= {"measured": row.value, "tolerance": row.tolerance, "agrees": row.agrees}
+        print_json("Problem", description | {"class": kind})
+    else:
+        heads = ("quantity", "reference", "we measure", "unit", "|Δ|", "allowed", "kind", "agrees?")
+        rows = (
+            (
+                row.reference.quantity,
+                f"{row.reference.value:.10g}",
+                f"{row.value:.10g}",
+                "" if row.reference.unit == "1" else row.reference.unit,
+                number(abs(row.value - row.reference.value), digits=2),
+                number(row.tolerance, digits=2),
+                row.reference.kind,
+                "yes" if row.agrees else "NO",
+            )
+            for row in found
+        )
+        print_sections(
+            [
+                f"{problem.title} ({kind})",
+                f"source: {problem.source}",
+                f"run: {problem.solver}, h = {problem.step:g} s, {problem.duration:g} s",
+                Table(heads, tuple(rows)),
+            ]
+        )
+    raise typer.Exit(0 if all(row.agrees for row in found) else 1)
+
+
+def reproduce(
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--only",
+            metavar="FIGURE",
+            help="Only these figures: 4.7, or 4.1,4.2; repeatable. floor: effect of inexact accelerations.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option("--out", metavar="DIR", help="Folder for figures and results.json.")
+    ] = Path("results/thesis"),
+    thesis_axes: Annotated[
+        bool, typer.Option("--thesis-axes", help="Draw the panels and axes of the thesis.")
+    ] = False,
+    page: PageFile = None,
+    as_json: Json = False,
+) -> None:
+    """Reproduce the thesis's study (figs. 4.1 to 4.10).
+
+    Exit code 0 if everything agrees except for known differences, which the table marks; else 1.
+    """
+    from deltac.report.files import output_folder
+    from deltac.studies import thesis
+
+    figures = None
+    if only is not None:
+        figures = [part.strip() for entry in only for part in entry.split(",") if part.strip()]
+    output_folder(out)
+    with progress_bar() as progress:
+        found = thesis.reproduce(figures, lambda done: progress(RUNS * done))
+        written = thesis.write(
+            found, out, lambda done: progress(RUNS + (1 - RUNS) * done), thesis_axes=thesis_axes
+        )
+    if as_json:
+        told = {"figures": plain(written.figures), "results_file": str(written.results)}
+        deliver(found, form=Form.json, page=page, **told)
+    if page is not None:
+        found.report(page, command=COMMAND.get())
+    print_sections(found.sections())
+    if written.figures:
+        print(f"figures: {written.results.parent / 'figure_*.png'} ({len(written.figures)})")
+    if page is not None:
+        print(f"report: {page}")
+    print(f"results: {written.results} ({len(found.results)} numbers)")
+    raise typer.Exit(found.exit_code)
+
+
+def cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Delete everything in it.")] = False,
+    verify: Annotated[
+        bool,
+        typer.Option("--verify", help="Check every file; exit code 1 if one is damaged."),
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Show, verify or clear the cache of compiled kernels."""
+    from deltac.kernels import cache_info, clear_cache, verify_cache
+
+    if clear:
+        clear_cache()
+    info = cache_info()
+    damaged = verify_cache() if verify else {}
+    if as_json:
+        print_json("Cache", plain(info) | ({"problems": damaged} if verify else {}))
+    else:
+        where = "nowhere: there is no home folder" if info.path is None else str(info.path)
+        if not info.enabled:
+            where += " (off)"
+        elif not info.writable:
+            where += (
+                " (cannot be written: kernels are compiled afresh; set DELTAC_CACHE_DIR elsewhere)"
+            )
+        size, limit = info.size_bytes / 2**20, info.limit_bytes / 2**20
+        print(f"cache:   {where}")
+        print(f"size:    {size:.1f} MB of at most {limit:.0f} MB, {info.entries} kernels")
+        for file, problem in damaged.items():
+            print(f"problem: {file} {problem}")
+        if verify:
+            print(f"checked: {info.entries} kernels, {len(damaged)} problems")
+    raise typer.Exit(1 if damaged else 0)

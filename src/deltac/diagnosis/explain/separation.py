@@ -1,0 +1,110 @@
+"""Which further motion would tell causes apart that a log does not: computed, not guessed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.calls.progress import Deadline
+from deltac.diagnosis.explain.regression import Fit, Prepared
+from deltac.diagnosis.explain.search import Found
+from deltac.diagnosis.residuals.at_samples import Sampled
+from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+STATES = 60
+APART = 0.05
+"""Relative difference of what two causes do, from which on a motion is said to tell them apart."""
+
+
+def advice(run: Trajectory, prepared: Prepared, found: Found, deadline: Deadline) -> str:
+    """A sentence: the simplest motion in which the causes differ, or that there is none."""
+    fits = [found.best, *found.alternatives]
+    most, said = 0, ""
+    for name, samples in _experiments(run, prepared):
+        if deadline.passed("which motion would tell the causes apart"):
+            return said and f"To tell some of them apart, log also {said}"
+        first, *others = _effects(prepared, samples, fits)
+        told = sum(_difference(first, other) > APART for other in others)
+        if told > most:
+            most, said = told, name
+    if not said:
+        return (
+            "No motion of this machine can tell them apart from joint coordinates and these forces: they "
+            "are equivalent"
+        )
+    them = "them" if most == len(found.alternatives) else "some of them"
+    return f"To tell {them} apart, log also {said}"
+
+
+def _effects(prepared: Prepared, samples: Sampled, fits: list[Fit]) -> list[Array]:
+    """What each fit adds to the equations at the samples, scaled equation by equation."""
+    nothing = np.zeros_like(samples.logged)
+    rng = np.random.default_rng(2)
+    rates = [rng.standard_normal(nothing.shape) * (np.abs(samples.logged) > 0) for _ in range(2)]
+    X = prepared.kernels(*samples.columns, *rates)[..., 1:]
+    scale = np.sqrt(np.mean(np.sum(X**2, axis=2), axis=0))
+    X = X / np.maximum(scale, 1e-300)[:, None]
+    found = []
+    for fit in fits:
+        total = np.zeros(X.shape[:2])
+        for k, theta in zip(fit.chosen, fit.theta):
+            c = prepared.regression.candidates[k]
+            effect = X[..., list(c.columns)] @ c.coefficients(theta)
+            if c.touching is not None:  # it pushes to one side, wherever else the motion goes
+                effect = np.where(effect * (theta[1] - theta[0] * c.touching[0]) > 0.0, effect, 0.0)
+            total += effect
+        found.append(total.ravel())
+    return found
+
+
+def _difference(a: Array, b: Array) -> float:
+    """Relative difference of two effects."""
+    size = max(float(np.linalg.norm(a)), float(np.linalg.norm(b)))
+    return float(np.linalg.norm(a - b)) / size if size > 0.0 else 0.0
+
+
+def _experiments(run: Trajectory, prepared: Prepared) -> list[tuple[str, Sampled]]:
+    """Motions that a user could make, simplest first."""
+    rng = np.random.default_rng(1)
+    mechanism, free = prepared.mechanism, prepared.mechanism.free
+    speed = max(float(np.abs(run.u).max(initial=0.0)), 1.0)
+    bent = max(speed**2, 10.0)
+    nu, logged = len(free.u), prepared.kernels.evaluator.log.size
+
+    def states(q: Array, u: Array, udot: Array, forces: float) -> Sampled:
+        t = np.full(STATES, float(run.t[0]))
+        return Sampled(t, q, u, udot, forces * rng.standard_normal((STATES, logged)))
+
+    anywhere = _poses(mechanism, rng)
+    here = np.repeat(run.q[:1, free.q], STATES, axis=0)
+    still = np.zeros((STATES, nu))
+    fast, hard = speed * rng.standard_normal((STATES, nu)), bent * rng.standard_normal((STATES, nu))
+    force = (
+        max((float(np.abs(f).max(initial=0.0)) for f in run.forces.values()), default=0.0) or 1.0
+    )
+    found = [
+        ("the machine at rest in several poses", states(anywhere, still, still, 0.0)),
+        ("a motion with different motor forces", states(anywhere, fast, hard, force)),
+    ]
+    for k, alone in enumerate(np.eye(nu)):
+        name = mechanism.speeds[int(free.u[k])].name
+        found.append((f"a motion of `{name}` alone", states(here, fast * alone, hard * alone, 0.0)))
+    return [
+        *found,
+        ("fast motions at constant speeds", states(anywhere, 5 * fast, still, 0.0)),
+        ("a motion of all joints through other poses", states(anywhere, fast, hard, 0.0)),
+    ]
+
+
+def _poses(mechanism: Mechanism, rng: np.random.Generator) -> Array:
+    """Random poses (STATES, free q); quaternions of unit length."""
+    q = rng.uniform(-np.pi, np.pi, (STATES, len(mechanism.coordinates)))
+    for joint in mechanism.joints:
+        offset = KINDS[joint.kind].quaternion
+        if offset is not None:
+            start = mechanism.coordinates.of(joint.name).start + offset
+            turns = rng.standard_normal((STATES, 4))
+            q[:, start : start + 4] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    return np.asarray(q[:, mechanism.free.q])

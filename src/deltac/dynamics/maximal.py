@@ -1,0 +1,240 @@
+"""A mechanism body by body (in maximal coordinates): stacked velocities, forces and constraints, in symbols.
+
+The rows of v, and of forces F, are for each body in the order of `Mechanism.bodies`: the velocity of the mass
+centre (three, world components) and the angular velocity (three, body components). After these 6N rows comes
+one for each speed of the mechanism: the *rotors*. A joint's armature a adds ½ a u² to the kinetic energy, so
+a rotor is a one-dimensional body whose velocity is that speed and whose mass is a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+
+from deltac.dynamics.forces import channels_on
+from deltac.dynamics.points import BodyPoint, link_velocities
+from deltac.dynamics.scene import Scene
+from deltac.dynamics.spatial import SX, cross
+from deltac.dynamics.system import System, released
+from deltac.mechanism.scope import GROUND
+
+
+def _rows(system: System) -> dict[str, int]:
+    """The first row of each body."""
+    return {body.name: 6 * k for k, body in enumerate(system.mechanism.bodies)}
+
+
+def _mass_centre(system: System, body: str) -> BodyPoint:
+    k = system.index[body]
+    return BodyPoint(system, k, system.links[k].centre)
+
+
+def stacked_velocities(system: System) -> SX:
+    """V (n,) at the system's speeds."""
+    found = []
+    for body in system.mechanism.bodies:
+        k = system.index[body.name]
+        spin = ca.mtimes(system.links[k].to_body.E, link_velocities(system)[k][:3])
+        found += [_mass_centre(system, body.name).velocity, spin]
+    return ca.vertcat(*found, system.u_all)
+
+
+@dataclass(frozen=True)
+class BodyForces(Scene):
+    """A scene on which forces are F (n,), at mass centres and as moments, in place of generalized forces."""
+
+    def generalized(self, loads: Iterable[tuple[Any, ...]]) -> SX:
+        """F of loads: (point, force) or (point, force, moment)."""
+        system, rows = self.system, _rows(self.system)
+        F = ca.SX.zeros(6 * len(rows) + len(system.mechanism.speeds))
+        for point, force, *moment in loads:
+            if point.link < 0:
+                continue
+            link, E = system.links[point.link], system.poses[point.link].E
+            about = cross(point.own - link.centre, ca.mtimes(E, force))
+            about += ca.mtimes(E, moment[0]) if moment else 0
+            k = rows[link.joint.child]
+            F[k : k + 3] += force
+            F[k + 3 : k + 6] += ca.mtimes(link.to_body.E, about)
+        return F
+
+    def on_joint(self, joint: str, values: Any) -> SX:
+        """F of a joint's generalized forces: equal and opposite on child and parent.
+
+        Among the wrenches at the joint that do the same power this is the smallest in the joint's own
+        directions; any other differs from it by an ideal reaction, which does no work.
+        """
+        tau = ca.vertcat(*values) if isinstance(values, list) else values
+        k = next(k for k, link in enumerate(self.system.links) if link.joint.name == joint)
+        S, E = self.system.links[k].S, self.system.poses[k].E
+        wrench = ca.mtimes(S, ca.solve(ca.mtimes(S.T, S), tau))
+        moment, force = ca.mtimes(E.T, wrench[:3]), ca.mtimes(E.T, wrench[3:])
+        child = BodyPoint(self.system, k, ca.SX.zeros(3))
+        parent = BodyPoint.at(self.system, self.system.links[k].parent, child.place)
+        return self.generalized([(child, force, moment), (parent, -force, -moment)])
+
+    def coordinate(self, name: str) -> tuple[SX, SX]:
+        """A coordinate, and F of the unit generalized force along the speed that is its rate."""
+        q, along = super().coordinate(name)
+        joint = self.system.mechanism.coordinates[name].joint
+        return q, self.on_joint(joint, along[self.system.mechanism.speeds.of(joint)])
+
+    def power(self, force: SX) -> SX:
+        """The power vᵀF, W."""
+        return ca.dot(force, stacked_velocities(self.system))
+
+
+@dataclass(frozen=True)
+class _LoosePoint:
+    place: SX
+    velocity: SX
+
+
+@dataclass(frozen=True)
+class LooseBodies(Scene):
+    """A scene in which nothing joins the bodies.
+
+    They are displaced by small `x` (6N,) from where the joints hold them, and move with `v` (6N,); both have
+    the layout of stacked velocities.
+    """
+
+    x: SX
+    v: SX
+
+    def _turned(self, body: str) -> tuple[int, SX, SX]:
+        """First row of a body, its mass centre, and R from body to world components."""
+        k = _rows(self.system)[body]
+        centre = _mass_centre(self.system, body).place + self.x[k : k + 3]
+        turn = ca.SX.eye(3) + ca.skew(self.x[k + 3 : k + 6])  # to first order
+        return k, centre, ca.mtimes(super().rotation(body), turn)
+
+    def rotation(self, body: str) -> SX:
+        """R of a body frame: body to world components."""
+        return super().rotation(body) if body == GROUND else self._turned(body)[2]
+
+    def place(self, body: str, point: Sequence[object]) -> SX:
+        """World position of a point given in a body frame."""
+        if body == GROUND:
+            return self.vector(point)
+        _, centre, R = self._turned(body)
+        own = self.vector(point) - self.vector(self.system.mechanism.body(body).mass_centre)
+        return centre + ca.mtimes(R, own)
+
+    def angular_velocity(self, body: str) -> SX:
+        """World components of a body's angular velocity."""
+        if body == GROUND:
+            return ca.SX.zeros(3)
+        k, _, R = self._turned(body)
+        return ca.mtimes(R, self.v[k + 3 : k + 6])
+
+    def velocity(self, body: str, x: SX) -> SX:
+        """World velocity of the body's material point that is at the world position `x`."""
+        if body == GROUND:
+            return ca.SX.zeros(3)
+        k, centre, _ = self._turned(body)
+        return self.v[k : k + 3] + cross(self.angular_velocity(body), x - centre)
+
+    def point(self, body: str, point: Sequence[object]) -> Any:
+        """A point given in the frame of a body."""
+        place = self.place(body, point)
+        return _LoosePoint(place, self.velocity(body, place))
+
+
+@dataclass(frozen=True, eq=False)
+class BodyRows:
+    """All constraint rows on stacked velocities: ψ = `J` v + `c`, of (t, q); none is left out.
+
+    `names` tell the constraint of each row, `holonomic` which have a position level. Laws of joint
+    coordinates and speeds act in the columns of rotors.
+    """
+
+    names: tuple[str, ...]
+    holonomic: tuple[bool, ...]
+    J: SX
+    c: SX
+
+
+def body_rows(system: System) -> BodyRows:
+    """The rows of the constraints, in the symbols of a `released` system."""
+    names: list[str] = []
+    holonomic: list[bool] = []
+    rows: list[SX] = []
+    x, v = (ca.SX.sym(name, 6 * len(system.mechanism.bodies)) for name in "xv")
+    # Laws have symbols of their own, so that what they depend on is told from where the bodies are.
+    q, u = (ca.SX.sym(name, column.shape[0]) for name, column in (("q", system.q), ("u", system.u)))
+    own = {f"q.{e.name}": q[e.index] for e in system.mechanism.coordinates}
+    own |= {f"u.{e.name}": u[e.index] for e in system.mechanism.speeds}
+    scene = LooseBodies(replace(system, values={**system.values, **own}), x, v)
+    qdot = ca.substitute(system.qdot_all, system.u, u)
+    for constraint in system.mechanism.constraints:
+        for phi in constraint.positions(scene):
+            rows.append(ca.jtimes(phi, ca.vertcat(x, q, system.t), ca.vertcat(v, qdot, 1)))
+        holonomic += [True] * (len(rows) - len(holonomic))
+        rows += constraint.motions(scene)
+        holonomic += [False] * (len(rows) - len(holonomic))
+        names += [constraint.name] * (len(rows) - len(names))
+    psi, moving = ca.vertcat(ca.SX(0, 1), *rows), ca.vertcat(v, u)
+    here = [ca.vertcat(x, moving, q)], [ca.vertcat(0 * x, 0 * moving, system.q)]
+    J, c = ca.substitute([ca.densify(ca.jacobian(psi, moving)), psi], *here)
+    return BodyRows(tuple(names), tuple(holonomic), J, c)
+
+
+@dataclass(frozen=True, eq=False)
+class Maximal:
+    """A mechanism body by body, to be evaluated at (t, q, u, inputs), all joints in q and u.
+
+    The outputs of `function` have these `names`, in order; world components. `x` (3, N) and `turned` (3, 3N):
+    mass centres and orientations; `P` (n, nu) and `P_dot`: partial velocities of all speeds, and their rate;
+    `F_V`, `F_D` (n,): active forces with and without a potential; `J` (m, n), `c` (m,), see `BodyRows`;
+    `G_dot` (m, nu), `c_dot` (m,): rates of J P and of c; of each joint the `place` (3,) of its frame on the
+    child, and its `directions` (6, nu): the relative velocity and angular velocity there.
+    """
+
+    rows: BodyRows
+    names: tuple[str, ...]
+    function: Any
+
+
+def maximal(system: System) -> Maximal:
+    """The mechanism of a traced system, body by body; written out once."""
+    return system.once(Maximal, lambda: _written_out(released(system)))
+
+
+def _written_out(s: System) -> Maximal:
+    rows, bodies = body_rows(s), [body.name for body in s.mechanism.bodies]
+    scene, forces = Scene(s), BodyForces(s)
+    parts = channels_on(forces)
+    along, rate = ca.vertcat(s.q, s.t), ca.vertcat(s.qdot_all, 1)
+
+    def rate_of(matrix: SX) -> SX:
+        return ca.reshape(ca.jtimes(ca.vec(ca.densify(matrix)), along, rate), matrix.shape)
+
+    def total(chosen: bool) -> SX:
+        zero = forces.generalized([])
+        return sum((p.force for p in parts if (p.potential is not None) == chosen), start=zero)
+
+    P = ca.jacobian(stacked_velocities(s), s.u)
+    directions = [
+        ca.mtimes(ca.diagcat(E.T, E.T), ca.vertcat(link.S[3:, :], link.S[:3, :]))
+        for link, E in zip(s.links, (pose.E for pose in s.poses))
+    ]
+    found = {
+        "x": ca.horzcat(*(_mass_centre(s, name).place for name in bodies)),
+        "turned": ca.horzcat(*(scene.rotation(name) for name in bodies)),
+        "P": P,
+        "P_dot": rate_of(P),
+        "F_V": total(True),
+        "F_D": total(False),
+        "J": rows.J,
+        "c": rows.c,
+        "G_dot": rate_of(ca.mtimes(rows.J, P)),
+        "c_dot": rate_of(rows.c),
+        "place": ca.horzcat(*(pose.r for pose in s.poses)),
+        "directions": ca.horzcat(*directions),
+    }
+    columns = [ca.densify(column) for column in found.values()]
+    f = ca.Function("maximal", [s.t, s.q, s.u, s.inputs], columns, {"cse": True})
+    return Maximal(rows, tuple(found), f)

@@ -73,15 +73,12 @@ RULES = (
         "integration-error", "medium", lambda f: f.causes == {"constraint-drift"}, say.smaller_step
     ),
     Rule("equation-error", _sure, lambda f: f.causes, say.named, alone=True),
-    # The equations leave something that has no name. Where they hold at every row and not across steps,
-    # these are impulses, which the model has.
+    # The equations leave something that has no name; across steps it may be impulses, which the model has.
     Rule("unresolved", "high", lambda f: f.lacking and f.off, say.unlogged),
     Rule(
         "equation-error", "medium", lambda f: f.accused_at_samples, say.accounted, changes=accused
     ),
-    Rule(
-        "unresolved", "high", lambda f: f.far_off and f.closed_at_samples and f.impacts, say.impacts
-    ),
+    Rule("unresolved", "high", lambda f: f.far_off and f.impacts, say.impacts),
     Rule("equation-error", "medium", lambda f: f.far_off),
     Rule(
         "unresolved",

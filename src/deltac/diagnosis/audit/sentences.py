@@ -54,9 +54,10 @@ def _equations(f: Facts) -> tuple[str, ...]:
 def _by_steps(step: OneStep) -> str:
     """What the one-step test says."""
     scheme = step.scheme
-    by = "" if scheme is None else f"a step of {scheme.name}"
-    if scheme is not None and not scheme.name:
-        by = f"one step of several methods ({', '.join(scheme.among[:FEW])})"
+    by = "a step of an integrator"
+    if scheme is not None and (scheme.name or scheme.among):
+        several = f"one step of several methods ({', '.join(scheme.among[:FEW])})"
+        by = f"a step of {scheme.name}" if scheme.name else several
     if step.closes and scheme is not None:
         left = step.by_scheme()
         out = 0 if left is None else int(left.unclosed.sum())

@@ -25,8 +25,6 @@ NEVER = {
 
 STORED = (ast.Name, ast.Attribute, ast.Subscript)
 LITERAL = (ast.Constant, ast.Dict, ast.Call, ast.List, ast.Tuple, ast.IfExp)
-FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.GeneratorExp, ast.DictComp)
 
 
 def _located(kind: Any) -> Any:
@@ -214,7 +212,7 @@ class _Rewriter:
         return t
 
     def visit_AugAssign(self, s: ast.AugAssign) -> Any:
-        old = self.plain(s.target, loaded=True)
+        old = self.plain(s.target)
         new = _hook(
             "update", self.number[id(s)], type(s.op).__name__, old, self.expression(s.value)
         )
@@ -372,7 +370,7 @@ class _Rewriter:
                 new = self.same(e)
         return _placed(new, e)
 
-    def plain(self, e: ast.expr, loaded: bool = False) -> Any:
+    def plain(self, e: ast.expr) -> Any:
         """A name, an entry or an attribute that is no number by itself: what is called, indexed, set."""
         match e:
             case ast.Name():

@@ -1,4 +1,4 @@
-"""The user's source: a file and one function in it, read without running anything."""
+"""The user's source: a file and one function in it."""
 
 from __future__ import annotations
 

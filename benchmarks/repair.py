@@ -77,7 +77,7 @@ def same(source: Any, other: Any, target: Any) -> bool:
     import numpy as np
 
     from deltac.errors import InputError
-    from deltac.repair.tracing.interpreter import trace
+    from deltac.repair.tracing.tracer import trace
 
     at = target.samples((), True)
     rng = np.random.default_rng(1)

@@ -17,7 +17,6 @@ import numpy as np
 
 from deltac.simulation.flow import build_flow
 from deltac.simulation.solvers import find_solver
-from deltac.simulation.stepping.interpreted import numeric_masks
 from peers.rival import Array, Pendulum, Rival
 
 SOLVER = "ode5"
@@ -41,7 +40,7 @@ def _march(pendulum: Pendulum) -> ca.Function:
     flow, solver = build_flow(pendulum.problem.mechanism), find_solver(SOLVER)
     assert solver.step is not None
     rate = ca.Function("rate", [flow.t, flow.x], [flow.xdot], {"cse": True})
-    after = solver.step(rate, 0.0, flow.x, pendulum.step, numeric_masks(flow))
+    after = solver.step(rate, 0.0, flow.x, pendulum.step, flow.parts)
     step = ca.Function("step", [flow.x], [after], {"cse": True})
     return step.mapaccum("march", pendulum.steps)
 

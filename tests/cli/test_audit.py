@@ -165,3 +165,12 @@ def test_another_value_of_a_number(logs: Path, capsys: pytest.CaptureFixture[str
     assert run(*given, "g=5", capsys=capsys)[0] == 1
     status, _, told = run(*given, "gg=5", capsys=capsys)
     assert status == 2 and "E-NAME" in told
+
+
+def test_a_fleet_refuses_a_replay_that_it_would_not_make(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = MODEL, str(logs / "good.parquet"), "--replay", "--out", str(tmp_path / "out"), "--json"
+    code, out, _ = command("audit", *given, capsys=capsys)
+    assert (code, json.loads(out)["error"]["code"]) == (2, "E-ARGUMENTS")
+    assert not (tmp_path / "out").exists()

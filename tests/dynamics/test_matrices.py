@@ -339,7 +339,7 @@ def test_motors_without_a_law() -> None:
     mechanism = replace(pendulum(), forces=[dc.forces.joint_torque("motor", "hinge")])
     state = mechanism.state({"hinge": 0.3})
     idle = matrices_at(mechanism, 0.0, state.q, state.u)
-    pulled = matrices_at(mechanism, 0.0, state.q, state.u, inputs={"motor": [1.5]})
+    pulled = matrices_at(mechanism, 0.0, state.q, state.u, inputs=np.array([1.5]))
     # m l² q̈ = −m g l sin q + τ
     np.testing.assert_allclose(pulled.udot - idle.udot, 1.5 / (2.0 * 0.5**2), rtol=1e-12)
     with pytest.raises(InputError, match="motor"):

@@ -214,8 +214,7 @@ def test_a_verdict_for_each_episode(
 
 def test_arrays_that_are_no_episodes_say_why(motions: list[dc.Trajectory], tmp_path: Path) -> None:
     """Episodes first, or numbers of episodes that differ: one row, with the reason."""
-    from deltac.fleets.audits import plan_audits
-    from deltac.fleets.verdicts import verdicts
+    from deltac.fleets.audits import plan_audits, verdicts
 
     q, u = (np.stack([getattr(run, name) for run in motions], axis=1) for name in ("q", "u"))
     turned = {"qpos": q.transpose(1, 0, 2), "qvel": u.transpose(1, 0, 2)}

@@ -25,8 +25,8 @@ from deltac.importers import read_mechanism
 from deltac.importers.urdf import read_urdf
 from deltac.mechanism.laws import as_law
 from deltac.models import load_model
-from deltac.repair.tracing.interpreter import branches
 from deltac.repair.tracing.source import Source
+from deltac.repair.tracing.tracer import branches
 from deltac.trajectories import Trajectory, read_trajectory, to_columns, to_metadata
 from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats.files import draft_mapping, explain
@@ -166,7 +166,7 @@ def _table(data: bytes) -> None:
 
 
 def _source(data: bytes) -> None:
-    """Equations of motion, read and never run."""
+    """Equations of motion, traced: run as far as they compute numbers, and without effects."""
     states = np.random.default_rng(1).normal(size=(4, 3))
     source = Source("equations.py", data.decode("utf-8", "replace"), "rhs")
     with np.errstate(all="ignore"):  # as `repair` reads

@@ -132,6 +132,6 @@ def test_sizes_by_parameters_are_checked_with_their_values() -> None:
     ball = contact("c", shapes.sphere("ball", "r"), FLOOR, 1.0)
     assert machine(ball, r=0.2).with_parameters(r=0.3)
     with pytest.raises(
-        InputError, match=r"a size of the sphere of 'ball' in contact 'c': found -0"
+        InputError, match=r"radius of the sphere shape of 'ball' in contact 'c': found -0"
     ):
         machine(ball, r=-0.2)

@@ -13,7 +13,7 @@ import pytest
 from deltac import InputError, Record, balance, problems, simulate
 from deltac.energy import TESTING_FUNCTIONS
 from deltac.problems import Reference
-from deltac.problems.measures import largest, period, rotated, row_at
+from deltac.problems.problem import largest, period, rotated, row_at
 from deltac.trajectories import Trajectory
 
 

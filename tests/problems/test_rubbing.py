@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from deltac import balance, problems, simulate, simulate_ensemble
-from deltac.problems.measures import period
+from deltac.problems.problem import period
 from deltac.studies.references import solved
 
 

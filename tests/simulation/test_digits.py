@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.dynamics.digits import acceleration_error, condition, exactly
+from deltac.dynamics.digits import acceleration_error, condition
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import InputError
+from deltac.kernels import to_mpmath
 from deltac.problems import load
 from deltac.simulation.flow import build_flow
 
@@ -122,7 +123,7 @@ def test_the_digits_are_those_of_newtons_laws(light: float) -> None:
     flow = build_flow(carried(light), ())
     f = ca.Function("f", [flow.t, flow.x, flow.inputs], [ca.densify(flow.xdot)])
     with mpmath.workdps(60):
-        [found] = exactly(f, [0.0, [*q, *u], []])
+        [found] = to_mpmath(f, [0.0, [*q, *u], []])
         for ours, theirs in zip(found[2:], by_newton(light, q, u)):
             assert abs(ours - theirs) < 4 * np.finfo(float).eps * abs(theirs)
 
@@ -155,7 +156,7 @@ def test_every_operation_is_that_of_arithmetic() -> None:
     ]
     f = ca.Function("f", [x, y], [ca.vertcat(*zero)])
     with mpmath.workdps(60):
-        [found] = exactly(f, [0.37, 1.9])
+        [found] = to_mpmath(f, [0.37, 1.9])
         assert max(abs(value) for value in found) < mpmath.mpf(10) ** -55
 
 

@@ -141,3 +141,18 @@ def test_switches_in_a_loop_whose_parameters_vary(options: dc.solvers.Options) -
     ]
     assert runs[0].events[0].t == pytest.approx(runs[1].events[0].t, abs=1e-12)
     np.testing.assert_allclose(runs[0].q, runs[1].q, atol=1e-10)
+
+
+def test_a_switch_within_a_switch_follows_it() -> None:
+    """|q − ½ sign u| has a side that jumps with u's; the motion is that of tiny steps across both."""
+    mechanism = dc.Mechanism(
+        bodies=[dc.bodies.point_mass("m", 1.0)],
+        joints=[dc.joints.prismatic("x", "ground", "m", "x")],
+        forces=[dc.forces.joint_torque("law", "x", "-9*q.x - 2*abs(q.x - 0.5*sign(u.x))")],
+    )
+    state = mechanism.state({"x": 0.2}, {"x": 1.0})
+    run = dc.simulate(mechanism, state, 3.0, 0.02, FixedStep("ode8", switches=True))
+    fine = dc.simulate(mechanism, state, 3.0, 1e-4, "ode4", record=100)
+    assert run.provenance.completed
+    assert len(run.events) > 3
+    np.testing.assert_allclose(run.q[-1], fine.q[-1], atol=1e-3)

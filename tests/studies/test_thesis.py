@@ -204,9 +204,8 @@ def test_the_sign_mistake_does_what_its_closed_form_says(whole: Reproduction) ->
 
 def test_half_of_eulers_error_shows_in_liu_hustons_function() -> None:
     # LH − W/2 = (h/4) Δ(ṗ·u) + O(h²): relative to the left side what is left over is O(h).
-    measure = euler_relation("run")
     left = [
-        measure({"run": perform(Run("standard", "ode1", step, duration=2.0))})
+        euler_relation(perform(Run("standard", "ode1", step, duration=2.0)))
         for step in (1e-3, 2.5e-4)
     ]
     assert left[0] < 0.1

@@ -21,9 +21,7 @@ from deltac.dynamics.equations_of_motion import (
     matrices,
 )
 from deltac.dynamics.independence import independence, row_names
-from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.momentum import momentum_balances
-from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
 from deltac.errors import InputError, StateError
@@ -281,17 +279,7 @@ def _constant(
 ) -> tuple[str, ...]:
     """Energy, Jacobi's integral and momenta that no force and no constraint changes, at the states."""
     s, rows = motion.system, motion.rows
-    terms_at = motion.terms(t, q, u)
-    try:
-        tied = least_squares(terms_at.M, terms_at.G)
-    except np.linalg.LinAlgError:
-        if error := singular_inertia(s.mechanism, terms_at.M):
-            raise error from None
-        raise
-    force = (terms_at.force - terms_at.bias).T
-    lam_values = tied.multipliers(force, terms_at.gamma.T)
-    pull = np.einsum("bcp,bc->bp", terms_at.G, lam_values)
-    udot = tied.free_response(force + pull)
+    udot, lam_values = motion.solved(motion.terms(t, q, u))
     lam = ca.SX.sym("lambda", len(rows))
     places = independence(motion, float(t[0]), q[:, 0]).independent
     bound = motion.constrained(places)

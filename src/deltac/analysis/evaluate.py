@@ -16,11 +16,8 @@ from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
     evaluate_at,
-    matrices,
 )
-from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.recursions import rnea
-from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.models import ModelLike, StateLike
 from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
@@ -88,8 +85,7 @@ def evaluate(
     """
     at = instants(model, state, inputs)
     motion = equations_of_motion(at.mechanism)
-    found = evaluated(motion, at)
-    return found
+    return evaluated(motion, at)
 
 
 def evaluated(motion: EquationsOfMotion, at: Instants) -> Evaluation:
@@ -97,22 +93,13 @@ def evaluated(motion: EquationsOfMotion, at: Instants) -> Evaluation:
     mechanism, system, rows = at.mechanism, motion.system, motion.rows
     free = mechanism.free
     q, u = at.q[:, free.q].T, at.u[:, free.u].T
-    T, n, nu, nc = len(at.t), len(free.u), len(mechanism.speeds), len(rows)
+    T, nu = len(at.t), len(mechanism.speeds)
     inputs = np.broadcast_to(at.inputs, (T, at.inputs.shape[1])).T
-    f = system.once("evaluation", lambda: _function(motion))
-    columns = evaluate_at(f, at.t[None, :], q, u, inputs)
-    M, bias, forces, potential, kinetic, phi, psi, gamma, G = columns
-    M, G = matrices(M, n, n), matrices(G, nc, n)
+    terms = motion.terms(at.t[None, :], q, u, inputs=inputs)
+    free_udot, multipliers = motion.solved(terms)
+    f = system.once("energies", lambda: _energies(motion))
+    forces, potential, kinetic = evaluate_at(f, at.t[None, :], q, u, inputs)
     forces = forces.reshape(len(motion.channels), nu, T).transpose(0, 2, 1)
-    force = forces.sum(axis=0)[:, free.u] - bias.T
-    try:
-        tied = least_squares(M, G)
-    except np.linalg.LinAlgError:
-        if error := singular_inertia(mechanism, M):
-            raise error from None
-        raise
-    multipliers = tied.multipliers(force, gamma.T)
-    free_udot = tied.free_response(force + np.einsum("tcp,tc->tp", G, multipliers))
     after = system.once("driving", lambda: _driving(motion))
     udot, driving = evaluate_at(after, at.t[None, :], q, u, inputs, free_udot.T, multipliers.T)
     first = 0 if at.single else slice(None)
@@ -123,15 +110,15 @@ def evaluated(motion: EquationsOfMotion, at: Instants) -> Evaluation:
         all_speeds=mechanism.speeds.names,
         rows=rows.names,
         udot=udot.T[first],
-        M=M[first],
-        bias=bias.T[first],
+        M=terms.M[first],
+        bias=terms.bias.T[first],
         forces={part.name: forces[k][first] for k, part in enumerate(motion.channels)},
         potential={name: _scalar(potential[k], at) for k, name in enumerate(with_potential)},
         kinetic=_scalar(kinetic[0], at),
-        phi=phi.T[first],
-        psi=psi.T[first],
-        gamma=gamma.T[first],
-        G=G[first],
+        phi=terms.phi.T[first],
+        psi=terms.psi.T[first],
+        gamma=terms.gamma.T[first],
+        G=terms.G[first],
         multipliers=multipliers[first],
         driving=driving.T[first],
     )
@@ -141,15 +128,15 @@ def _scalar(values: Array, at: Instants) -> Any:
     return float(values[0]) if at.single else values
 
 
-def _function(motion: EquationsOfMotion) -> Any:
-    s, r = motion.system, motion.rows
+def _energies(motion: EquationsOfMotion) -> Any:
+    """(t, q, u, inputs) -> forces of the channels on all speeds, their potentials, kinetic energy."""
+    s = motion.system
     forces = ca.horzcat(ca.SX(len(s.mechanism.speeds), 0), *(c.force for c in motion.channels))
     potentials = [c.potential for c in motion.channels if c.potential is not None]
     kinetic = 0.5 * ca.dot(s.u_all, ca.mtimes(motion.M_all, s.u_all))
-    columns = [motion.M, motion.bias[s.free_u], forces, ca.vertcat(ca.SX(0, 1), *potentials)]
-    columns += [kinetic, r.phi, r.psi, r.gamma, r.G]
+    columns = [forces, ca.vertcat(ca.SX(0, 1), *potentials), kinetic]
     given = [s.t, s.q, s.u, s.inputs]
-    return ca.Function("evaluation", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+    return ca.Function("energies", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
 
 
 def _driving(motion: EquationsOfMotion) -> Any:

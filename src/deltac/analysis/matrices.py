@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac import rotations
-from deltac.analysis.model import instants, motors
+from deltac.analysis.model import instants
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.maximal import maximal
@@ -179,7 +179,7 @@ def matrices(
                 at.q[k],
                 at.u[k],
                 udot=None if at.udot is None else at.udot[k],
-                inputs=motors(at.mechanism, at.inputs[min(k, len(at.inputs) - 1)]),
+                inputs=at.inputs[min(k, len(at.inputs) - 1)],
                 independent=names,
                 joints=joints,
             )
@@ -196,7 +196,7 @@ def matrices_at(
     u: Array,
     *,
     udot: Array | None = None,
-    inputs: Mapping[str, Sequence[float]] | None = None,
+    inputs: Array | None = None,
     independent: Collection[str] = (),
     joints: bool = False,
 ) -> Matrices:
@@ -208,7 +208,7 @@ def matrices_at(
         q: coordinates of all joints (nq,).
         u: speeds of all joints (nu,), which meet the constraints; prescribed ones follow their laws.
         udot: accelerations (nu,) that F* is taken of; by default those of the mechanism's own motion.
-        inputs: values (N or N·m) of motors without a law, by name; zero where not given.
+        inputs: values (N or N·m) of the motors without a law, in their order; zero by default.
         independent: names of the independent speeds; by default those in which the others are best expressed.
         joints: the constraints of the tree's joints as well.
 
@@ -216,9 +216,7 @@ def matrices_at(
         InputError: unknown names, and independent speeds that the others do not follow from.
     """
     system, free = trace(mechanism), mechanism.free
-    held = np.zeros(system.inputs.shape[0])
-    for name, value in (inputs or {}).items():
-        held[system.input_places[name]] = value
+    held = np.zeros(system.inputs.shape[0]) if inputs is None else inputs
     full = system.once("full state", lambda: _full_state(system))
     q, u, udot_t = (np.array(x).ravel() for x in full(t, q[free.q], u[free.u]))
     u_t = np.where([entry.prescribed for entry in mechanism.speeds], u, 0.0)

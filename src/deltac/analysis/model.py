@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -56,29 +56,19 @@ def instants(
         if inputs is not None:
             raise ArgumentsError("inputs: a run has its motors' values itself; leave them out")
         return Instants(mechanism, t, q, u, _logged(mechanism, at), at.udot, single)
-    held = np.concatenate([np.zeros(0), *_held(mechanism, inputs or {}).values()])
-    return Instants(mechanism, t, q, u, held[None, :], None, single)
+    held = _held(mechanism, inputs or {})[None, :]
+    return Instants(mechanism, t, q, u, held, None, single)
 
 
-def motors(mechanism: Mechanism, inputs: Array) -> dict[str, Sequence[float]]:
-    """Values of motors without a law (inputs,) by name."""
-    found: dict[str, Sequence[float]] = {}
-    start = 0
-    for motor in mechanism.motors:
-        size = len(mechanism.joint(motor.joint).speeds)
-        found[motor.name] = inputs[start : start + size].tolist()
-        start += size
-    return found
-
-
-def _held(mechanism: Mechanism, given: Mapping[str, Any]) -> dict[str, Array]:
+def _held(mechanism: Mechanism, given: Mapping[str, Any]) -> Array:
+    """Values of all motors without a law (inputs,), zero where not given."""
     names = [motor.name for motor in mechanism.motors]
     for name in given:
         if name not in names:
             raise UnknownName(
                 f"inputs: no joint torque without a law is called {name!r}{closest(name, names)}"
             )
-    values: dict[str, Array] = {}
+    values: list[Array] = [np.zeros(0)]
     for motor in mechanism.motors:
         size = len(mechanism.joint(motor.joint).speeds)
         value = np.atleast_1d(np.asarray(given.get(motor.name, np.zeros(size)), dtype=float))
@@ -87,8 +77,8 @@ def _held(mechanism: Mechanism, given: Mapping[str, Any]) -> dict[str, Array]:
                 f"inputs: {given[motor.name]!r} for joint torque {motor.name!r}; expected {size} finite "
                 "value(s), N·m or N"
             )
-        values[motor.name] = value
-    return values
+        values.append(value)
+    return np.concatenate(values)
 
 
 def _logged(mechanism: Mechanism, run: Trajectory) -> Array:

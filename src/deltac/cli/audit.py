@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -21,7 +21,7 @@ from deltac.cli.output import (
     print_sections,
     progress_bar,
 )
-from deltac.cli.sweep import deliver_fleet, executed, fleet_progress, tell
+from deltac.cli.sweep import deliver_fleet, run
 from deltac.errors import ArgumentsError, FileError, InputError
 from deltac.results import Table, number, plain
 
@@ -104,12 +104,18 @@ def audit(
             "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
         )
     if fleet:
-        if values:
+        if values or audit.keywords["replay"]:
             raise ArgumentsError(
-                "--set is of logs that are audited at once; for --out, --workers or --scheduler write the "
-                "values into the model"
+                "--set and --replay are of logs that are audited at once; with --out, --workers, --scheduler,"
+                " folders or patterns write the values into the model, and leave out --replay"
             )
-        _audit_fleet(model, logs, out, audit_many, form, page)
+        from deltac.fleets.audits import plan_audits
+        from deltac.fleets.spec import Execution
+
+        of_logs = ("tolerance", "work", "mapping", "strict")
+        given = {name: audit.keywords[name] for name in of_logs if name in audit.keywords}
+        plan = plan_audits(model, logs, **given)
+        run(plan, out, Execution(), audit_many.keywords, form, page)
     if len(logs) > 1 and page is not None:
         raise ArgumentsError("--report of several logs is of their table: add --out DIR")
     log, mapping = Path(logs[0]), audit.keywords.get("mapping")
@@ -141,27 +147,6 @@ def audit(
         with progress_bar("seeking causes") as progress:
             explanations.append(explain_residual(varied, log, mapping=mapping, progress=progress))
     deliver(found, *explanations, form=form, name=str(log), figure=figure, page=page)
-
-
-def _audit_fleet(
-    model: str, logs: list[str], out: Path | None, verb: Verb, form: options.Form, page: Path | None
-) -> NoReturn:
-    """Audit many logs into a folder; the command ends with them."""
-    from deltac.fleets.audits import folder_of, plan_audits, write_case
-    from deltac.fleets.spec import Execution
-
-    execution, given = executed(Execution(), verb)
-    retry_failed = given.pop("retry_failed")
-    plan = plan_audits(model, logs, **given)
-    with fleet_progress("audits", len(plan.logs)) as progress:
-        result = plan.run(
-            folder_of(plan, out),
-            execution,
-            retry_failed=retry_failed,
-            progress=progress,
-            notice=tell,
-        )
-    deliver_fleet(result, form, page, lambda address, path: write_case(plan, address, path))
 
 
 def _case(log: str, model: Any, audit: Verb) -> Case:

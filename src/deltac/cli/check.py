@@ -122,7 +122,7 @@ def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Rep
     """Seek the edit in the function that the text names, as it is loaded; or say why not."""
     from deltac.repair.outcome import NoRepair
     from deltac.repair.repair import repair_loaded
-    from deltac.repair.tracing.interpreter import Endless
+    from deltac.repair.tracing.tracer import Endless
 
     try:
         return repair_loaded(model, text, rhs, coordinates=coordinates, seed=seed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
@@ -19,6 +19,7 @@ from deltac.cli.output import print_cases, print_json, print_sections, progress_
 from deltac.errors import ArgumentsError, FileError
 
 if TYPE_CHECKING:
+    from deltac.fleets.fleet import Plan
     from deltac.fleets.result import Fleet
     from deltac.fleets.spec import Execution
 
@@ -68,32 +69,41 @@ def sweep(
         raise FileError(
             f"{plan}: expected a .toml file that says what is swept; see docs/fleets.md"
         )
-    from deltac.fleets.sweep import folder_of, plan_sweep, run_only, run_plan, write_case
+    from deltac.fleets.sweep import plan_sweep
 
     made = plan_sweep(str(plan))
     if only is not None:
-        (row,) = run_only(made, only).to_dicts()
+        import io
+
+        import polars
+
+        (row,) = polars.read_parquet(io.BytesIO(made.found(only)())).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
-    execution, given = executed(made.spec.execution, sweep)
-    with fleet_progress("runs", len(made.addresses)) as progress:
-        fleet = run_plan(
-            made,
-            folder_of(made, out),
-            execution,
-            **given,
+    run(made, out, made.spec.execution, sweep.keywords, form, page)
+
+
+def run(
+    plan: Plan,
+    out: Path | None,
+    execution: Execution,
+    given: Mapping[str, Any],
+    form: options.Form,
+    page: Path | None,
+) -> NoReturn:
+    """Do what a plan lacks, as the options that are given say, and end the command with its results."""
+    own = {name: given[name] for name in type(execution).model_fields if name in given}
+    with fleet_progress(
+        {"sweep": "runs", "audit": "audits"}[plan.kind], len(plan.addresses)
+    ) as progress:
+        fleet = plan.run(
+            out,
+            execution.overridden(**own),
+            retry_failed=given["retry_failed"],
             progress=progress,
-            reproducer=f"deltac sweep {plan}",
             notice=tell,
         )
-    deliver_fleet(fleet, form, page, lambda address, path: write_case(made, address, path))
-
-
-def executed(execution: Execution, verb: Verb) -> tuple[Execution, dict[str, Any]]:
-    """An execution with the options of a verb that are of it, and the other options."""
-    given = dict(verb.keywords)
-    own = {name: given.pop(name) for name in type(execution).model_fields if name in given}
-    return execution.overridden(**own), given
+    deliver_fleet(fleet, form, page, plan.write_case)
 
 
 def tell(told: str) -> None:

@@ -12,7 +12,6 @@ decimal digits, and what is told is the error itself.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -22,6 +21,7 @@ from numpy.typing import ArrayLike
 from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.dynamics.terms import forward
+from deltac.kernels import to_mpmath
 
 DIGITS = 60
 """Decimal digits of the comparison: conditions of 10³⁵ occur, where no double has a digit."""
@@ -120,24 +120,24 @@ def _relative_error(udot: Any, mass: Any, given: list[Any]) -> float:
 
     with mpmath.workdps(DIGITS):
         try:
-            [M] = exactly(mass, given)
+            [M] = to_mpmath(mass, given)
             M = M.reshape(mass.size1_out(0), -1)
 
             def norm(a: Any) -> Any:
                 return mpmath.sqrt(abs(a @ M @ a))
 
-            [right] = exactly(udot, given)
+            [right] = to_mpmath(udot, given)
             error, size = norm(np.array(udot(*given)).ravel() - right), norm(right)
             if error > SMALL * size:  # perhaps an equilibrium
                 rng = np.random.default_rng(1)
                 t, q, u, p = given
                 q, u = (x + NEARBY * rng.uniform(-1.0, 1.0, len(x)) for x in (q, u))
-                [near] = exactly(udot, [t, q, u, p])
+                [near] = to_mpmath(udot, [t, q, u, p])
                 size = max(size, SMALL * norm(near))
             if size < VANISHING * error:  # free motion: no acceleration here, nor nearby
                 size = norm(np.array([mpmath.mpf(float(x)) for x in given[2]]))
             return float(error / size) if size else 0.0
-        except (ArithmeticError, ValueError, TypeError, KeyError):
+        except (ArithmeticError, ValueError, TypeError):
             return float("nan")
 
 
@@ -146,90 +146,3 @@ VANISHING = 1e-30
 
 SMALL = 1e-3
 """A share of the accelerations: errors above it are looked at twice, and what is below it nearly vanishes."""
-
-
-def exactly(f: ca.Function, arguments: Sequence[Any]) -> list[Any]:
-    """The outputs of a function of dense SX, as arrays of mpmath's numbers with its current precision.
-
-    Raises KeyError for an operation that is not known here, and what mpmath raises where one is not defined.
-    """
-    import mpmath
-
-    operations = _operations()
-    given = [[mpmath.mpf(float(v)) for v in np.ravel(a, order="F")] for a in arguments]
-    found = [[mpmath.mpf(0)] * f.nnz_out(k) for k in range(f.n_out())]
-    work: dict[int, Any] = {}
-    for operation, into, of, constant in _instructions(f):
-        if operation == ca.OP_CONST:
-            work[into[0]] = mpmath.mpf(constant)
-        elif operation == ca.OP_INPUT:
-            work[into[0]] = given[of[0]][of[1]]
-        elif operation == ca.OP_OUTPUT:
-            found[into[0]][into[1]] = work[of[0]]
-        else:
-            work[into[0]] = operations[operation](*(work[k] for k in of))
-    return [np.array(values, dtype=object) for values in found]
-
-
-def _instructions(f: ca.Function) -> Any:
-    for k in range(f.n_instructions()):
-        operation = f.instruction_id(k)
-        constant = f.instruction_constant(k) if operation == ca.OP_CONST else 0.0
-        yield operation, f.instruction_output(k), f.instruction_input(k), constant
-
-
-@cache
-def _operations() -> dict[int, Callable[..., Any]]:
-    """What CasADi's elementary operations are in mpmath."""
-    import mpmath as m
-
-    def truth(value: Any) -> Any:
-        return m.mpf(bool(value))
-
-    return {
-        ca.OP_ASSIGN: lambda x: x,
-        ca.OP_NEG: lambda x: -x,
-        ca.OP_SQ: lambda x: x * x,
-        ca.OP_TWICE: lambda x: 2 * x,
-        ca.OP_INV: lambda x: 1 / x,
-        ca.OP_SQRT: m.sqrt,
-        ca.OP_SIN: m.sin,
-        ca.OP_COS: m.cos,
-        ca.OP_TAN: m.tan,
-        ca.OP_ASIN: m.asin,
-        ca.OP_ACOS: m.acos,
-        ca.OP_ATAN: m.atan,
-        ca.OP_SINH: m.sinh,
-        ca.OP_COSH: m.cosh,
-        ca.OP_TANH: m.tanh,
-        ca.OP_ASINH: m.asinh,
-        ca.OP_ACOSH: m.acosh,
-        ca.OP_ATANH: m.atanh,
-        ca.OP_EXP: m.exp,
-        ca.OP_LOG: m.log,
-        ca.OP_EXPM1: m.expm1,
-        ca.OP_LOG1P: m.log1p,
-        ca.OP_ERF: m.erf,
-        ca.OP_FABS: abs,
-        ca.OP_SIGN: m.sign,
-        ca.OP_FLOOR: m.floor,
-        ca.OP_CEIL: m.ceil,
-        ca.OP_NOT: lambda x: truth(x == 0),
-        ca.OP_ADD: lambda x, y: x + y,
-        ca.OP_SUB: lambda x, y: x - y,
-        ca.OP_MUL: lambda x, y: x * y,
-        ca.OP_DIV: lambda x, y: x / y,
-        ca.OP_POW: m.power,
-        ca.OP_CONSTPOW: m.power,
-        ca.OP_ATAN2: m.atan2,
-        ca.OP_HYPOT: m.hypot,
-        ca.OP_FMIN: min,
-        ca.OP_FMAX: max,
-        ca.OP_LT: lambda x, y: truth(x < y),
-        ca.OP_LE: lambda x, y: truth(x <= y),
-        ca.OP_EQ: lambda x, y: truth(x == y),
-        ca.OP_NE: lambda x, y: truth(x != y),
-        ca.OP_AND: lambda x, y: truth(x != 0 and y != 0),
-        ca.OP_OR: lambda x, y: truth(x != 0 or y != 0),
-        ca.OP_IF_ELSE_ZERO: lambda x, y: y if x != 0 else m.mpf(0),
-    }

@@ -24,6 +24,7 @@ from deltac.dynamics.constraints import Rows, constraint_rows
 from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba, rnea
+from deltac.dynamics.singular_inertia import regular_least_squares
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained
@@ -177,6 +178,17 @@ class EquationsOfMotion:
             G=matrices(G, len(self.rows), n),
             W=matrices(W, len(s.free_q), n),
         )
+
+    def solved(self, terms: MotionTerms) -> tuple[Array, Array]:
+        """u̇ (p,) and the least λ (nc,) of terms at one state, or (B, p) and (B, nc) at B states.
+
+        Raises ModelError for a singular mass matrix, naming the speeds that move no inertia.
+        """
+        tied = regular_least_squares(self.system.mechanism, terms.M, terms.G)
+        force = (terms.force - terms.bias).T
+        multipliers = tied.multipliers(force, terms.gamma.T)
+        pull = np.einsum("...cp,...c->...p", terms.G, multipliers)
+        return tied.free_response(force + pull), multipliers
 
     def ties(
         self, t: ArrayLike, q: Array, u: Array, p: ArrayLike = ()

@@ -27,11 +27,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 
-from deltac.dynamics.points import BodyPoint
+from deltac.dynamics.points import BodyPoint, rotation
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
 from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere
@@ -85,11 +85,12 @@ def gaps(system: System, first: Shape, second: Shape) -> tuple[Gap, ...]:
     """All potential contact points of two shapes, in an order that never changes."""
     one, other = _placed(system, first), _placed(system, second)
     links = (system.index[first.body], system.index[second.body])
-    flipped = (type(first), type(second)) not in _PAIRS
+    order = list(_AGAINST)
+    flipped = order.index(type(first)) > order.index(type(second))
     if flipped:
         one, other = other, one
     made = []
-    for label, g, n, point in _PAIRS[type(one.shape), type(other.shape)](one, other):
+    for label, g, n, point in _pair(one, other):
         # The point lies on the first of the pair; the other surface is g away along n.
         ends = (point, point - g * n)
         if flipped:
@@ -103,12 +104,9 @@ def sliding_point(
 ) -> Gap:
     """Where a point of a body slides on a plane of another: a contact point that is always closed."""
     place = BodyPoint(system, *system.point(body, point)).place
-    k = system.index[on]
-    n = ca.SX(ca.DM(list(normal)))
-    if k >= 0:
-        turned = ca.mtimes(system.poses[k].E.T, system.links[k].to_body.E.T)
-        n = ca.mtimes(turned, n)
-    return Gap("", ca.SX(0), n, place, place, system, (system.index[body], k))
+    n = ca.mtimes(rotation(system, on), ca.SX(ca.DM(list(normal))))
+    links = (system.index[body], system.index[on])
+    return Gap("", ca.SX(0), n, place, place, system, links)
 
 
 @dataclass(frozen=True)
@@ -127,52 +125,56 @@ class _Placed:
         return ca.mtimes(self.turned, ca.DM(list(own)))
 
     @property
-    def ends(self) -> list[tuple[str, SX]]:
-        """Centres of a capsule's end spheres."""
-        half = 0.5 * self.sizes[1] * self.direction
-        return [("end +", self.origin + half), ("end -", self.origin - half)]
-
-    @property
     def axes(self) -> SX:
         """The axes of a box as columns; world components."""
         return ca.mtimes(self.turned, ca.DM([list(row) for row in self.shape.rotation]))
 
     @property
-    def corners(self) -> Iterator[tuple[str, SX]]:
-        """The corners of a box, by the signs of their coordinates."""
-        axes = self.axes
-        for signs in product((1, -1), repeat=3):
-            half = ca.vertcat(*(0.5 * s * size for s, size in zip(signs, self.sizes)))
-            name = "".join("+" if s > 0 else "-" for s in signs)
-            yield f"corner {name}", self.origin + ca.mtimes(axes, half)
+    def balls(self) -> Iterator[tuple[str, SX, SX]]:
+        """What a shape is made of against others: label, centre and radius.
+
+        The ball itself, a capsule's ends, a box's corners by the signs of their coordinates.
+        """
+        if isinstance(self.shape, Sphere):
+            yield "", self.origin, self.sizes[0]
+        elif isinstance(self.shape, Capsule):
+            half = 0.5 * self.sizes[1] * self.direction
+            yield "end +", self.origin + half, self.sizes[0]
+            yield "end -", self.origin - half, self.sizes[0]
+        else:
+            axes = self.axes
+            for signs in product((1, -1), repeat=3):
+                half = ca.vertcat(*(0.5 * s * size for s, size in zip(signs, self.sizes)))
+                name = "".join("+" if s > 0 else "-" for s in signs)
+                yield f"corner {name}", self.origin + ca.mtimes(axes, half), ca.SX(0)
 
 
 def _placed(system: System, shape: Shape) -> _Placed:
-    k, point = system.point(shape.body, shape.position)
+    origin = BodyPoint(system, *system.point(shape.body, shape.position)).place
     sizes = tuple(system.number(size) for size in shape.sizes)
-    if k < 0:
-        return _Placed(shape, point, ca.SX.eye(3), sizes)
-    pose = system.poses[k]
-    turned = ca.mtimes(pose.E.T, system.links[k].to_body.E.T)
-    return _Placed(shape, pose.r + ca.mtimes(pose.E.T, point), turned, sizes)
+    return _Placed(shape, origin, rotation(system, shape.body), sizes)
 
 
-# --- pairs: (label, gap, normal from the second to the first, surface point of the first) ------------
+# --- a ball against a shape: gap, normal from the shape to the ball, surface point of the ball ---------
 
-_Points = Iterator[tuple[str, SX, SX, SX]]
+_Surface: TypeAlias = tuple[SX, SX, SX]
 
 
-def _ball_plane(centre: SX, radius: SX, plane: _Placed) -> tuple[SX, SX, SX]:
+def _ball_plane(centre: SX, radius: SX, plane: _Placed) -> _Surface:
     n = plane.direction
     return ca.dot(n, centre - plane.origin) - radius, n, centre - radius * n
 
 
-def _ball_ball(c1: SX, r1: SX, c2: SX, r2: SX) -> tuple[SX, SX, SX]:
+def _ball_ball(c1: SX, r1: SX, c2: SX, r2: SX) -> _Surface:
     n, distance = _direction(c1 - c2, ca.DM([0.0, 0.0, 1.0]))
     return distance - r1 - r2, n, c1 - r1 * n
 
 
-def _ball_box(centre: SX, radius: SX, box: _Placed) -> tuple[SX, SX, SX]:
+def _ball_sphere(centre: SX, radius: SX, sphere: _Placed) -> _Surface:
+    return _ball_ball(centre, radius, sphere.origin, sphere.sizes[0])
+
+
+def _ball_box(centre: SX, radius: SX, box: _Placed) -> _Surface:
     """Outside to the nearest point of the box, inside to the nearest face."""
     axes = box.axes
     c = ca.mtimes(axes.T, centre - box.origin)
@@ -192,34 +194,13 @@ def _ball_box(centre: SX, radius: SX, box: _Placed) -> tuple[SX, SX, SX]:
     return ca.if_else(outside, distance, -least) - radius, n, centre - radius * n
 
 
-def _sphere_sphere(one: _Placed, other: _Placed) -> _Points:
-    yield ("", *_ball_ball(one.origin, one.sizes[0], other.origin, other.sizes[0]))
-
-
-def _sphere_plane(one: _Placed, other: _Placed) -> _Points:
-    yield ("", *_ball_plane(one.origin, one.sizes[0], other))
-
-
-def _sphere_box(one: _Placed, other: _Placed) -> _Points:
-    yield ("", *_ball_box(one.origin, one.sizes[0], other))
-
-
-def _sphere_capsule(one: _Placed, other: _Placed) -> _Points:
-    yield ("", *_ball_capsule(one.origin, one.sizes[0], other))
-
-
-def _ball_capsule(centre: SX, radius: SX, capsule: _Placed) -> tuple[SX, SX, SX]:
+def _ball_capsule(centre: SX, radius: SX, capsule: _Placed) -> _Surface:
     a = capsule.direction
     s = _clamp(ca.dot(a, centre - capsule.origin), 0.5 * capsule.sizes[1])
     return _ball_ball(centre, radius, capsule.origin + s * a, capsule.sizes[0])
 
 
-def _capsule_plane(one: _Placed, other: _Placed) -> _Points:
-    for label, end in one.ends:
-        yield (label, *_ball_plane(end, one.sizes[0], other))
-
-
-def _capsule_capsule(one: _Placed, other: _Placed) -> _Points:
+def _capsule_capsule(one: _Placed, other: _Placed) -> _Surface:
     a, b, between = one.direction, other.direction, one.origin - other.origin
     h_a, h_b = 0.5 * one.sizes[1], 0.5 * other.sizes[1]
     cosine, along_a, along_b = ca.dot(a, b), ca.dot(a, between), ca.dot(b, between)
@@ -232,28 +213,31 @@ def _capsule_capsule(one: _Placed, other: _Placed) -> _Points:
     t = _clamp(along_b + s * cosine, h_b)
     s = _clamp(t * cosine - along_a, h_a)
     near_a, near_b = one.origin + s * a, other.origin + t * b
-    yield ("", *_ball_ball(near_a, one.sizes[0], near_b, other.sizes[0]))
+    return _ball_ball(near_a, one.sizes[0], near_b, other.sizes[0])
 
 
-def _capsule_box(one: _Placed, other: _Placed) -> _Points:
-    for label, end in one.ends:
-        yield (label, *_ball_box(end, one.sizes[0], other))
-    for label, corner in other.corners:
-        g, n, _ = _ball_capsule(corner, ca.SX(0), one)
-        yield label, g, -n, corner - g * n
+_AGAINST: dict[type, Callable[[SX, SX, _Placed], _Surface]] = {
+    Sphere: _ball_sphere,
+    Capsule: _ball_capsule,
+    Box: _ball_box,
+    HalfSpace: _ball_plane,
+}
+"""Of two shapes, the one that comes first here is made of balls."""
 
 
-def _box_plane(one: _Placed, other: _Placed) -> _Points:
-    for label, corner in one.corners:
-        yield (label, *_ball_plane(corner, ca.SX(0), other))
-
-
-def _box_box(one: _Placed, other: _Placed) -> _Points:
-    for label, corner in one.corners:
-        yield (f"first's {label}", *_ball_box(corner, ca.SX(0), other))
-    for label, corner in other.corners:
-        g, n, _ = _ball_box(corner, ca.SX(0), one)
-        yield f"second's {label}", g, -n, corner - g * n
+def _pair(one: _Placed, other: _Placed) -> Iterator[tuple[str, SX, SX, SX]]:
+    """Contact points: label, gap, normal from the second to the first, surface point of the first."""
+    if isinstance(one.shape, Capsule) and isinstance(other.shape, Capsule):
+        yield ("", *_capsule_capsule(one, other))
+        return
+    alike = type(one.shape) is type(other.shape) is Box
+    for label, centre, radius in one.balls:
+        place = f"first's {label}" if alike else label
+        yield (place, *_AGAINST[type(other.shape)](centre, radius, other))
+    if isinstance(other.shape, Box) and not isinstance(one.shape, Sphere):
+        for label, corner, radius in other.balls:
+            g, n, _ = _AGAINST[type(one.shape)](corner, radius, one)
+            yield f"second's {label}" if alike else label, g, -n, corner - g * n
 
 
 def _clamp(x: SX, half: SX) -> SX:
@@ -271,16 +255,3 @@ def _direction(d: SX, otherwise: SX) -> tuple[SX, SX]:
     far = square > NEAR
     length = ca.sqrt(ca.if_else(far, square, 1))
     return ca.if_else(far, d / length, otherwise), ca.if_else(far, length, 0)
-
-
-_PAIRS: dict[tuple[type, type], Callable[[_Placed, _Placed], _Points]] = {
-    (Sphere, Sphere): _sphere_sphere,
-    (Sphere, Capsule): _sphere_capsule,
-    (Sphere, Box): _sphere_box,
-    (Sphere, HalfSpace): _sphere_plane,
-    (Capsule, Capsule): _capsule_capsule,
-    (Capsule, Box): _capsule_box,
-    (Capsule, HalfSpace): _capsule_plane,
-    (Box, Box): _box_box,
-    (Box, HalfSpace): _box_plane,
-}

@@ -13,8 +13,8 @@ from deltac.calls.caching import LRUCache
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
-from deltac.dynamics.kkt import least_squares, without_rounding
-from deltac.dynamics.singular_inertia import singular_inertia
+from deltac.dynamics.kkt import without_rounding
+from deltac.dynamics.singular_inertia import regular_least_squares
 
 RANK_TOLERANCE = 1e-8
 """Rows whose part not explained by others is smaller than this (relative, mass metric) depend on them."""
@@ -62,12 +62,7 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         return M, G, phi
 
     M, _, _, G, W = equations.ties(t, q, still, p)
-    try:
-        tied = least_squares(M, G)
-    except np.linalg.LinAlgError:
-        if error := singular_inertia(equations.system.mechanism, M):
-            raise error from None
-        raise
+    tied = regular_least_squares(equations.system.mechanism, M, G)
     (here, margin) = (chosen, _) = _independent(M, G)
     rng = np.random.default_rng(1)
     for _ in range(2):

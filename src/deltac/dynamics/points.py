@@ -20,6 +20,14 @@ def link_velocities(system: System) -> list[SX]:
     return velocities(system, system.u_all)
 
 
+def rotation(system: System, body: str) -> SX:
+    """R of a body frame: body to world components."""
+    k = system.index[body]
+    if k < 0:
+        return ca.SX.eye(3)
+    return ca.mtimes(system.poses[k].E.T, system.links[k].to_body.E.T)
+
+
 @dataclass(frozen=True, eq=False)
 class BodyPoint:
     """A material point of a link (−1: the ground): `own` (3,) in the link frame, or in the world's."""

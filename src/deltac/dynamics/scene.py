@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
 
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.laws import to_casadi
-from deltac.dynamics.points import BodyPoint, link_velocities, wrenches
+from deltac.dynamics.points import BodyPoint, link_velocities, rotation, wrenches
 from deltac.dynamics.recursions import gather
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
@@ -103,10 +102,7 @@ class Scene:
 
     def rotation(self, body: str) -> SX:
         """R of a body frame: body to world components."""
-        k = self.system.index[body]
-        if k < 0:
-            return ca.SX.eye(3)
-        return ca.mtimes(self.system.poses[k].E.T, self.system.links[k].to_body.E.T)
+        return rotation(self.system, body)
 
     def axis(self, body: str, axis: Sequence[float]) -> SX:
         """World components of a direction fixed in a body."""
@@ -133,16 +129,12 @@ class Scene:
         """Coordinates in a body frame of a world position."""
         return ca.mtimes(self.rotation(body).T, x - self.place(body, (0.0, 0.0, 0.0)))
 
-    @cached_property
-    def _velocities(self) -> list[SX]:
-        return link_velocities(self.system)
-
     def angular_velocity(self, body: str) -> SX:
         """World components of a body's angular velocity."""
         k = self.system.index[body]
         if k < 0:
             return ca.SX.zeros(3)
-        return ca.mtimes(self.system.poses[k].E.T, self._velocities[k][:3])
+        return ca.mtimes(self.system.poses[k].E.T, link_velocities(self.system)[k][:3])
 
     def velocity(self, body: str, x: SX) -> SX:
         """World velocity of the body's material point that is at the world position `x`."""
@@ -150,7 +142,8 @@ class Scene:
         if k < 0:
             return ca.SX.zeros(3)
         E, o = self.system.poses[k].E, self.system.poses[k].r
-        w, v = ca.mtimes(E.T, self._velocities[k][:3]), ca.mtimes(E.T, self._velocities[k][3:])
+        V = link_velocities(self.system)[k]
+        w, v = ca.mtimes(E.T, V[:3]), ca.mtimes(E.T, V[3:])
         return v + cross(w, x - o)
 
     def touches(self, first: Shape, second: Shape) -> tuple[Gap, ...]:

@@ -1,4 +1,4 @@
-"""Mass matrices that are singular: which motions have no kinetic energy."""
+"""Mass matrices that are singular: which motions have no kinetic energy, and the error that says so."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.dynamics.kkt import mass_rounding
+from deltac.dynamics.kkt import LeastSquares, least_squares, mass_rounding
 from deltac.errors import ModelError
 from deltac.mechanism.mechanism import Mechanism
 
@@ -42,3 +42,13 @@ def singular_inertia(mechanism: Mechanism, M: Array) -> ModelError | None:
                 "joint an armature, or take a joint without that freedom"
             )
     return None
+
+
+def regular_least_squares(mechanism: Mechanism, M: Array, G: Array) -> LeastSquares:
+    """`least_squares` of the free speeds; ModelError, as `singular_inertia` words it, for a singular M."""
+    try:
+        return least_squares(M, G)
+    except np.linalg.LinAlgError:
+        if error := singular_inertia(mechanism, M):
+            raise error from None
+        raise

@@ -17,11 +17,6 @@ SX: TypeAlias = Any
 """A CasADi SX matrix (CasADi has no type stubs)."""
 
 
-def skew(a: SX) -> SX:
-    """The matrix a× with a× b = cross(a, b)."""
-    return ca.skew(a)
-
-
 def cross(a: SX, b: SX) -> SX:
     """The vector product of two 3-vectors."""
     return ca.cross(a, b)

@@ -2,31 +2,39 @@
 
 from __future__ import annotations
 
+import contextlib
 import glob as globbing
 import hashlib
+import itertools
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.errors import FileError, InputError, UnknownName, closest, listed
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
-from deltac.fleets.execution import Work
-from deltac.fleets.fleet import run_fleet
+from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, halved, rows_as_parquet
+from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
 from deltac.fleets.spec import Execution
-from deltac.fleets.store import ADDRESS, Store, digest, versions
-from deltac.fleets.verdicts import AuditTask, verdicts
+from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import read_text
 from deltac.foreign.isolation import Failure
+from deltac.kernels.rows import compiled
 from deltac.models import Model, ModelLike, load_model
 from deltac.trajectories.formats.files import FORMATS, is_log_folder, read_raw
-from deltac.trajectories.formats.mapping import as_mapping
+from deltac.trajectories.formats.mapping import LogMapping, as_mapping
+from deltac.trajectories.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.diagnosis.audit.audit import Audit
 
 OUTCOME: dict[str, str] = {
     "verdict": TEXT,
@@ -55,6 +63,9 @@ SMALL = 1 << 20
 LOGS, EPISODES = 8, 256
 """Logs, and episodes of a log, in a piece, at most."""
 
+TOGETHER = 32
+"""Episodes that are judged side by side: what is known of each takes a megabyte or so of memory."""
+
 
 @dataclass(frozen=True)
 class Log:
@@ -66,48 +77,96 @@ class Log:
 
 
 @dataclass(frozen=True, eq=False)
-class AuditPiece:
+class AuditTask:
+    """What the audits of a fleet share."""
+
+    model: Model
+    tolerance: float
+    work: str | None
+    mapping: LogMapping | None
+    strict: bool
+
+
+@dataclass(frozen=True, eq=False)
+class AuditPiece(Piece):
     """Some logs, or some episodes of one log."""
 
-    needs: ClassVar[tuple[str, ...]] = ("polars", "deltac.diagnosis.audit.audit")
+    needs = ("polars", "deltac.diagnosis.audit.audit")
+    kinds = OUTCOME
+    per_row = "logs"
 
     task: AuditTask
     logs: tuple[Log, ...]
-    addresses: tuple[str, ...]
 
-    @property
-    def rows(self) -> int:
-        """How many."""
-        return len(self.logs)
-
-    def halves(self) -> tuple[AuditPiece, AuditPiece]:
-        """The first ones, and the others."""
-        return halved(self, "logs", "addresses")
-
-    def __call__(self) -> bytes:
-        """Their rows, as a Parquet file."""
-        outcome: dict[str, list[Any]] = {}
+    def outcome(self) -> dict[str, list[Any]]:
+        """Log by log."""
+        rows: list[Mapping[str, Any]] = []
         for source in dict.fromkeys(log.source for log in self.logs):
             own = [log.episode for log in self.logs if log.source == source]
-            for one in verdicts(self.task, source, own):
-                for name in OUTCOME:
-                    outcome.setdefault(name, []).append(one.get(name))
-        return self._table(outcome)
-
-    def failed(self, failure: Failure) -> bytes:
-        """The row of a log that could not be audited."""
-        return self._table({**failed_outcome(failure), "exit_code": [2.0]})
+            rows += verdicts(self.task, source, own)
+        return {name: [row.get(name) for row in rows] for name in OUTCOME}
 
     def about(self) -> dict[str, Any]:
         """The first log."""
         return {"log": self.logs[0].source, "episode": self.logs[0].episode}
 
-    def _table(self, outcome: Mapping[str, Any]) -> bytes:
-        point = {
-            "log": (TEXT, [log.source for log in self.logs]),
-            "episode": (TEXT, [log.episode for log in self.logs]),
-        }
-        return rows_as_parquet(self.addresses, point, OUTCOME, outcome)
+    def point(self) -> dict[str, tuple[str, Any]]:
+        """Log and episode."""
+        return {name: (TEXT, [getattr(log, of) for log in self.logs]) for name, of in POINT.items()}
+
+
+POINT = {"log": "source", "episode": "episode"}
+
+
+def verdicts(
+    task: AuditTask, source: str, episodes: Sequence[str | None]
+) -> Iterator[dict[str, Any]]:
+    """What came of each episode (None: of the whole log), in order."""
+    runs = read_episodes(source, episodes, task.mapping, task.model.mechanism)
+    batched = list(episodes) != [None]
+    # Compiled is the same for all episodes, so that they all pay for it.
+    with compiled() if batched else contextlib.nullcontext():
+        for first in range(0, len(runs), TOGETHER):
+            yield from _judged(task, runs[first : first + TOGETHER])
+
+
+def _judged(task: AuditTask, runs: Sequence[Trajectory | InputError]) -> list[dict[str, Any]]:
+    from deltac.diagnosis.audit.audit import audit_together
+
+    began = time.process_time()
+    good = [run for run in runs if not isinstance(run, InputError)]
+    audits = iter(
+        audit_together(
+            task.model, good, tolerance=task.tolerance, work=task.work, strict=task.strict
+        )
+    )
+    found = [run if isinstance(run, InputError) else next(audits) for run in runs]
+    seconds = (time.process_time() - began) / max(len(good), 1)
+    return [_failed(one) if isinstance(one, InputError) else _told(one, seconds) for one in found]
+
+
+def _failed(error: InputError) -> dict[str, Any]:
+    outcome = failed_outcome(Failure(error.code, str(error)))
+    return {name: value for name, (value,) in outcome.items()}
+
+
+def _told(found: Audit, seconds: float) -> dict[str, Any]:
+    """The row of an audit that took so many seconds."""
+    return {
+        "verdict": found.verdict.kind,
+        "confidence": found.verdict.confidence,
+        "relative": found.relative,
+        "energy_error": float(np.abs(found.energy_error).max()),
+        "energy": found.beside,
+        "error_bar": float(found.ledger.error_bar[found.function].max()),
+        "samples": float(found.samples),
+        "duration": found.run.duration,
+        "exit_code": float(found.exit_code),
+        "findings": " ".join(f.code for f in found.findings) or None,
+        "seconds": seconds,
+        "message": found.summary(),
+        "details": found.explain() if found.exit_code else None,
+    }
 
 
 # --- which logs -----------------------------------------------------------------------------------
@@ -251,71 +310,63 @@ def audit_many(
     execution = Execution().overridden(
         workers=workers, scheduler=scheduler, time_limit=time_limit, retries=retries
     )
-    return plan.run(
-        folder_of(plan, out),
-        execution,
-        executor=executor,
-        retry_failed=retry_failed,
-        progress=progress,
-    )
-
-
-def folder_of(plan: AuditPlan, out: str | Path | None) -> Path:
-    """Where the results of a plan go."""
-    name = Path(plan.name.replace(":", "-")).name
-    return Path(f"{name}.audits") if out is None else Path(out)
+    return plan.run(out, execution, executor=executor, retry_failed=retry_failed, progress=progress)
 
 
 @dataclass(frozen=True, eq=False)
-class AuditPlan:
-    """The logs of a fleet with their addresses, and what lies beside them and is none."""
+class AuditPlan(Plan):
+    """The logs of a fleet, what their audits share, and what lies beside the logs and is none."""
 
-    name: str
+    kind = "audit"
+
     told: dict[str, Any]
     task: AuditTask
     logs: tuple[Log, ...]
-    addresses: tuple[str, ...]
     skipped: tuple[str, ...]
 
-    def pieces(self, missing: Sequence[int], workers: int) -> Iterator[Work]:
+    def folder(self) -> Path:
+        """The model's name with ``.audits``."""
+        return Path(f"{Path(self.name.replace(':', '-')).name}.audits")
+
+    def head(self) -> dict[str, Any]:
+        """What the audits share, and what was left out."""
+        models = {self.name: self.told["model"]}
+        return {"plan": self.told, "models": models, "skipped": self.skipped}
+
+    def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
         """Logs in small pieces, episodes in larger ones of one log; each once."""
         left = list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1]
-        most = max(1, min(LOGS, len(left) // (4 * workers)))
-        start = 0
-        while start < len(left):
-            first = self.logs[left[start]]
-            end = start + 1
-            limit = most if first.episode is None else EPISODES
-            while end < len(left) and end - start < limit:
-                log = self.logs[left[end]]
-                together = (log.episode is None) == (first.episode is None)
-                if not together or (first.episode is not None and log.source != first.source):
-                    break
-                end += 1
-            rows = left[start:end]
-            logs, addresses = ([of[k] for k in rows] for of in (self.logs, self.addresses))
-            yield AuditPiece(self.task, tuple(logs), tuple(addresses))  # type: ignore[arg-type]
-            start = end
+        most = chunk or max(1, min(LOGS, len(left) // (4 * workers)))
 
-    def run(self, folder: Path, execution: Execution, **options: Any) -> Fleet:
-        """Do what is missing."""
-        models = {self.name: self.told["model"]}
-        store = Store.make(folder, "audit", self.name, self.told, models, self.skipped)
-        return run_fleet(
-            store,
-            self.addresses,
-            self.pieces,
-            execution,
-            reproducer=lambda work: _command(self.name, work),
-            **options,
-        )
+        def together(k: int) -> Any:
+            """Logs go with each other, episodes with those of their log."""
+            return None if self.logs[k].episode is None else self.logs[k].source
 
+        for source, group in itertools.groupby(left, together):
+            rows = list(group)
+            size = most if source is None else EPISODES
+            for some in (rows[k : k + size] for k in range(0, len(rows), size)):
+                logs, addresses = ([of[k] for k in some] for of in (self.logs, self.addresses))
+                yield AuditPiece(tuple(addresses), self.task, tuple(logs))  # type: ignore[arg-type]
 
-def _command(model: str, work: Work) -> str:
-    """The command that audits one log, or one episode, alone."""
-    about = work.about()
-    episode = "" if about["episode"] is None else f" --episode {about['episode']}"
-    return f"deltac audit {model} {about['log']}{episode}"
+    def command(self, piece: Piece) -> str:
+        """The command that audits one log, or one episode."""
+        about = piece.about()
+        episode = "" if about["episode"] is None else f" --episode {about['episode']}"
+        return f"deltac audit {self.name} {about['log']}{episode}"
+
+    def write_case(self, address: str, path: Path) -> None:
+        """The audit of one log, or of one episode."""
+        from deltac.diagnosis.audit.audit import audit
+
+        if address not in self.addresses:
+            raise UnknownName(f"address {address}: there is no such log")
+        task, log = self.task, self.logs[self.addresses.index(address)]
+        (run,) = read_episodes(log.source, [log.episode], task.mapping, task.model.mechanism)
+        if isinstance(run, InputError):
+            raise run
+        found = audit(task.model, run, tolerance=task.tolerance, work=task.work, strict=task.strict)
+        found.report(path)
 
 
 def plan_audits(
@@ -359,24 +410,4 @@ def plan_audits(
         own = seed.copy()
         own.update(f"{log.source}\n{log.fingerprint}\n{log.episode}".encode())
         addresses.append(own.hexdigest())
-    return AuditPlan(name, told, task, tuple(found), tuple(addresses), tuple(skipped))
-
-
-def write_case(plan: AuditPlan, address: str, path: Path) -> None:
-    """The page of one log, or of one episode.
-
-    Raises InputError if the plan has no such log, or it cannot be audited.
-    """
-    from deltac.diagnosis.audit.audit import audit
-
-    task = plan.task
-    found = [log for log, other in zip(plan.logs, plan.addresses) if other == address]
-    if not found:
-        raise UnknownName(f"address {address}: there is no such log")
-    log = found[0]
-    (run,) = read_episodes(log.source, [log.episode], task.mapping, task.model.mechanism)
-    if isinstance(run, InputError):
-        raise run
-    audit(task.model, run, tolerance=task.tolerance, work=task.work, strict=task.strict).report(
-        path
-    )
+    return AuditPlan(name, tuple(addresses), told, task, tuple(found), tuple(skipped))

@@ -14,9 +14,10 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol
+from typing import Any
 
 from deltac.errors import PackageError, ProcessLost
+from deltac.fleets.rows import Piece
 from deltac.foreign.isolation import Failure, Workers, isolated
 from deltac.kernels.parallel import cores
 
@@ -27,38 +28,11 @@ AHEAD = 2
 """Pieces in flight for each worker: one in work, the next at hand. More would only take memory."""
 
 
-class Work(Protocol):
-    """A piece of work: a picklable call, of several rows of the table."""
-
-    needs: ClassVar[tuple[str, ...]]
-    """Modules that a worker loads when it starts."""
-
-    @property
-    def addresses(self) -> tuple[str, ...]:
-        """Of the rows that it makes."""
-
-    @property
-    def rows(self) -> int:
-        """How many these are."""
-
-    def __call__(self) -> bytes:
-        """Make them, in a worker, as a Parquet file."""
-
-    def halves(self) -> tuple[Work, Work]:
-        """Two pieces that make the same rows, to find the one that fails."""
-
-    def failed(self, failure: Failure) -> bytes:
-        """The row of a piece of one row that failed for good."""
-
-    def about(self) -> dict[str, Any]:
-        """What that row is of, in terms of JSON."""
-
-
 @dataclass(frozen=True, eq=False)
 class Attempt:
     """A piece of work, and how often it has failed."""
 
-    work: Work
+    work: Piece
     failed: int = 0
 
 
@@ -78,13 +52,13 @@ class Crew:
 
     executor: Executor
     size: int
-    call: Callable[[Work, float], Any] = isolated
+    call: Callable[[Piece, float], Any] = isolated
     check: Callable[[], None] = field(default=lambda: None)
 
 
 @contextlib.contextmanager
 def local_crew(workers: int | None) -> Iterator[Crew]:
-    """Worker processes of this machine, by default one a core."""
+    """Pieceer processes of this machine, by default one a core."""
     size, own = workers or cores(), Workers()
     executor = ThreadPoolExecutor(size, "deltac-fleet")
     try:
@@ -136,9 +110,9 @@ def dask_crew(address: str) -> Iterator[Crew]:
 
 def execute(
     crew: Crew,
-    pieces: Iterable[Work],
-    keep: Callable[[Work, Any], None],
-    set_aside: Callable[[Work, Failure], None],
+    pieces: Iterable[Piece],
+    keep: Callable[[Piece, Any], None],
+    set_aside: Callable[[Piece, Failure], None],
     *,
     time_limit: float,
     retries: int,

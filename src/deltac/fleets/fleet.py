@@ -1,4 +1,4 @@
-"""`run_fleet`: what a plan lacks is done, kept, and told; a sweep and an audit of many logs alike."""
+"""`Plan`: what it lacks is done, kept, and told; a sweep and an audit of many logs alike."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import contextlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 from deltac.errors import ArgumentsError, ProcessLost
-from deltac.fleets.execution import Crew, SchedulerLost, Work, dask_crew, execute, local_crew
+from deltac.fleets.execution import Crew, SchedulerLost, dask_crew, execute, local_crew
 from deltac.fleets.result import OUTSIDE, Fleet, summarise
+from deltac.fleets.rows import Piece
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import RESULTS, Store
 from deltac.foreign.isolation import Failure
@@ -21,88 +23,119 @@ class RecomputedWarning(UserWarning):
     """Rows of a folder are of other versions of the programs or of a model, and are made again."""
 
 
-def run_fleet(
-    store: Store,
-    addresses: Sequence[str],
-    pieces: Callable[[Sequence[int], int], Iterator[Work]],
-    execution: Execution,
-    *,
-    executor: Executor | None = None,
-    retry_failed: bool = False,
-    progress: Callable[[float], None] | None = None,
-    reproducer: Callable[[Work], str],
-    notice: Callable[[str], None] | None = None,
-) -> Fleet:
-    """Do what is not there, and make the table.
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A fleet before it is run: what it is called, and the addresses of all its rows, in order."""
 
-    Args:
-        store: where the rows go.
-        addresses: of all rows that there are to be, in order.
-        pieces: the work for some of them (places in `addresses`), cut for so many workers.
-        execution: how it is done.
-        executor: who does it, in place of what `execution` says.
-        retry_failed: try again what was set aside before.
-        progress: called with the fraction done, first with what was there before.
-        reproducer: the command that makes the row of such a piece alone.
-        notice: called with what the user should know before the work is done; a `RecomputedWarning` without.
+    kind: ClassVar[Literal["sweep", "audit"]]
 
-    Raises:
-        InputError: the folder is in use or cannot be written, the cluster is gone; rows that were made stay.
-    """
-    if executor is not None and execution.scheduler is not None:
-        raise ArgumentsError("give executor= or scheduler=, not both")
-    with store.locked():
-        before = store.begin()
-        done = store.done()
-        if retry_failed:
-            failed = store.aside()
-            store.take_back(failed)
-            store.forget(failed)
-            done -= failed.keys()
-        store.plan(addresses)
-        others = len(done - set(addresses))
-        changed = _changed(before, store.head)
-        if others and changed:
-            told = (
-                f"{store.folder}: {others} rows there are of {changed} and are made again; the old ones stay "
-                f"{OUTSIDE}"
-            )
-            if notice is None:
-                warnings.warn(told, RecomputedWarning, stacklevel=2)
-            else:
-                notice(told)
-        missing = [k for k, address in enumerate(addresses) if address not in done]
-        count, total = len(addresses) - len(missing), len(addresses)
+    name: str
+    addresses: tuple[str, ...]
 
-        def advance(rows: int) -> None:
-            nonlocal count
-            count += rows
-            if progress is not None:
-                progress(count / total)
+    def folder(self) -> Path:
+        """Where the results go if nothing is said."""
+        raise NotImplementedError
 
-        def keep(work: Work, content: bytes) -> None:
-            store.keep(content, work.addresses)
+    def head(self) -> dict[str, Any]:
+        """What the folder says of the plan, for `Store.make`."""
+        raise NotImplementedError
 
-        def set_aside(work: Work, failure: Failure) -> None:
-            (address,) = work.addresses
-            store.set_aside(address, {"of": work.about(), "reproduce": reproducer(work)}, failure)
-            store.keep(work.failed(failure), work.addresses)
+    def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
+        """The work for some rows (places in `addresses`), each once, cut for so many workers."""
+        raise NotImplementedError
 
-        advance(0)
-        if missing:
-            with _crew(execution, executor, store.folder) as crew:
-                execute(
-                    crew,
-                    pieces(missing, crew.size),
-                    keep,
-                    set_aside,
-                    time_limit=execution.time_limit,
-                    retries=execution.retries,
-                    done=advance,
+    def command(self, piece: Piece) -> str:
+        """The command that makes the row of a piece alone."""
+        raise NotImplementedError
+
+    def write_case(self, address: str, path: Path) -> None:
+        """Write the page of one row; InputError if the plan has no such row, or it cannot be made."""
+        raise NotImplementedError
+
+    def run(
+        self,
+        out: str | Path | None,
+        execution: Execution,
+        *,
+        executor: Executor | None = None,
+        retry_failed: bool = False,
+        progress: Callable[[float], None] | None = None,
+        notice: Callable[[str], None] | None = None,
+    ) -> Fleet:
+        """Do what is not there, and make the table.
+
+        Args:
+            out: folder of the results.
+            execution: how it is done.
+            executor: who does it, in place of what `execution` says.
+            retry_failed: try again what was set aside before.
+            progress: called with the fraction done, first with what was there before.
+            notice: called with what the user should know before the work is done; a `RecomputedWarning`
+                without.
+
+        Raises:
+            InputError: the folder is in use or cannot be written, the cluster is gone; rows that were made
+                stay.
+        """
+        if executor is not None and execution.scheduler is not None:
+            raise ArgumentsError("give executor= or scheduler=, not both")
+        store = Store.make(
+            self.folder() if out is None else Path(out), self.kind, self.name, **self.head()
+        )
+        with store.locked():
+            before = store.begin()
+            done = store.done()
+            if retry_failed:
+                failed = store.aside()
+                store.take_back(failed)
+                store.forget(failed)
+                done -= failed.keys()
+            store.plan(self.addresses)
+            others = len(done - set(self.addresses))
+            changed = _changed(before, store.head)
+            if others and changed:
+                told = (
+                    f"{store.folder}: {others} rows there are of {changed} and are made again; the old ones "
+                    f"stay {OUTSIDE}"
                 )
-        frame = store.table()
-        store.write_frame(RESULTS, frame)
-        return summarise(store, frame, total, others)
+                if notice is None:
+                    warnings.warn(told, RecomputedWarning, stacklevel=2)
+                else:
+                    notice(told)
+            missing = [k for k, address in enumerate(self.addresses) if address not in done]
+            count, total = len(self.addresses) - len(missing), len(self.addresses)
+
+            def advance(rows: int) -> None:
+                nonlocal count
+                count += rows
+                if progress is not None:
+                    progress(count / total)
+
+            def keep(work: Piece, content: bytes) -> None:
+                store.keep(content, work.addresses)
+
+            def set_aside(work: Piece, failure: Failure) -> None:
+                (address,) = work.addresses
+                store.set_aside(
+                    address, {"of": work.about(), "reproduce": self.command(work)}, failure
+                )
+                store.keep(work.failed(failure), work.addresses)
+
+            advance(0)
+            if missing:
+                with _crew(execution, executor, store.folder) as crew:
+                    execute(
+                        crew,
+                        self.pieces(missing, crew.size, execution.chunk),
+                        keep,
+                        set_aside,
+                        time_limit=execution.time_limit,
+                        retries=execution.retries,
+                        done=advance,
+                    )
+            frame = store.table()
+            store.write_frame(RESULTS, frame)
+            return summarise(store, frame, total, others)
 
 
 def _changed(before: Mapping[str, Any], now: Mapping[str, Any]) -> str:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, TypeVar
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
 
 from deltac.foreign.isolation import Failure
-
-Piece = TypeVar("Piece", bound=Any)
 
 TEXT, NUMBER = "text", "number"
 """Kinds of columns."""
@@ -33,40 +31,69 @@ MEASURED = ("seconds",)
 """Columns that differ between two runs of the same work."""
 
 
-def rows_as_parquet(
-    addresses: Sequence[str],
-    point: Mapping[str, tuple[str, Any]],
-    kinds: Mapping[str, str],
-    outcome: Mapping[str, Any],
-) -> bytes:
-    """Rows of the table: address, what they are of, what came of them; what is not a number is null.
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A piece of work: a picklable call that makes some rows of the table, as a small Parquet file.
 
-    `point` and `outcome` hold a sequence for each column, `kinds` the columns of the outcome, in order; those
-    it lacks are null.
+    needs    modules that a worker loads when it starts
+    kinds    columns of the outcome, in order, and their kinds
+    per_row  the field that holds something of each row, beside their `addresses`
     """
-    import polars
 
-    types = {TEXT: polars.String, NUMBER: polars.Float64}
-    nothing = [None] * len(addresses)
-    columns = [polars.Series("address", addresses, polars.String)]
-    for name, (kind, values) in point.items():
-        columns.append(polars.Series(name, values, types[kind], strict=False))
-    for name, kind in kinds.items():
-        columns.append(polars.Series(name, outcome.get(name, nothing), types[kind], strict=False))
-    frame = polars.DataFrame(columns).with_columns(polars.col(polars.Float64).fill_nan(None))
-    target = io.BytesIO()
-    frame.write_parquet(target)
-    return target.getvalue()
+    needs: ClassVar[tuple[str, ...]] = ()
+    kinds: ClassVar[Mapping[str, str]] = {}
+    per_row: ClassVar[str] = ""
 
+    addresses: tuple[str, ...]
 
-def halved(piece: Piece, *names: str) -> tuple[Piece, Piece]:
-    """A piece of work as two, cut in the middle of what it has of each row, by name."""
-    middle = len(piece.addresses) // 2
-    first, second = (
-        replace(piece, **{name: getattr(piece, name)[part] for name in names})
-        for part in (slice(None, middle), slice(middle, None))
-    )
-    return first, second
+    def point(self) -> Mapping[str, tuple[str, Any]]:
+        """What the rows are of: columns with their kinds and values."""
+        raise NotImplementedError
+
+    def outcome(self) -> Mapping[str, Any]:
+        """What came of them, in a worker: columns with a value for each row; those it lacks are null."""
+        raise NotImplementedError
+
+    def about(self) -> dict[str, Any]:
+        """What the first row is of, in terms of JSON."""
+        raise NotImplementedError
+
+    @property
+    def rows(self) -> int:
+        """How many rows it makes."""
+        return len(self.addresses)
+
+    def __call__(self) -> bytes:
+        """Make them."""
+        return self._table(self.outcome())
+
+    def failed(self, failure: Failure) -> bytes:
+        """The row of a piece of one row that failed for good."""
+        return self._table(failed_outcome(failure))
+
+    def halves(self) -> tuple[Self, Self]:
+        """Two pieces that make the same rows, to find the one that fails."""
+        middle, of_each = self.rows // 2, ("addresses", self.per_row)
+        first, second = (
+            replace(self, **{name: getattr(self, name)[part] for name in of_each})
+            for part in (slice(None, middle), slice(middle, None))
+        )
+        return first, second
+
+    def _table(self, outcome: Mapping[str, Any]) -> bytes:
+        import polars
+
+        types = {TEXT: polars.String, NUMBER: polars.Float64}
+        nothing = [None] * self.rows
+        columns = {"address": (TEXT, self.addresses), **self.point()}
+        columns |= {name: (kind, outcome.get(name, nothing)) for name, kind in self.kinds.items()}
+        frame = polars.DataFrame(
+            polars.Series(name, values, types[kind], strict=False)
+            for name, (kind, values) in columns.items()
+        ).with_columns(polars.col(polars.Float64).fill_nan(None))
+        target = io.BytesIO()
+        frame.write_parquet(target)
+        return target.getvalue()
 
 
 def failed_outcome(failure: Failure) -> dict[str, list[Any]]:
@@ -76,4 +103,5 @@ def failed_outcome(failure: Failure) -> dict[str, list[Any]]:
         "code": [failure.code],
         "message": [failure.message],
         "details": [failure.details or None],
+        "exit_code": [2.0],
     }

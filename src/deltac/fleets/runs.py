@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.fleets.rows import NUMBER, TEXT, failed_outcome, halved, rows_as_parquet
+from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
 from deltac.foreign.isolation import Failure
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -88,50 +87,46 @@ class Refused:
 
 
 @dataclass(frozen=True, eq=False)
-class RunPiece:
-    """Some runs: the values of their axes (N, axes), and their addresses."""
+class RunPiece(Piece):
+    """Some runs of a setting: the values of their axes (N, axes)."""
 
-    needs: ClassVar[tuple[str, ...]] = ("polars", "deltac.simulation.simulate")
+    needs = ("polars", "deltac.simulation.simulate")
+    kinds = OUTCOME
+    per_row = "values"
 
     task: Task | Refused
     values: Array
-    addresses: tuple[str, ...]
 
-    @property
-    def rows(self) -> int:
-        """How many runs."""
-        return len(self.addresses)
+    def outcome(self) -> dict[str, Any]:
+        """As an ensemble where that can be, else one by one."""
+        from deltac.simulation.solvers import find_solver
 
-    def halves(self) -> tuple[RunPiece, RunPiece]:
-        """The first runs, and the others."""
-        return halved(self, "values", "addresses")
-
-    def __call__(self) -> bytes:
-        """The rows, as a Parquet file."""
-        return self._table(_outcome(self))
-
-    def failed(self, failure: Failure) -> bytes:
-        """The row of a run that could not be made."""
-        return self._table(failed_outcome(failure))
+        task = self.task
+        if isinstance(task, Refused):
+            return {n: values * self.rows for n, values in failed_outcome(task.failure).items()}
+        if task.verb == "study":
+            return _by_members(self, _study, together=False)
+        if find_solver(task.solver).family == "fixed" and not task.mechanism.events:
+            return _by_members(self, _ensemble, together=True)
+        return _by_members(self, _single, together=False)
 
     def about(self) -> dict[str, Any]:
         """Model, setting and axes of the first run."""
         task = self.task
-        values = dict(zip(task.axes, self.values[0].tolist()))
         setting = {"model": task.label, "solver": task.solver, "step": task.step}
-        return {**setting, "solver_tolerance": task.solver_tolerance, **values}
+        axes = dict(zip(task.axes, self.values[0].tolist()))
+        return {**setting, "solver_tolerance": task.solver_tolerance, **axes}
 
-    def _table(self, outcome: Mapping[str, Any]) -> bytes:
+    def point(self) -> dict[str, tuple[str, Any]]:
+        """Setting and axes."""
         task = self.task
-        point = {
-            "model": (TEXT, [task.label] * self.rows),
-            "solver": (TEXT, [task.solver] * self.rows),
-            "step": (NUMBER, [task.step] * self.rows),
-            "solver_tolerance": (NUMBER, [task.solver_tolerance] * self.rows),
-            "duration": (NUMBER, [task.duration] * self.rows),
+        text = {"model": task.label, "solver": task.solver}
+        numbers = {n: getattr(task, n) for n in ("step", "solver_tolerance", "duration")}
+        return {
+            **{name: (TEXT, [value] * self.rows) for name, value in text.items()},
+            **{name: (NUMBER, [value] * self.rows) for name, value in numbers.items()},
             **{name: (NUMBER, self.values[:, k]) for k, name in enumerate(task.axes)},
         }
-        return rows_as_parquet(self.addresses, point, OUTCOME, outcome)
 
 
 def _parameters(task: Task, row: Array) -> dict[str, float]:
@@ -150,20 +145,6 @@ def _states(task: Task, values: Array) -> tuple[Array, Array]:
         elif group == "u":
             U[:, task.mechanism.speeds.names.index(name)] = values[:, k]
     return Q, U
-
-
-def _outcome(piece: RunPiece) -> dict[str, Any]:
-    from deltac.simulation.solvers import find_solver
-
-    if isinstance(piece.task, Refused):
-        outcome = failed_outcome(piece.task.failure)
-        return {name: values * piece.rows for name, values in outcome.items()}
-    if piece.task.verb == "study":
-        return _by_members(piece, _study, together=False)
-    solver = find_solver(piece.task.solver)
-    if solver.family == "fixed" and not piece.task.mechanism.events:
-        return _by_members(piece, _ensemble, together=True)
-    return _by_members(piece, _single, together=False)
 
 
 def _by_members(piece: RunPiece, work: Any, *, together: bool) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import difflib
 import math
-import tomllib
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias, get_args
@@ -20,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from deltac.errors import InputError, SpecificationError, UnknownName, closest, listed
+from deltac.errors import InputError, SpecificationError, UnknownName, closest
 from deltac.foreign.files import read_text
 from deltac.foreign.limits import parse_toml
 
@@ -185,7 +184,9 @@ def _validated(document: dict[str, Any], where: Any) -> SweepSpec:
         if one["type"] == "extra_forbidden":
             unknown = True
             known = list(_fields(one["loc"][:-1]))
-            told.append(f"{where(place)}: unknown key {place[-1]!r}{_hint(str(place[-1]), known)}")
+            told.append(
+                f"{where(place)}: unknown key {place[-1]!r}{closest(str(place[-1]), known)}"
+            )
         elif one["type"] == "missing":
             name = one["loc"][-1]
             told.append(f"{where(place)}: {'.'.join(map(str, place))} lacks {name!r}")
@@ -202,11 +203,6 @@ def _words(error: Any) -> str:
     """What pydantic expected, as we would say it."""
     text = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "expected")
     return text[:1].lower() + text[1:]
-
-
-def _hint(name: str, known: Sequence[str]) -> str:
-    match = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    return closest(name, known) if match else f"; known: {listed(known)}"
 
 
 def _fields(place: Sequence[int | str]) -> Iterator[str]:
@@ -241,46 +237,31 @@ def _within(document: Any, place: Sequence[int | str]) -> tuple[int | str, ...]:
     return tuple(found)
 
 
-def line_of(text: str, place: Sequence[int | str]) -> int:
-    r"""The line, from 1, of the statement of a TOML text that gives what is at a place.
+_HEADER = re.compile(r"\s*\[\[?(?P<header>[^\[\]=]+)\]\]?\s*(#.*)?$")
+_KEY = re.compile(r"\s*(?P<key>[\w.\-\"' ]+?)\s*=")
 
-    Python's parser tells no positions. But statements end with their line, so a text that is cut between
-    two of them is TOML too, and the statement looked for ends at the first such cut that has the place.
+
+def line_of(text: str, place: Sequence[int | str]) -> int:
+    r"""The line, from 1, of the statement of a TOML text that gives what is at a place; 1 for the whole.
+
+    Python's parser tells no positions, so headers and keys at the beginning of lines are read here.
 
     >>> line_of("a = 1\n[b]\nc = [\n  1,\n  2,\n]\nd = 3\n", ("b", "c", 1))
     3
     """
-    lines = text.splitlines(keepends=True)
-
-    def holds(count: int) -> bool | None:
-        try:
-            here: Any = tomllib.loads("".join(lines[:count]))
-            for part in place:
-                here = here[part]
-        except tomllib.TOMLDecodeError:
-            return None
-        except (KeyError, IndexError, TypeError):
-            return False
-        return True
-
-    # Bisection: `low` lines are TOML without the place, `high` have it.
-    low, high = 0, len(lines)
-    while high - low > 1:
-        middle = (low + high) // 2
-        probe = middle
-        while probe > low and holds(probe) is None:
-            probe -= 1
-        if probe == low:  # a statement begins at `low` and goes on beyond `middle`
-            low_end = middle + 1
-            while low_end < high and holds(low_end) is None:
-                low_end += 1
-            if holds(low_end):
-                break
-            low = low_end
-        elif holds(probe):
-            high = probe
+    header: list[str] = []
+    found, most = 1, 0
+    for number, line in enumerate(text.splitlines(), 1):
+        if match := _HEADER.match(line):
+            here = header = _dotted(match["header"])
+        elif match := _KEY.match(line):
+            here = header + _dotted(match["key"])
         else:
-            low = probe
-    while low < len(lines) - 1 and (not lines[low].strip() or lines[low].lstrip().startswith("#")):
-        low += 1
-    return low + 1
+            continue
+        if len(here) > most and list(place[: len(here)]) == here:
+            found, most = number, len(here)
+    return found
+
+
+def _dotted(key: str) -> list[str]:
+    return [part.strip(" \"'") for part in key.split(".")]

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,18 +16,15 @@ from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.errors import ArgumentsError, InputError, SpecificationError, UnknownName, closest
 from deltac.fleets.design import Design, Setting, lay_out
-from deltac.fleets.execution import Work
-from deltac.fleets.fleet import run_fleet
+from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
+from deltac.fleets.rows import Piece
 from deltac.fleets.runs import Refused, RunPiece, Task
-from deltac.fleets.spec import Execution, SweepSpec, make_spec, read_spec
-from deltac.fleets.store import ADDRESS, Store, digest, versions
+from deltac.fleets.spec import SweepSpec, make_spec, read_spec
+from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.isolation import Failure
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, load_model
-
-if TYPE_CHECKING:
-    import polars
 
 LARGEST = 16384
 """Runs in a piece, at most: their records and states take some MB."""
@@ -40,29 +37,76 @@ STUDIES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
-    """A sweep before it is run: its points, what the runs of each setting share, the address of every row."""
+class SweepPlan(Plan):
+    """The points of a sweep, what the runs of each setting share, and the command that runs it."""
+
+    kind = "sweep"
 
     spec: SweepSpec
     design: Design
     tasks: tuple[Task | Refused, ...]
-    addresses: tuple[str, ...]
+    source: str
+
+    def folder(self) -> Path:
+        """The sweep's name with ``.sweep``."""
+        return Path(f"{self.name.replace('/', '-').replace(':', '-')}.sweep")
+
+    def head(self) -> dict[str, Any]:
+        """The specification, and the digests of the models."""
+        models = {task.label: task.mechanism.hash for task in self.tasks if isinstance(task, Task)}
+        plan = self.spec.model_dump(mode="json", by_alias=True, exclude={"execution"})
+        return {"plan": plan, "models": models}
 
     def piece(self, rows: Sequence[int]) -> RunPiece:
         """The piece of these rows, all of one setting."""
         chosen = np.asarray(rows)
-        return RunPiece(
-            self.tasks[int(self.design.setting[chosen[0]])],
-            self.design.values[chosen],
-            tuple(self.addresses[k] for k in rows),
+        addresses = tuple(self.addresses[k] for k in rows)
+        task = self.tasks[int(self.design.setting[chosen[0]])]
+        return RunPiece(addresses, task, self.design.values[chosen])
+
+    def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
+        """Pieces of one setting; every row once, though points may be alike."""
+        once = np.array(
+            list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1], dtype=np.intp
         )
+        setting = self.design.setting[once]
+        for one in dict.fromkeys(setting.tolist()):
+            rows = once[setting == one].tolist()
+            most = STUDIES if self.spec.verb == "study" else LARGEST
+            share = math.ceil(len(rows) / (SHARES * workers))
+            # Whole vectors of any machine, and not so few that calls cost more than they do.
+            size = chunk or max(1, min(most, max(64, -(-share // 64) * 64)))
+            for first in range(0, len(rows), size):
+                yield self.piece(rows[first : first + size])
+
+    def command(self, piece: Piece) -> str:
+        """The command with the address of the run."""
+        return f"{self.source} --only {piece.addresses[0]}"
+
+    def found(self, address: str) -> RunPiece:
+        """The piece of one run, by its address or the beginning of it; InputError if there is none."""
+        found = [k for k, other in enumerate(self.addresses) if other.startswith(address)]
+        if not address or not found:
+            raise UnknownName(f"address {address}: the sweep has no such run; see its table")
+        return self.piece(found[:1])
+
+    def write_case(self, address: str, path: Path) -> None:
+        """The audit of one run, with the mechanism moving."""
+        from deltac.diagnosis.audit.audit import audit
+        from deltac.fleets.runs import motion
+
+        piece = self.found(address)
+        if isinstance(piece.task, Refused):
+            raise InputError.of(piece.task.failure.code, piece.task.failure.message)
+        mechanism, run = motion(piece.task, piece.values)
+        audit(mechanism, run, tolerance=piece.task.tolerance).report(path)
 
 
 def plan_sweep(
     source: ModelLike | Mapping[str, Any],
     models: Mapping[str, ModelLike] | None = None,
     **options: Any,
-) -> Plan:
+) -> SweepPlan:
     """Read, validate and lay out a sweep; nothing is run. See `sweep` for the arguments.
 
     Of several models those that cannot be read, or lack what is asked of them, are refused by themselves:
@@ -95,7 +139,9 @@ def plan_sweep(
         raise errors[0]
     if spec.design.kind != "list":
         design, tasks = _distinct(design, tasks)
-    return Plan(spec, design, tuple(tasks), tuple(_addresses(design, tasks)))
+    addresses = tuple(_addresses(design, tasks))
+    command = f"deltac sweep {source}" if isinstance(source, str | Path) else "dc.sweep(…)"
+    return SweepPlan(spec.name, addresses, spec, design, tuple(tasks), command)
 
 
 def _loaded(source: ModelLike) -> Model | InputError:
@@ -334,99 +380,4 @@ def sweep(
         retries=retries,
         chunk=chunk,
     )
-    return run_plan(
-        plan,
-        folder_of(plan, out),
-        execution,
-        executor=executor,
-        retry_failed=retry_failed,
-        progress=progress,
-        reproducer=f"deltac sweep {source}" if isinstance(source, str | Path) else "dc.sweep(…)",
-    )
-
-
-def folder_of(plan: Plan, out: str | Path | None) -> Path:
-    """Where the results of a plan go."""
-    name = plan.spec.name.replace("/", "-").replace(":", "-")
-    return Path(f"{name}.sweep") if out is None else Path(out)
-
-
-def run_plan(
-    plan: Plan,
-    folder: Path,
-    execution: Execution,
-    *,
-    executor: Executor | None = None,
-    retry_failed: bool = False,
-    progress: Callable[[float], None] | None = None,
-    reproducer: str = "",
-    notice: Callable[[str], None] | None = None,
-) -> Fleet:
-    """Do what of a plan is not there, and make the table."""
-    told = plan.spec.model_dump(mode="json", by_alias=True, exclude={"execution"})
-    return run_fleet(
-        Store.make(
-            folder,
-            "sweep",
-            plan.spec.name,
-            told,
-            {task.label: task.mechanism.hash for task in plan.tasks if isinstance(task, Task)},
-        ),
-        plan.addresses,
-        lambda missing, workers: pieces(plan, missing, workers, execution.chunk),
-        execution,
-        executor=executor,
-        retry_failed=retry_failed,
-        progress=progress,
-        reproducer=lambda work: f"{reproducer} --only {work.addresses[0]}",
-        notice=notice,
-    )
-
-
-def pieces(plan: Plan, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Work]:
-    """What is missing, in pieces of one setting; every row once, though points may be alike."""
-    once = np.array(
-        list({plan.addresses[k]: k for k in reversed(missing)}.values())[::-1], dtype=np.intp
-    )
-    setting = plan.design.setting[once]
-    for one in dict.fromkeys(setting.tolist()):
-        rows = once[setting == one].tolist()
-        most = STUDIES if plan.spec.verb == "study" else LARGEST
-        share = math.ceil(len(rows) / (SHARES * workers))
-        # Whole vectors of any machine, and not so few that calls cost more than they do.
-        size = chunk or max(1, min(most, max(64, -(-share // 64) * 64)))
-        for first in range(0, len(rows), size):
-            yield plan.piece(rows[first : first + size])
-
-
-def run_only(plan: Plan, address: str) -> polars.DataFrame:
-    """The row of one address, made in this process, where a debugger and a traceback reach it.
-
-    Raises InputError if the plan has no such row, and whatever the run raises.
-    """
-    import io
-
-    import polars
-
-    found = [k for k, other in enumerate(plan.addresses) if other.startswith(address)]
-    if not address or not found:
-        raise UnknownName(f"--only {address}: the sweep has no run of this address; see the table")
-    return polars.read_parquet(io.BytesIO(plan.piece(found[:1])()))
-
-
-def write_case(plan: Plan, address: str, path: Path) -> None:
-    """The page of one run of a sweep: its audit, with the mechanism moving.
-
-    Raises InputError if the plan has no such run, or it cannot be made.
-    """
-    from deltac.diagnosis.audit.audit import audit
-    from deltac.fleets.runs import motion
-
-    found = [k for k, other in enumerate(plan.addresses) if other == address]
-    if not found:
-        raise UnknownName(f"address {address}: the sweep has no such run")
-    task = plan.tasks[int(plan.design.setting[found[0]])]
-    if isinstance(task, Refused):
-        raise InputError.of(task.failure.code, task.failure.message)
-    mechanism, run = motion(task, plan.design.values[found[:1]])
-    audit(mechanism, run, tolerance=task.tolerance).report(path)
+    return plan.run(out, execution, executor=executor, retry_failed=retry_failed, progress=progress)

@@ -13,7 +13,7 @@ from deltac.kernels.cache import (
 )
 from deltac.kernels.evaluators import Evaluator, compile_function, evaluator_name
 from deltac.kernels.kernel import Kernel
-from deltac.kernels.lowering import to_heyoka, to_sympy
+from deltac.kernels.lowering import to_heyoka, to_mpmath, to_sympy
 
 __all__ = [
     "CacheInfo",
@@ -27,6 +27,7 @@ __all__ = [
     "compiled",
     "prepare_heyoka",
     "to_heyoka",
+    "to_mpmath",
     "to_sympy",
     "verify_cache",
 ]

@@ -13,12 +13,14 @@ and more), elsewhere within |x| ε; NaN where |x| is 1e14 or more, and neighbour
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeAlias
 
 import casadi
+import numpy as np
 
 from deltac.errors import FileError, InputError
 
@@ -98,7 +100,8 @@ def _polynomial(coefficients: Sequence[float], z: Scalar) -> Scalar:
 # --- one walk over the instructions of a CasADi function -----------------------------------------
 # A CasADi `SX` function is a straight line of scalar instructions on a work vector. `lower`
 # replays it with the operations of another algebra; `llvm_ir` (machine code), `to_heyoka` (Taylor
-# series, quad precision) and `to_sympy` (equations to read) are that walk with three tables.
+# series, quad precision), `to_mpmath` (any number of digits) and `to_sympy` (equations to read) are that walk
+# with four tables.
 # What the tables agree on: comparisons and logical operations are numbers, 0 or 1; `if_else_zero`
 # selects, so that a NaN in the branch not taken does not spread; `fmin` and `fmax` hand a NaN on
 # (CasADi's own evaluator follows C and drops it).
@@ -131,6 +134,19 @@ def to_heyoka(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list
 def to_sympy(function: Function, arguments: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:
     """`function` on SymPy expressions; arguments, results and errors as in `to_heyoka`."""
     return lower(function, arguments, _sympy())
+
+
+def to_mpmath(function: Function, arguments: Sequence[Any]) -> list[Any]:
+    """`function` of arrays in mpmath's numbers, with its current precision: an array of objects per output.
+
+    Raises:
+        InputError: as `to_heyoka`.
+        ArithmeticError, ValueError, TypeError: an operation is not defined there, as mpmath tells it.
+    """
+    import mpmath as mp
+
+    given = [[mp.mpf(float(v)) for v in np.ravel(a, order="F")] for a in arguments]
+    return [np.array(out, dtype=object) for out in lower(function, given, _mpmath())]
 
 
 def lower(
@@ -270,6 +286,40 @@ def _heyoka() -> Algebra:
             casadi.OP_AND: lambda a, b: hy.logical_and([a, b]),
             casadi.OP_OR: lambda a, b: hy.logical_or([a, b]),
             casadi.OP_IF_ELSE_ZERO: lambda a, b: hy.select(a, b, 0.0),
+        },
+    )
+
+
+@cache
+def _mpmath() -> Algebra:
+    import mpmath as mp
+
+    def truth(holds: Callable[..., object]) -> Operation:
+        return lambda *numbers: mp.mpf(bool(holds(*numbers)))
+
+    return Algebra(
+        "mpmath",
+        mp.mpf,
+        arithmetic()
+        | _named_functions(mp)
+        | {
+            casadi.OP_LOG1P: mp.log1p,
+            casadi.OP_EXPM1: mp.expm1,
+            casadi.OP_HYPOT: mp.hypot,
+            casadi.OP_FABS: abs,
+            casadi.OP_SIGN: mp.sign,
+            casadi.OP_FLOOR: mp.floor,
+            casadi.OP_CEIL: mp.ceil,
+            casadi.OP_FMIN: min,
+            casadi.OP_FMAX: max,
+            casadi.OP_LT: truth(operator.lt),
+            casadi.OP_LE: truth(operator.le),
+            casadi.OP_EQ: truth(operator.eq),
+            casadi.OP_NE: truth(operator.ne),
+            casadi.OP_NOT: truth(operator.not_),
+            casadi.OP_AND: truth(lambda a, b: a and b),
+            casadi.OP_OR: truth(lambda a, b: a or b),
+            casadi.OP_IF_ELSE_ZERO: lambda a, b: b if a else mp.mpf(0),
         },
     )
 

@@ -12,7 +12,7 @@ from deltac.mechanism.parts import Constant, NonNegative, Positive, constructor
 from deltac.mechanism.quantities import Quantity, is_zero
 from deltac.mechanism.scene import Element, Load, Scene
 from deltac.mechanism.scope import Scope
-from deltac.mechanism.shapes import Shape, check_pair, check_shape
+from deltac.mechanism.shapes import Shape, check_pair
 
 Model = Literal["hunt-crossley", "kelvin-voigt"]
 """Models of the dissipation in compliant contact."""
@@ -76,7 +76,7 @@ class Contact(Element):
         """InputError for shapes and numbers that do not fit, and for energy from nowhere."""
         super().check(scope)
         for shape in (self.first, self.second):
-            check_shape(scope, shape, self.where)
+            shape.check(scope, self.where)
         exponent = scope.number(self.exponent)
         if exponent < 1.0:
             raise ModelError(

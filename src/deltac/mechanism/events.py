@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.parts import Constant, LawOfMotion, LawOfTime, NonNegative, Part, constructor
 from deltac.mechanism.scope import Scope, require_name
-from deltac.mechanism.shapes import Shape, check_pair, check_shape
+from deltac.mechanism.shapes import Shape, check_pair
 
 Direction: TypeAlias = Literal["both", "rising", "falling"]
 
@@ -120,7 +120,7 @@ class Impact(_Impulsive):
         """InputError for shapes that do not fit, unknown symbols, a wrong restitution or friction."""
         super().check(scope)
         for shape in (self.first, self.second):
-            check_shape(scope, shape, self.where)
+            shape.check(scope, self.where)
 
 
 @constructor

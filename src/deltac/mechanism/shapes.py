@@ -9,105 +9,147 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
-from deltac.errors import ModelError, UnknownName, closest
-from deltac.mechanism.parts import constructor
+from deltac.errors import ModelError
+from deltac.mechanism.parts import (
+    Axis,
+    Declared,
+    Kind,
+    NonNegative,
+    Point,
+    Positive,
+    Rotation,
+    constructor,
+)
 from deltac.mechanism.quantities import (
     IDENTITY,
     ZERO,
     Matrix,
     Quantity,
     Vector,
-    as_rotation,
     part_name,
     positive,
-    unit_vector,
     vector,
 )
-from deltac.mechanism.scope import GROUND, Scope
+from deltac.mechanism.scope import Scope
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
 
+def _body(value: Any, where: str) -> str:
+    return part_name(value, "the body of a shape")
+
+
+def _edges(value: Any, where: str) -> Vector:
+    a, b, c = (
+        positive(edge, f"{where}, component {x}") for edge, x in zip(vector(value, where), "xyz")
+    )
+    return (a, b, c)
+
+
 @dataclass(frozen=True)
-class Sphere:
+class Shape(Declared):
+    """What a shape is fixed to: a `body`, and a `position` (m) in its frame."""
+
+    noun: ClassVar[str]
+    body: Annotated[str, Kind(_body)]
+    position: Point
+
+    @property
+    def where(self) -> str:
+        """The shape, as messages call it."""
+        return f"{self.noun} of body {self.body!r}"
+
+    @property
+    def sizes(self) -> tuple[Quantity, ...]:
+        """Its dimensions (m)."""
+        return ()
+
+    def check(self, scope: Scope, where: str) -> None:
+        """InputError where a shape and the mechanism do not fit: unknown body, unknown symbols, no size."""
+        of = f"the {self.noun} of {self.body!r} in {where}"
+        scope.body(self.body, f"body of {of}")
+        self.check_fields(scope, of)
+
+
+@dataclass(frozen=True)
+class Sphere(Shape):
     """A ball of `radius` (m) about `position`; of radius 0 it is a point."""
 
-    body: str
-    position: Vector
-    radius: Quantity
+    radius: NonNegative
+
+    noun = "sphere shape"
 
     @property
     def sizes(self) -> tuple[Quantity, ...]:
-        """Its dimensions (m)."""
+        """Its radius."""
         return (self.radius,)
+
+    @property
+    def is_point(self) -> bool:
+        """Whether it was made as a point."""
+        return isinstance(self.radius, float) and self.radius == 0.0
+
+    def check(self, scope: Scope, where: str) -> None:
+        """InputError as for any shape; a radius may be zero of a point only."""
+        super().check(scope, where)
+        name = f"radius of the sphere of {self.body!r} in {where}"
+        scope.positive(self.radius, name, allow_zero=self.is_point)
 
 
 @dataclass(frozen=True)
-class Capsule:
+class Capsule(Shape):
     """All within `radius` of a segment of `length` (m) along the unit `axis`, centred at `position`."""
 
-    body: str
-    position: Vector
-    axis: tuple[float, float, float]
-    radius: Quantity
-    length: Quantity
+    axis: Axis
+    radius: Positive
+    length: Positive
+
+    noun = "capsule shape"
 
     @property
     def sizes(self) -> tuple[Quantity, ...]:
-        """Its dimensions (m)."""
+        """Radius and length."""
         return (self.radius, self.length)
 
 
 @dataclass(frozen=True)
-class Box:
+class Box(Shape):
     """A box with edges `size` (m) along the columns of `rotation`, centred at `position`."""
 
-    body: str
-    position: Vector
-    rotation: Matrix
-    size: Vector
+    rotation: Rotation
+    size: Annotated[Any, Kind(_edges, "constants", "positive")]
+
+    noun = "box shape"
 
     @property
     def sizes(self) -> tuple[Quantity, ...]:
-        """Its dimensions (m)."""
-        return self.size
+        """Its edges."""
+        return tuple(self.size)
 
 
 @dataclass(frozen=True)
-class HalfSpace:
+class HalfSpace(Shape):
     """The plane through `position` and all that lies behind it; the unit `normal` points out of it."""
 
-    body: str
-    position: Vector
-    normal: tuple[float, float, float]
+    normal: Axis
 
-    @property
-    def sizes(self) -> tuple[Quantity, ...]:
-        """It has none."""
-        return ()
-
-
-Shape: TypeAlias = Sphere | Capsule | Box | HalfSpace
+    noun = "half-space"
 
 
 @constructor
 def point(body: str, position: Sequence[Any] = ZERO) -> Sphere:
     """A point of a body (or of the ground), as a sphere of radius 0."""
-    where = f"point shape of body {part_name(body, 'the body of a shape')!r}"
-    return Sphere(body, vector(position, f"position of {where}"), 0.0)
+    return Sphere(body, position, 0.0)
 
 
 @constructor
 def sphere(body: str, radius: Any, position: Sequence[Any] = ZERO) -> Sphere:
     """A sphere of `radius` (m) about `position` in the body's frame."""
-    where = f"sphere shape of body {part_name(body, 'the body of a shape')!r}"
-    return Sphere(
-        body, vector(position, f"position of {where}"), positive(radius, f"radius of {where}")
-    )
+    return Sphere(body, position, positive(radius, f"radius of sphere shape of body {body!r}"))
 
 
 @constructor
@@ -122,14 +164,7 @@ def capsule(
 
     `position` is its middle and `axis` its direction, in the body's frame.
     """
-    where = f"capsule shape of body {part_name(body, 'the body of a shape')!r}"
-    return Capsule(
-        body,
-        vector(position, f"position of {where}"),
-        unit_vector(axis, f"axis of {where}"),
-        positive(radius, f"radius of {where}"),
-        positive(length, f"length of {where}"),
-    )
+    return Capsule(body, position, axis, radius, length)
 
 
 @constructor
@@ -137,17 +172,7 @@ def box(
     body: str, size: Sequence[Any], position: Sequence[Any] = ZERO, rotation: Any = None
 ) -> Box:
     """A box with edges `size` (m), its middle at `position`, turned by `rotation` in the body's frame."""
-    where = f"box shape of body {part_name(body, 'the body of a shape')!r}"
-    a, b, c = (
-        positive(s, f"size of {where}, component {x}")
-        for s, x in zip(vector(size, f"size of {where}"), "xyz")
-    )
-    return Box(
-        body,
-        vector(position, f"position of {where}"),
-        as_rotation(rotation, f"rotation of {where}"),
-        (a, b, c),
-    )
+    return Box(body, position, rotation, size)
 
 
 @constructor
@@ -158,10 +183,7 @@ def half_space(
 
     On the ground it is a floor or a wall; on a body that moves, a moving plane.
     """
-    where = f"half-space of body {part_name(body, 'the body of a shape')!r}"
-    return HalfSpace(
-        body, vector(position, f"position of {where}"), unit_vector(normal, f"normal of {where}")
-    )
+    return HalfSpace(body, position, normal)
 
 
 def check_pair(first: Shape, second: Shape, where: str) -> None:
@@ -177,28 +199,8 @@ def check_pair(first: Shape, second: Shape, where: str) -> None:
         )
     if isinstance(first, HalfSpace) and isinstance(second, HalfSpace):
         raise ModelError(f"{where}: two half-spaces meet nowhere or without end; give one a box")
-    if _is_point(first) and _is_point(second):
+    if all(isinstance(shape, Sphere) and shape.is_point for shape in (first, second)):
         raise ModelError(f"{where}: two points never touch; give one of them a radius")
-
-
-def check_shape(scope: Scope, shape: Shape, where: str) -> None:
-    """InputError where a shape and the mechanism do not fit: unknown body, unknown symbols, no size."""
-    names = [GROUND, *scope.bodies]
-    if shape.body not in names:
-        raise UnknownName(
-            f"{where}: a shape belongs to the unknown body {shape.body!r}{closest(shape.body, names)}"
-        )
-    of = f"the {_WORDS[type(shape)]} of {shape.body!r} in {where}"
-    scope.laws((*shape.position, *shape.sizes), scope.constants, of)
-    for size in shape.sizes:
-        scope.positive(size, f"a size of {of}", allow_zero=_is_point(shape))
-
-
-def _is_point(shape: Shape) -> bool:
-    return isinstance(shape, Sphere) and isinstance(shape.radius, float) and shape.radius == 0.0
-
-
-_WORDS = {Sphere: "sphere", Capsule: "capsule", Box: "box", HalfSpace: "half-space"}
 
 
 # --- what bodies look like: no mechanics --------------------------------------------------------

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import body
 from deltac.mechanism.constraints import loop_revolute
 from deltac.mechanism.forces import joint_torque, spring_damper
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Signal, coordinate, energy, instant, speed
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, Reference, Signal, coordinate, energy, instant, speed
 from deltac.trajectories import Trajectory
 
 TORQUE = 0.033
@@ -249,7 +249,7 @@ def _undriven_energy(mechanism: Mechanism) -> Signal:
 
 
 def _acceleration(k: int) -> Signal:
-    def signal(run: Trajectory) -> FloatArray:
+    def signal(run: Trajectory) -> Array:
         assert run.udot is not None
         return run.udot[:, run.speeds.index(ANGLES[k])]
 
@@ -263,7 +263,7 @@ def _multiplier(row: int) -> Signal:
     system. For K3, which has one angle alone, the crank's bar K2 is the second.
     """
 
-    def signal(run: Trajectory) -> FloatArray:
+    def signal(run: Trajectory) -> Array:
         loop, component = divmod(row, 2)
         q = {name: run.coordinate(name) for name in ANGLES}
         moved, G = _JACOBIANS[loop](q)
@@ -275,14 +275,14 @@ def _multiplier(row: int) -> Signal:
     return signal
 
 
-def _loop3(q: dict[str, FloatArray]) -> tuple[tuple[str, str], FloatArray]:
+def _loop3(q: dict[str, Array]) -> tuple[tuple[str, str], Array]:
     ss, d = LENGTHS["ss"], LENGTHS["d"]
     bar = q["beta"] + q["Theta"]
     columns = ((d * np.sin(bar), -d * np.cos(bar)), _turned(-ss, q["gamma"]))
     return ("Theta", "gamma"), _matrices(*columns)
 
 
-def _loop4(q: dict[str, FloatArray]) -> tuple[tuple[str, str], FloatArray]:
+def _loop4(q: dict[str, Array]) -> tuple[tuple[str, str], Array]:
     """−e (sin(Φ+δ), −cos(Φ+δ)) − zt (cosδ, sinδ)."""
     bar = q["Phi"] + q["delta"]
     by_Phi = _turned(-LENGTHS["e"], bar)
@@ -294,7 +294,7 @@ def _loop4(q: dict[str, FloatArray]) -> tuple[tuple[str, str], FloatArray]:
     return ("Phi", "delta"), _matrices(by_Phi, by_delta)
 
 
-def _loop6(q: dict[str, FloatArray]) -> tuple[tuple[str, str], FloatArray]:
+def _loop6(q: dict[str, Array]) -> tuple[tuple[str, str], Array]:
     """−zf (cos(Ω+ε), sin(Ω+ε)) − u0 (sinε, −cosε); u0 is the u of the source."""
     bar, zf = q["Omega"] + q["epsilon"], LENGTHS["zf"]
     by_Omega = (zf * np.sin(bar), -zf * np.cos(bar))
@@ -302,15 +302,15 @@ def _loop6(q: dict[str, FloatArray]) -> tuple[tuple[str, str], FloatArray]:
     return ("Omega", "epsilon"), _matrices(by_Omega, (by_Omega[0] + knee[0], by_Omega[1] + knee[1]))
 
 
-Column = tuple[FloatArray, FloatArray]
+Column = tuple[Array, Array]
 
 
-def _turned(length: float, angle: FloatArray) -> Column:
+def _turned(length: float, angle: Array) -> Column:
     """The derivative of length (sin, −cos) by the angle."""
     return length * np.cos(angle), length * np.sin(angle)
 
 
-def _matrices(first: Column, second: Column) -> FloatArray:
+def _matrices(first: Column, second: Column) -> Array:
     """2 by 2 matrices (T, 2, 2) with these columns."""
     return np.moveaxis(np.array([[first[0], second[0]], [first[1], second[1]]]), 2, 0)
 

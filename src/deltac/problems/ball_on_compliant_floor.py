@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 
+from deltac.arrays import Array
 from deltac.mechanism import shapes
 from deltac.mechanism.bodies import sphere
 from deltac.mechanism.contact import contact
 from deltac.mechanism.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, instant, largest
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, Reference, coordinate, instant, largest
 from deltac.trajectories import Trajectory
 
 MASS, RADIUS, GRAVITY = 1.0, 0.1, 9.81
@@ -54,10 +54,10 @@ def problem(exponent: float = 1.0) -> Problem:
         if exponent == 1.0
     )
 
-    def energy(run: Trajectory) -> FloatArray:
+    def energy(run: Trajectory) -> Array:
         z, v = run.coordinate("z"), run.speed("z")
         overlap = (-z).clip(0.0)
-        bent: FloatArray = k * overlap ** (exponent + 1) / (exponent + 1)
+        bent: Array = k * overlap ** (exponent + 1) / (exponent + 1)
         return 0.5 * MASS * v**2 + MASS * GRAVITY * (z + RADIUS) + bent
 
     return Problem(

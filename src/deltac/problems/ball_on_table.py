@@ -7,13 +7,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.errors import UnknownName
 from deltac.mechanism.bodies import disc, frame, sphere
 from deltac.mechanism.constraints import rolling
 from deltac.mechanism.joints import free, prismatic, revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Signal, coordinate, instant, rotated, work
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, Signal, coordinate, instant, instants, rotated, work
 from deltac.trajectories import Trajectory
 
 MASS, RADIUS, G, TURN = 0.2, 0.1, 9.81, 7.0
@@ -45,17 +45,14 @@ def make(told: Told, *, rising: bool) -> Problem:
     mechanism = _mechanism(told, rising)
     start = _kinetic(0.0)
     reference = []
+    centre = {axis: coordinate(f"ball.{axis}") for axis in "xyz"}
     for t in (1.0, DURATION):
         height, lift = _lift(t) if rising else (0.0, 0.0)
         x, y = _circle(t)
         gain = _kinetic(t) - start
-        for axis, value in zip("xyz", (x, y, RADIUS + height), strict=True):
-            reference.append(
-                instant(axis, t, coordinate(f"ball.{axis}"), value, "m", "exact", 1e-15)
-            )
-        ball = _ball_kinetic
+        reference += instants({t: (x, y, RADIUS + height)}, centre, "m", "exact", 1e-15)
         moving = _kinetic(t) + 0.5 * MASS * lift**2
-        reference.append(instant("K of the ball", t, ball, moving, "J", "exact", 1e-15))
+        reference.append(instant("K of the ball", t, _ball_kinetic, moving, "J", "exact", 1e-15))
         if told == "laws":
             total = gain + 0.5 * MASS * lift**2 + MASS * G * height
             done = work(mechanism, "constraint contact")
@@ -149,19 +146,19 @@ def _lift(t: float) -> tuple[float, float]:
     return RISE * (1 - math.cos(BEAT * t)), RISE * BEAT * math.sin(BEAT * t)
 
 
-def _ball_kinetic(run: Trajectory) -> FloatArray:
+def _ball_kinetic(run: Trajectory) -> Array:
     v, w = _ball(run)
-    total: FloatArray = 0.5 * MASS * (v**2).sum(axis=1) + 0.5 * INERTIA * (w**2).sum(axis=1)
+    total: Array = 0.5 * MASS * (v**2).sum(axis=1) + 0.5 * INERTIA * (w**2).sum(axis=1)
     return total
 
 
-def _ball(run: Trajectory) -> tuple[FloatArray, FloatArray]:
+def _ball(run: Trajectory) -> tuple[Array, Array]:
     """Velocity of the centre and angular velocity, body components."""
     first = run.speeds.index("ball.vx")
     return run.u[:, first : first + 3], run.u[:, first + 3 : first + 6]
 
 
-def _drilling(run: Trajectory) -> FloatArray:
+def _drilling(run: Trajectory) -> Array:
     """The vertical component of the angular velocity (rad/s): nothing turns the ball so."""
     first = run.coordinates.index("ball.qw")
     return rotated(run.q[:, first : first + 4], _ball(run)[1])[:, 2]

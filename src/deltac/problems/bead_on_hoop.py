@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import frame, point_mass
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, energy, instant, work
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, energy, instant, work
 from deltac.trajectories import Trajectory
 
 G, SPIN, START = 9.81, 5.0, 1.0
@@ -58,7 +58,7 @@ def problem() -> Problem:
     )
 
 
-def _jacobi_integral(run: Trajectory) -> FloatArray:
+def _jacobi_integral(run: Trajectory) -> Array:
     """K2 − K0 + V = ½θ̇² − ½Ω² sin²θ − g cosθ for a mass and radius of one (J)."""
     angle, rate = run.coordinate("slide"), run.speed("slide")
     return 0.5 * rate**2 - 0.5 * (SPIN * np.sin(angle)) ** 2 - G * np.cos(angle)

@@ -7,12 +7,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import body
 from deltac.mechanism.constraints import rolling
 from deltac.mechanism.joints import free, revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Measure, Signal, energy, instant
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Measure, Problem, Signal, energy, instants, whole
 from deltac.trajectories import Trajectory
 
 G, SPEED, NUDGE = 9.81, 5.0, 1e-5
@@ -69,22 +69,16 @@ def problem(speed: float = SPEED, nudge: float = NUDGE) -> Problem:
     reference = []
     if (speed, nudge) == (SPEED, NUDGE):
         reference = [
-            Reference(
-                quantity=f"eigenvalue, {name}",
-                value=value,
-                unit="1/s",
-                kind="published",
-                accuracy=1e-8,  # a motion of this size is linear to that, no better
-                measure=_eigenvalue(name),
-            )
+            # A motion of this size is linear to 1e-8, no better.
+            whole(f"eigenvalue, {name}", _eigenvalue(name), value, "1/s", "published", 1e-8)
             for name, value in EIGENVALUES.items()
         ]
-        for t in (0.5, 2.0):
-            lean, steer = linear(t, speed)
-            reference += [
-                instant("lean per nudge", t, _scaled(_lean), lean, "s", "exact", 1e-9),
-                instant("steer per nudge", t, _scaled(_steer), steer, "s", "exact", 1e-9),
-            ]
+        per_nudge: dict[str, Signal] = {
+            "lean per nudge": lambda run: _lean(run) / NUDGE,
+            "steer per nudge": lambda run: run.coordinate("steer") / NUDGE,
+        }
+        motion = {t: linear(t, speed) for t in (0.5, 2.0)}
+        reference += instants(motion, per_nudge, "s", "exact", 1e-9)
     return Problem(
         name="bicycle",
         title="Benchmark bicycle",
@@ -123,25 +117,19 @@ def linear(t: float, v: float) -> tuple[float, float]:
     return float(lean), float(steer)
 
 
-def _lean(run: Trajectory) -> FloatArray:
+def _lean(run: Trajectory) -> Array:
     """The angle of the frame's lateral axis below the horizontal (rad)."""
     w, x, y, z = run.q[:, 3:7].T
     return np.asarray(np.arcsin(2 * (y * z + w * x)))
-
-
-def _steer(run: Trajectory) -> FloatArray:
-    return run.coordinate("steer")
-
-
-def _scaled(signal: Signal) -> Signal:
-    return lambda run: signal(run) / NUDGE
 
 
 def _eigenvalue(name: str) -> Measure:
     """One of the four exponents of lean and steer, from how their states follow each other."""
 
     def measure(run: Trajectory) -> float:
-        state = np.stack([_lean(run), _steer(run), run.speed("frame.wx"), run.speed("steer")])
+        state = np.stack(
+            [_lean(run), run.coordinate("steer"), run.speed("frame.wx"), run.speed("steer")]
+        )
         rows = round(LAG / (run.t[1] - run.t[0]))
         scale = np.abs(state).max(axis=1, keepdims=True)
         before, after = state[:, :-rows] / scale, state[:, rows:] / scale

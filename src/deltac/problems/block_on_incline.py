@@ -8,8 +8,7 @@ from deltac.mechanism.bodies import point_mass
 from deltac.mechanism.friction import friction_law, point_friction
 from deltac.mechanism.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import coordinate, instant, speed, work
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, coordinate, instant, speed, whole, work
 from deltac.trajectories import Trajectory
 
 MASS, GRAVITY, SLOPE, FRICTION = 2.0, 9.81, math.radians(15.0), 0.5
@@ -82,21 +81,16 @@ def problem(width: float = 5e-3) -> Problem:
                 "exact",
                 1e-12,
             ),
-            Reference(
-                quantity="creep at last, instead of rest",
-                value=width * math.atanh(pull / hold),
-                unit="m/s",
-                kind="exact",
-                accuracy=1e-12,
-                measure=lambda run: float(run.speed("s")[-1]),
+            whole(
+                "creep at last, instead of rest",
+                lambda run: float(run.speed("s")[-1]),
+                width * math.atanh(pull / hold),
+                "m/s",
+                "exact",
+                1e-12,
             ),
-            Reference(
-                quantity="heat missing from μ m g cos α s",
-                value=0.5 * bound,
-                unit="J",
-                kind="exact",
-                accuracy=0.5 * bound,
-                measure=shortfall,
+            whole(
+                "heat missing from μ m g cos α s", shortfall, 0.5 * bound, "J", "exact", 0.5 * bound
             ),
         ),
         notes=f"An ideal block stops at {stop:.6g} s. Regularised friction of the width w creeps on at "

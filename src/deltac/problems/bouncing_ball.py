@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.mechanism import shapes
 from deltac.mechanism.bodies import point_mass
 from deltac.mechanism.events import event, impact
 from deltac.mechanism.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Measure
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Measure, Problem, Reference
 from deltac.trajectories import Trajectory
 
 G = 9.81
@@ -104,13 +104,13 @@ def _rest(e: float) -> Measure:
     return measure
 
 
-def losses(run: Trajectory) -> FloatArray:
+def losses(run: Trajectory) -> Array:
     """Energy that the impacts have taken out up to each row (J)."""
     times = [event.t for event in run.events]
     lost = np.concatenate([[0.0], np.cumsum([event.energy_lost for event in run.events])])
     return np.asarray(lost[np.searchsorted(times, run.t, "right")])
 
 
-def _energy_and_losses(run: Trajectory) -> FloatArray:
+def _energy_and_losses(run: Trajectory) -> Array:
     u, z = run.speed("height"), run.coordinate("height")
     return 0.5 * u**2 + G * z + losses(run)

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac import rotations
+from deltac.arrays import Array
 from deltac.mechanism.bodies import box
 from deltac.mechanism.constraints import loop_revolute
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Signal, energy, instant
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, Signal, energy, instant, instants
 from deltac.trajectories import Trajectory
 
 G, WIDTH = 9.81, 0.1
@@ -62,15 +62,12 @@ def problem() -> Problem:
     heights = vertices[:-1, 1] + edges[:, 1] / 2
     start_energy = G * float(heights.sum())
     reference = [instant("energy", 10.0, energy(mechanism), start_energy, "J", "exact", 1e-14)]
-    for t, position in THIRD_VERTEX.items():
-        for k, value in enumerate(position):
-            name = f"third vertex {'xyz'[k]} (another solver)"
-            reference.append(instant(name, t, _vertex(2, k), value, "m", "published", 1e-6))
+    vertex = {f"third vertex {axis}": _vertex(2, k) for k, axis in enumerate("xyz")}
+    elsewhere = {f"{name} (another solver)": signal for name, signal in vertex.items()}
+    reference += instants(THIRD_VERTEX, elsewhere, "m", "published", 1e-6)
     for t, position in CALCULATED.items():
-        for k, value in enumerate(position):
-            name = f"third vertex {'xyz'[k]}"
-            accuracy = 1e-11 if t < 10.0 else 2e-10
-            reference.append(instant(name, t, _vertex(2, k), value, "m", "calculated", accuracy))
+        accuracy = 1e-11 if t < 10.0 else 2e-10
+        reference += instants({t: position}, vertex, "m", "calculated", accuracy)
     return Problem(
         name="bricard",
         title="Bricard's mechanism (IFToMM A04)",
@@ -90,7 +87,7 @@ def problem() -> Problem:
     )
 
 
-def turned(run: Trajectory, vectors: Iterable[ArrayLike]) -> list[FloatArray]:
+def turned(run: Trajectory, vectors: Iterable[ArrayLike]) -> list[Array]:
     """World components (T, 3) of one vector of each rod, by the product of the hinges' rotations."""
     R = np.broadcast_to(np.eye(3), (len(run), 3, 3))
     found = []
@@ -105,7 +102,7 @@ def _vertex(number: int, axis: int) -> Signal:
     return lambda run: np.sum(turned(run, edges), axis=0)[:, axis]
 
 
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     """By rod: ½m v_G² + ½ω·Iω + m g y, with the vertices' velocities and angular velocities summed up."""
     edges = np.diff(np.array(VERTICES, dtype=float), axis=0)
     rods = turned(run, edges)

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import body
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, energy, instant
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory
 
 G = 9.81
@@ -47,9 +47,8 @@ def problem() -> Problem:
         name="chaotic double body",
     )
     reference = [instant("energy", 4.0, energy(mechanism), 0.0, "J", "exact", 1e-16)]
-    for t, angles in ANGLES.items():
-        for name, angle in zip(("swing", "turn"), angles, strict=True):
-            reference.append(instant(name, t, coordinate(name), angle, "rad", "calculated", 1e-11))
+    angles = {name: coordinate(name) for name in ("swing", "turn")}
+    reference += instants(ANGLES, angles, "rad", "calculated", 1e-11)
     return Problem(
         name="chaotic-double-body",
         title="Chaotic double body (the swinging babyboot)",
@@ -78,9 +77,9 @@ def _rhs(t: Any, q: Any, u: Any) -> Any:
     return np.array([first, -(a**2) * sine * cosine * (Ix - Iy) / Iz])
 
 
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     (swing, turn), (a, b) = run.q.T, run.u.T
     Ix, Iy, Iz = IB
     inertia = INERTIA + Ix * np.cos(turn) ** 2 + Iy * np.sin(turn) ** 2
-    total: FloatArray = 0.5 * inertia * a**2 + 0.5 * Iz * b**2 - MOMENT * np.cos(swing)
+    total: Array = 0.5 * inertia * a**2 + 0.5 * Iz * b**2 - MOMENT * np.cos(swing)
     return total

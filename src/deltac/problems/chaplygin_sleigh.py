@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import body
 from deltac.mechanism.constraints import skate
 from deltac.mechanism.joints import planar
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, energy, instant, speed
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, coordinate, energy, instant, instants, speed
 from deltac.trajectories import Trajectory
 
 MASS, INERTIA, ARM, SPIN = 1.0, 1.0, 0.5, 2.0
@@ -39,9 +39,8 @@ def problem() -> Problem:
             instant("ω", t, speed("ice.angle"), w, "rad/s", "exact", 1e-15),
             instant("angle", t, coordinate("ice.angle"), _heading(t), "rad", "exact", 1e-15),
         ]
-    for axis, value in zip("xy", POSITION, strict=True):
-        signal = coordinate(f"ice.{axis}")
-        reference.append(instant(axis, 1.0, signal, value, "m", "exact", 1e-15))
+    position = {axis: coordinate(f"ice.{axis}") for axis in "xy"}
+    reference += instants({1.0: POSITION}, position, "m", "exact", 1e-15)
     return Problem(
         name="chaplygin-sleigh",
         title="Chaplygin's sleigh",
@@ -65,20 +64,20 @@ def _heading(t: float) -> float:
     return 2 * SPIN / RATE * math.atan(math.tanh(0.5 * RATE * t))
 
 
-def _forward(run: Trajectory) -> FloatArray:
+def _forward(run: Trajectory) -> Array:
     angle = run.coordinate("ice.angle")
     return run.speed("ice.x") * np.cos(angle) + run.speed("ice.y") * np.sin(angle)
 
 
-def _lateral(run: Trajectory) -> FloatArray:
+def _lateral(run: Trajectory) -> Array:
     angle = run.coordinate("ice.angle")
     return run.speed("ice.y") * np.cos(angle) - run.speed("ice.x") * np.sin(angle)
 
 
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     """½m v_G² + ½Iω², the mass centre at `ARM` ahead of the blade."""
     angle, w = run.coordinate("ice.angle"), run.speed("ice.angle")
     vx = run.speed("ice.x") - ARM * w * np.sin(angle)
     vy = run.speed("ice.y") + ARM * w * np.cos(angle)
-    total: FloatArray = 0.5 * MASS * (vx**2 + vy**2) + 0.5 * INERTIA * w**2
+    total: Array = 0.5 * MASS * (vx**2 + vy**2) + 0.5 * INERTIA * w**2
     return total

@@ -8,8 +8,7 @@ from deltac.mechanism.bodies import disc
 from deltac.mechanism.friction import joint_friction
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import instant, speed, work
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, instant, speed, whole, work
 
 DRIVING, DRIVEN = 0.5, 0.3
 """Moments of inertia about the axis, kg·m²."""
@@ -58,13 +57,13 @@ def problem() -> Problem:
         reference=(
             *slipping,
             instant("speed", DURATION, speed("shaft"), together, "rad/s", "exact", 1e-9),
-            Reference(
-                quantity="heat of the clutch",
-                value=lost,
-                unit="J",
-                kind="exact",
-                accuracy=1e-9,
-                measure=lambda run: -float(work(mechanism, "friction clutch")(run)[-1]),
+            whole(
+                "heat of the clutch",
+                lambda run: -float(work(mechanism, "friction clutch")(run)[-1]),
+                lost,
+                "J",
+                "exact",
+                1e-9,
             ),
         ),
         notes="The heat ½ I (ω1 − ω2)², I = I1 I2/(I1 + I2), depends neither on the torque nor on its width. "

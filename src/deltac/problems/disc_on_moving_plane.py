@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import disc
 from deltac.mechanism.constraints import rolling
 from deltac.mechanism.joints import free
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, energy, instant, speed, work
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, coordinate, energy, instant, instants, speed, work
 from deltac.trajectories import Trajectory
 
 MASS, RADIUS, G, SPIN, LEAN = 1.0, 0.2, 9.81, 10.0, 0.2
@@ -21,7 +21,7 @@ POSITIONS = {
     1.0: (2.146861319021, -0.745602323604, 0.194432622053),
     3.0: (3.365951239995, -4.931208675435, 0.196593584328),
 }
-WORK = {1.0: 0.057644107428, 3.0: -0.140762999189}
+WORK = {1.0: (0.057644107428,), 3.0: (-0.140762999189,)}
 
 
 def problem(lean: float = LEAN) -> Problem:
@@ -49,13 +49,10 @@ def problem(lean: float = LEAN) -> Problem:
             v = start + SHAKE * BEAT * (math.cos(BEAT * t) - 1) / 3
             reference.append(instant("velocity", t, speed("motion.vx"), v, "m/s", "exact", 1e-14))
     elif lean == LEAN:
-        for t, position in POSITIONS.items():
-            for axis, value in zip("xyz", position, strict=True):
-                signal = coordinate(f"motion.{axis}")
-                reference.append(instant(axis, t, signal, value, "m", "calculated", 1e-11))
-        done = work(mechanism, "constraint contact")
-        for t, value in WORK.items():
-            reference.append(instant("work of the plane", t, done, value, "J", "calculated", 1e-11))
+        position = {axis: coordinate(f"motion.{axis}") for axis in "xyz"}
+        reference += instants(POSITIONS, position, "m", "calculated", 1e-11)
+        done = {"work of the plane": work(mechanism, "constraint contact")}
+        reference += instants(WORK, done, "J", "calculated", 1e-11)
     return Problem(
         name="disc-on-moving-plane",
         title="Disc rolling on a shaken plane",
@@ -81,9 +78,9 @@ def problem(lean: float = LEAN) -> Problem:
     )
 
 
-def _lowest(run: Trajectory) -> FloatArray:
+def _lowest(run: Trajectory) -> Array:
     """Height of the disc's lowest point (m): centre less r times the sine of the axis' polar angle."""
     w, x, y, z = run.q[:, 3:].T
     upward = 2 * (y * z + w * x)
-    values: FloatArray = run.coordinate("motion.z") - RADIUS * np.sqrt(1 - upward**2)
+    values: Array = run.coordinate("motion.z") - RADIUS * np.sqrt(1 - upward**2)
     return values

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import point_mass
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Signal, energy, instant
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, Signal, energy, instant, instants
 from deltac.trajectories import Trajectory
 
 G = 9.81
@@ -35,9 +35,8 @@ def problem() -> Problem:
     )
     start = -G * (2 * math.cos(START[0]) + math.cos(START[1]))
     reference = [instant("energy", 5.0, energy(mechanism), start, "J", "exact", 1e-14)]
-    for t, angles in ANGLES.items():
-        for k, angle in enumerate(angles):
-            reference.append(instant(f"θ{k + 1}", t, _angle(k), angle, "rad", "calculated", 1e-12))
+    angles = {f"θ{k + 1}": _angle(k) for k in range(2)}
+    reference += instants(ANGLES, angles, "rad", "calculated", 1e-12)
     return Problem(
         name="double-pendulum",
         title="Double pendulum",
@@ -58,9 +57,9 @@ def _angle(bob: int) -> Signal:
     return lambda run: run.q[:, : bob + 1].sum(axis=1)
 
 
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     first, second = np.cumsum(run.q, axis=1).T
     w1, w2 = np.cumsum(run.u, axis=1).T
     kinetic = w1**2 + 0.5 * w2**2 + w1 * w2 * np.cos(first - second)
-    total: FloatArray = kinetic - G * (2 * np.cos(first) + np.cos(second))
+    total: Array = kinetic - G * (2 * np.cos(first) + np.cos(second))
     return total

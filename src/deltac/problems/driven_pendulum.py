@@ -7,8 +7,7 @@ import math
 from deltac.mechanism.bodies import frame, point_mass
 from deltac.mechanism.joints import prismatic, revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import coordinate, instant
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, coordinate, instant
 
 ANGLES = {1.0: 3.398461709635, 5.0: 11.697030464488}
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import frame, point_mass
 from deltac.mechanism.forces import spring_damper
 from deltac.mechanism.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, energy, instant
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory
 
 MASS, G, STIFFNESS, REST = 1.0, 9.81, 39.24, 0.75  # k = 4 m g/l at the hanging length l = 1 m
@@ -36,9 +36,8 @@ def problem() -> Problem:
     stretch = float(np.hypot(*START)) - REST
     start = MASS * G * START[1] + 0.5 * STIFFNESS * stretch**2
     reference = [instant("energy", 10.0, energy(mechanism), start, "J", "exact", 1e-14)]
-    for t, position in POSITIONS.items():
-        for axis, value in zip("xy", position, strict=True):
-            reference.append(instant(axis, t, coordinate(axis), value, "m", "calculated", 1e-12))
+    position = {axis: coordinate(axis) for axis in "xy"}
+    reference += instants(POSITIONS, position, "m", "calculated", 1e-12)
     return Problem(
         name="elastic-pendulum",
         title="Elastic pendulum at 2:1 resonance",
@@ -54,8 +53,8 @@ def problem() -> Problem:
     )
 
 
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     kinetic = 0.5 * MASS * (run.u**2).sum(axis=1)
     stretch = np.hypot(*run.q.T) - REST
-    total: FloatArray = kinetic + MASS * G * run.q[:, 1] + 0.5 * STIFFNESS * stretch**2
+    total: Array = kinetic + MASS * G * run.q[:, 1] + 0.5 * STIFFNESS * stretch**2
     return total

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import frame, point_mass
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, delta_c_range, instant
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, coordinate, delta_c_range, instants, whole
 from deltac.trajectories import Trajectory
 
 MASS, SPIN = 1.3, 0.7
@@ -51,15 +51,14 @@ def problem() -> Problem:
             "K2 − K0": _generalized_energy,
         },
         reference=(
-            instant("x", DURATION, coordinate("x"), end[0], "m", "exact", 1e-15),
-            instant("y", DURATION, coordinate("y"), end[1], "m", "exact", 1e-15),
-            Reference(
-                quantity="range of ΔC by Kane and Levinson 1988",
-                value=0.5 * MASS * SPIN**2 * growth,
-                unit="J",
-                kind="exact",
-                accuracy=1e-15,
-                measure=delta_c_range(mechanism, coordinates, "kane-levinson-1988"),
+            *instants({DURATION: end}, {a: coordinate(a) for a in "xy"}, "m", "exact", 1e-15),
+            whole(
+                "range of ΔC by Kane and Levinson 1988",
+                delta_c_range(mechanism, coordinates, "kane-levinson-1988"),
+                0.5 * MASS * SPIN**2 * growth,
+                "J",
+                "exact",
+                1e-15,
             ),
         ),
         coordinates=coordinates,
@@ -68,18 +67,18 @@ def problem() -> Problem:
     )
 
 
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     vx, vy = run.speed("x"), run.speed("y")
     return 0.5 * MASS * (vx**2 + vy**2)
 
 
-def _angular_momentum(run: Trajectory) -> FloatArray:
+def _angular_momentum(run: Trajectory) -> Array:
     x, y = run.coordinate("x"), run.coordinate("y")
     vx, vy = run.speed("x"), run.speed("y")
     return MASS * (x * vy - y * vx)
 
 
-def _generalized_energy(run: Trajectory) -> FloatArray:
+def _generalized_energy(run: Trajectory) -> Array:
     """½m|u|² − ½mΩ²|q|² with u = q̇ − Ω J q, J the turn by a right angle."""
     x, y = run.coordinate("x"), run.coordinate("y")
     vx, vy = run.speed("x"), run.speed("y")

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import body
 from deltac.mechanism.joints import spherical
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Signal, coordinate, energy, instant, rotated
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, Signal, coordinate, energy, instant, instants, rotated
 from deltac.trajectories import Trajectory
 
 MASS, G = 15.0, 9.81
@@ -33,14 +33,10 @@ def problem() -> Problem:
         instant("energy", 1.0, energy(mechanism), 5435.696790865547, "J", "exact", 5e-13),
         instant("Lz", 1.0, _vertical_momentum, -70.3124296875, "kg·m²/s", "exact", 1e-14),
     ]
-    for part, value in zip("wxyz", EULER, strict=True):
-        signal = coordinate(f"tip.q{part}")
-        reference.append(
-            instant(f"Euler parameter {part}", 0.2, signal, value, "1", "calculated", 1e-12)
-        )
-    for k, value in enumerate(MASS_CENTRE):
-        name = f"mass centre {'xyz'[k]}"
-        reference.append(instant(name, 1.0, _mass_centre(k), value, "m", "calculated", 1e-12))
+    euler = {f"Euler parameter {part}": coordinate(f"tip.q{part}") for part in "wxyz"}
+    reference += instants({0.2: EULER}, euler, "1", "calculated", 1e-12)
+    centre = {f"mass centre {axis}": _mass_centre(k) for k, axis in enumerate("xyz")}
+    reference += instants({1.0: MASS_CENTRE}, centre, "m", "calculated", 1e-12)
     return Problem(
         name="heavy-top",
         title="Heavy top (Brüls and Cardona)",
@@ -66,11 +62,11 @@ def _mass_centre(axis: int) -> Signal:
     return lambda run: rotated(run.q, np.array(ARM))[:, axis]
 
 
-def _energy(run: Trajectory) -> FloatArray:
-    total: FloatArray = 0.5 * (TIP_INERTIA * run.u**2).sum(axis=1) + MASS * G * _mass_centre(2)(run)
+def _energy(run: Trajectory) -> Array:
+    total: Array = 0.5 * (TIP_INERTIA * run.u**2).sum(axis=1) + MASS * G * _mass_centre(2)(run)
     return total
 
 
-def _vertical_momentum(run: Trajectory) -> FloatArray:
+def _vertical_momentum(run: Trajectory) -> Array:
     """The vertical component of the angular momentum about the tip (kg·m²/s)."""
     return rotated(run.q, TIP_INERTIA * run.u)[:, 2]

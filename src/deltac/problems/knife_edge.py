@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import body
 from deltac.mechanism.constraints import skate
 from deltac.mechanism.joints import planar
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, energy, instant
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory
 
 MASS, INERTIA, G, SLOPE, SPIN = 1.0, 0.1, 9.81, math.pi / 6, 2.0
@@ -30,13 +30,11 @@ def problem() -> Problem:
     )
     kinetic = 0.5 * INERTIA * SPIN**2
     reference = [instant("energy", 10.0, energy(mechanism), kinetic, "J", "exact", 1e-15)]
+    position = {axis: coordinate(f"slope.{axis}") for axis in "xy"}
     for t in (1.0, 10.0):
         x, y, v = _exact(t)
-        reference += [
-            instant("x", t, coordinate("slope.x"), x, "m", "exact", 1e-14),
-            instant("y", t, coordinate("slope.y"), y, "m", "exact", 1e-14),
-            instant("speed along the blade", t, _forward, v, "m/s", "exact", 1e-14),
-        ]
+        reference += instants({t: (x, y)}, position, "m", "exact", 1e-14)
+        reference.append(instant("speed along the blade", t, _forward, v, "m/s", "exact", 1e-14))
     return Problem(
         name="knife-edge",
         title="Knife edge on an incline",
@@ -64,14 +62,14 @@ def _exact(t: float) -> tuple[float, float, float]:
     return x, y, PULL / SPIN * math.sin(phase)
 
 
-def _forward(run: Trajectory) -> FloatArray:
+def _forward(run: Trajectory) -> Array:
     angle = run.coordinate("slope.angle")
     return run.speed("slope.x") * np.cos(angle) + run.speed("slope.y") * np.sin(angle)
 
 
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     vx, vy, w = run.u.T
-    total: FloatArray = (
+    total: Array = (
         0.5 * MASS * (vx**2 + vy**2)
         + 0.5 * INERTIA * w**2
         - MASS * PULL * run.coordinate("slope.x")

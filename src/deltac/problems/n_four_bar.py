@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.mechanism.bodies import rod
 from deltac.mechanism.constraints import loop_revolute
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Measure, Signal, energy, instant
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, Signal, energy, instant, instants, whole
 from deltac.trajectories import Trajectory
 
 G = 9.81
@@ -53,22 +53,18 @@ def problem(n: int = 2) -> Problem:
     inertia, moment = _reduced(n)
     start = 0.5 * inertia + moment
     reference = [instant("energy", 10.0, energy(mechanism), start, "J", "exact", 1e-13 * start)]
-    reference.append(
-        Reference(
-            quantity="largest energy error",
-            value=0.0,
-            unit="J",
-            kind="exact",
-            accuracy=1e-12 * start,
-            at=None,
-            measure=_drift(n),
-        )
-    )
-    for t, (x, y) in TIP.get(n, {}).items():
-        reference += [
-            instant("tip x", t, _x, x, "m", "exact", 5e-16),
-            instant("tip y", t, _y, y, "m", "exact", 5e-16),
-        ]
+    total = _energy(n)
+
+    def drift(run: Trajectory) -> float:
+        """The largest departure of the energy from its start: the community's measure."""
+        return float(np.ptp(total(run)))
+
+    reference.append(whole("largest energy error", drift, 0.0, "J", "exact", 1e-12 * start))
+    tip: dict[str, Signal] = {
+        "tip x": lambda run: np.cos(run.coordinate("crank0")),
+        "tip y": lambda run: np.sin(run.coordinate("crank0")),
+    }
+    reference += instants(TIP.get(n, {}), tip, "m", "exact", 5e-16)
     upright = math.pi / 2
     return Problem(
         name="n-four-bar",
@@ -86,7 +82,7 @@ def problem(n: int = 2) -> Problem:
         source="IFToMM Technical Committee for Multibody Dynamics, Library of Computational "
         "Benchmark Problems, A02 N-four-bar mechanism",
         freedom=1,
-        invariants={"energy": _energy(n)},
+        invariants={"energy": total},
         reference=tuple(reference),
         notes="Whenever the cranks lie flat the freedom jumps from 1 to n + 1; the motion asked for "
         "goes on as parallelograms, and is that of the pendulum I q̈ = −M cos q with "
@@ -100,19 +96,6 @@ def _reduced(n: int) -> tuple[float, float]:
     return (n + 1) / 3 + n, ((n + 1) / 2 + n) * G
 
 
-def _x(run: Trajectory) -> FloatArray:
-    return np.cos(run.coordinate("crank0"))
-
-
-def _y(run: Trajectory) -> FloatArray:
-    return np.sin(run.coordinate("crank0"))
-
-
-def _drift(n: int) -> Measure:
-    """The largest departure of the energy from its start: the community's measure."""
-    return lambda run: float(np.ptp(_energy(n)(run)))
-
-
 def _energy(n: int) -> Signal:
     """Rod by rod: the cranks about their pivots; the couplers by half their mass at each end's motion.
 
@@ -120,7 +103,7 @@ def _energy(n: int) -> Signal:
     position angles are known to the root of rounding only, so no rod may stand for another here.
     """
 
-    def signal(run: Trajectory) -> FloatArray:
+    def signal(run: Trajectory) -> Array:
         total = np.zeros(len(run))
         for k in range(n + 1):
             angle, rate = run.coordinate(f"crank{k}"), run.speed(f"crank{k}")

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import disc
 from deltac.mechanism.constraints import rolling
 from deltac.mechanism.joints import free
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, energy, instant, rotated
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, coordinate, energy, instant, instants, rotated, whole
 from deltac.trajectories import Trajectory
 
 MASS, RADIUS, PATH, TILT, G = 0.3048, 0.05, 0.5, math.radians(5), 9.81
@@ -37,22 +37,14 @@ def problem() -> Problem:
         0.5 * ALONG * (SPIN + PRECESSION * SINE) ** 2 + 0.5 * ACROSS * (PRECESSION * COSINE) ** 2
     )
     reference = [
-        Reference(
-            quantity="period",
-            value=2 * math.pi / abs(PRECESSION),
-            unit="s",
-            kind="exact",
-            accuracy=1e-15,
-            measure=_period,
-        ),
+        whole("period", _period, 2 * math.pi / abs(PRECESSION), "s", "exact", 1e-15),
         instant("energy", 8.0, energy(mechanism), total, "J", "exact", 1e-15),
     ]
+    centre = {f"centre {axis}": coordinate(f"motion.{axis}") for axis in "xyz"}
     for t in (1.0, 8.0):
         phase = PRECESSION * t - math.pi / 2
         position = (CENTRE * math.cos(phase), CENTRE * math.sin(phase), RADIUS * COSINE)
-        for axis, value in zip("xyz", position, strict=True):
-            signal = coordinate(f"motion.{axis}")
-            reference.append(instant(f"centre {axis}", t, signal, value, "m", "exact", 1e-14))
+        reference += instants({t: position}, centre, "m", "exact", 1e-14)
         reference += [
             instant("precession α̇", t, _precession, PRECESSION, "rad/s", "exact", 1e-14),
             instant("spin γ̇", t, _spin, SPIN, "rad/s", "exact", 1e-14),
@@ -98,23 +90,23 @@ def _period(run: Trajectory) -> float:
     return float(2 * math.pi * (run.t[-1] - run.t[0]) / abs(azimuth[-1] - azimuth[0]))
 
 
-def _precession(run: Trajectory) -> FloatArray:
+def _precession(run: Trajectory) -> Array:
     """Rate of the azimuth of the disc's axis (rad/s): the upward part of ω that is not spin."""
     axis = rotated(run.q[:, 3:], np.array([0.0, 1.0, 0.0]))
     w = rotated(run.q[:, 3:], run.u[:, 3:])
     rate = np.cross(w, axis)
-    horizontal: FloatArray = axis[:, 0] ** 2 + axis[:, 1] ** 2
+    horizontal: Array = axis[:, 0] ** 2 + axis[:, 1] ** 2
     return (axis[:, 0] * rate[:, 1] - axis[:, 1] * rate[:, 0]) / horizontal
 
 
-def _spin(run: Trajectory) -> FloatArray:
+def _spin(run: Trajectory) -> Array:
     """Rate about the axis on top of the precession, positive along the outward axis (rad/s)."""
     upward = rotated(run.q[:, 3:], np.array([0.0, 1.0, 0.0]))[:, 2]
     return -(run.speed("motion.wy") - _precession(run) * upward)
 
 
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     v, w = run.u[:, :3], run.u[:, 3:]
-    total: FloatArray = 0.5 * MASS * (v**2).sum(axis=1) + MASS * G * run.coordinate("motion.z")
+    total: Array = 0.5 * MASS * (v**2).sum(axis=1) + MASS * G * run.coordinate("motion.z")
     total += 0.5 * (np.array([ACROSS, ALONG, ACROSS]) * w**2).sum(axis=1)
     return total

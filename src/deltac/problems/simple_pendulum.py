@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import point_mass
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, energy, instant, period
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, Signal, energy, instant, instants, period, whole
 from deltac.trajectories import Trajectory
 
 G = 9.81
@@ -32,21 +32,14 @@ def problem() -> Problem:
         name="simple pendulum",
     )
     reference = [
-        Reference(
-            quantity="period",
-            value=PERIOD,
-            unit="s",
-            kind="exact",
-            accuracy=1e-15,
-            measure=period("pivot"),
-        ),
+        whole("period", period("pivot"), PERIOD, "s", "exact", 1e-15),
         instant("energy", 10.0, energy(mechanism), 0.0, "J", "exact", 0.0),
     ]
-    for t, (x, y) in POSITIONS.items():
-        reference += [
-            instant("x", t, _x, x, "m", "exact", 5e-16),
-            instant("y", t, _y, y, "m", "exact", 5e-16),
-        ]
+    bob: dict[str, Signal] = {
+        "x": lambda run: np.sin(run.coordinate("pivot")),
+        "y": lambda run: -np.cos(run.coordinate("pivot")),
+    }
+    reference += instants(POSITIONS, bob, "m", "exact", 5e-16)
     return Problem(
         name="simple-pendulum",
         title="Simple pendulum (IFToMM A01)",
@@ -65,13 +58,5 @@ def problem() -> Problem:
     )
 
 
-def _x(run: Trajectory) -> FloatArray:
-    return np.sin(run.coordinate("pivot"))
-
-
-def _y(run: Trajectory) -> FloatArray:
-    return -np.cos(run.coordinate("pivot"))
-
-
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     return 0.5 * run.speed("pivot") ** 2 - G * np.cos(run.coordinate("pivot"))

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import frame, point_mass
 from deltac.mechanism.constraints import distance
 from deltac.mechanism.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, energy, instant
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory
 
 G, ANGLE, SPEED = 9.81, math.pi / 3, 2.0
@@ -37,9 +37,8 @@ def problem() -> Problem:
     )
     start = 0.5 * SPEED**2 - G * math.cos(ANGLE)
     reference = [instant("energy", 10.0, energy(mechanism), start, "J", "exact", 1e-14)]
-    for t, position in POSITIONS.items():
-        for axis, value in zip("xyz", position, strict=True):
-            reference.append(instant(axis, t, coordinate(axis), value, "m", "exact", 1e-15))
+    position = {axis: coordinate(axis) for axis in "xyz"}
+    reference += instants(POSITIONS, position, "m", "exact", 1e-15)
     return Problem(
         name="spherical-pendulum",
         title="Spherical pendulum",
@@ -57,11 +56,11 @@ def problem() -> Problem:
     )
 
 
-def _energy(run: Trajectory) -> FloatArray:
-    total: FloatArray = 0.5 * (run.u**2).sum(axis=1) + G * run.q[:, 2]
+def _energy(run: Trajectory) -> Array:
+    total: Array = 0.5 * (run.u**2).sum(axis=1) + G * run.q[:, 2]
     return total
 
 
-def _vertical_momentum(run: Trajectory) -> FloatArray:
-    momentum: FloatArray = run.q[:, 0] * run.u[:, 1] - run.q[:, 1] * run.u[:, 0]
+def _vertical_momentum(run: Trajectory) -> Array:
+    momentum: Array = run.q[:, 0] * run.u[:, 1] - run.q[:, 1] * run.u[:, 0]
     return np.asarray(momentum)

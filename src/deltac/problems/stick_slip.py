@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import frame, point_mass
 from deltac.mechanism.friction import friction_law, point_friction
 from deltac.mechanism.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, period
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, period, whole
 from deltac.trajectories import Trajectory
 
 MASS, STIFFNESS, GRAVITY, BELT = 1.0, 100.0, 9.81, 0.1
@@ -43,26 +43,17 @@ def problem(stribeck: float = STRIBECK, width: float = WIDTH) -> Problem:
         name="stick-slip oscillator",
     )
     reference = [
-        Reference(
-            quantity="spread of x² + (ẋ/ω)² along each slip, against its mean",
-            value=0.0,
-            unit="1",
-            kind="exact",
-            accuracy=1e-12,
-            measure=lambda run: slip_spread(run, stribeck),
+        whole(
+            "spread of x² + (ẋ/ω)² along each slip, against its mean",
+            lambda run: slip_spread(run, stribeck),
+            0.0,
+            "1",
+            "exact",
+            1e-12,
         )
     ]
     if (stribeck, width) == (STRIBECK, WIDTH):
-        reference.append(
-            Reference(
-                quantity="period",
-                value=PERIOD,
-                unit="s",
-                kind="calculated",
-                accuracy=1e-9,
-                measure=period("x"),
-            )
-        )
+        reference.append(whole("period", period("x"), PERIOD, "s", "calculated", 1e-9))
     return Problem(
         name="stick-slip",
         title="Stick-slip oscillator on a belt",
@@ -86,7 +77,7 @@ def slip_spread(run: Trajectory, stribeck: float = STRIBECK) -> float:
     Slips are taken where the slip speed is above 6.1 Stribeck speeds: there the excess is below 10⁻¹⁶.
     """
     x, v = run.coordinate("x"), run.speed("x")
-    square: FloatArray = x**2 + v**2 * (MASS / STIFFNESS)
+    square: Array = x**2 + v**2 * (MASS / STIFFNESS)
     slipping = BELT - v > 6.1 * stribeck
     edges = np.flatnonzero(np.diff(slipping.astype(int)))
     found = [

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import box, point_mass
 from deltac.mechanism.forces import spring_damper
 from deltac.mechanism.joints import fixed, prismatic, revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, coordinate, energy, instant, speed
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, coordinate, energy, instant, speed
 from deltac.trajectories import Trajectory
 
 G, DENSITY = 9.81, 3000.0
@@ -100,7 +100,7 @@ def problem() -> Problem:
     )
 
 
-def _angular_momentum(run: Trajectory) -> FloatArray:
+def _angular_momentum(run: Trajectory) -> Array:
     """About the axis (kg·m²/s): bars as solid boxes, balls as points."""
     along, across = BAR * EDGE**2 / 6, BAR * (LENGTH**2 + EDGE**2) / 12
     moment = np.full(len(run), BAR * EDGE**2 / 6 + SLIDER * CUBE**2 / 6)
@@ -108,5 +108,5 @@ def _angular_momentum(run: Trajectory) -> FloatArray:
         c, s = np.cos(run.coordinate(arm)), np.sin(run.coordinate(arm))
         moment += BAR * (OFFSET + 0.5 * LENGTH * c) ** 2 + along * s**2 + across * c**2
         moment += BALL * (OFFSET + LENGTH * c) ** 2
-    total: FloatArray = moment * run.speed("shaft")
+    total: Array = moment * run.speed("shaft")
     return total

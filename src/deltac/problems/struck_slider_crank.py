@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import point_mass, rod
 from deltac.mechanism.constraints import loop_spherical
 from deltac.mechanism.events import joint_stop
 from deltac.mechanism.joints import prismatic, revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.bouncing_ball import losses
-from deltac.problems.measures import FloatArray, Measure
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Measure, Problem, whole
 from deltac.trajectories import Trajectory
 
 CRANK, ROD, SLIDER = 1.0, 2.0, 1.5  # kg
@@ -59,21 +59,14 @@ def problem() -> Problem:
     reference = []
     for k, t in enumerate(IMPACTS):
         reference += [
-            Reference(
-                quantity=f"time of impact {k + 1}",
-                value=t,
-                unit="s",
-                kind="calculated",
-                accuracy=1e-14,
-                measure=_impact(k, "t"),
-            ),
-            Reference(
-                quantity=f"loss of impact {k + 1}",
-                value=(1.0 - RESTITUTION**2) * energy * RESTITUTION ** (2 * k),
-                unit="J",
-                kind="exact",
-                accuracy=1e-14,
-                measure=_impact(k, "energy_lost"),
+            whole(f"time of impact {k + 1}", _impact(k, "t"), t, "s", "calculated", 1e-14),
+            whole(
+                f"loss of impact {k + 1}",
+                _impact(k, "energy_lost"),
+                (1.0 - RESTITUTION**2) * energy * RESTITUTION ** (2 * k),
+                "J",
+                "exact",
+                1e-14,
             ),
         ]
     return Problem(
@@ -99,7 +92,7 @@ def _impact(k: int, what: str) -> Measure:
     return lambda run: float(getattr(run.events[k], what))
 
 
-def _energy_and_losses(run: Trajectory) -> FloatArray:
+def _energy_and_losses(run: Trajectory) -> Array:
     """½ I θ̇² of the crank; m (v² + v·w + w²)/6 of the rod between points with v and w; the slider's."""
     angle, rate = run.coordinate("crank"), run.speed("crank")
     pin = RADIUS * rate * 1j * np.exp(1j * angle)

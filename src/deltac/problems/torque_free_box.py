@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.mechanism.bodies import box
 from deltac.mechanism.joints import free
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Signal, energy, instant, rotated, speed
-from deltac.problems.problem import Problem
+from deltac.problems.problem import Problem, Signal, energy, instant, instants, rotated, speed
 from deltac.trajectories import Trajectory
 
 MASS, SIZE, G = 10.0, (0.1, 0.4, 0.9), 9.8
@@ -33,23 +33,13 @@ def problem() -> Problem:
         instant("energy", 1.0, energy(mechanism), 368.546416666667, "J", "exact", 5e-13),
         instant("height", 1.0, lambda run: run.coordinate("flight.z"), 3.1, "m", "exact", 1e-15),
     ]
-    for k, axis in enumerate("xyz"):
-        start = float(INERTIA[k] * RATE[k])
-        momentum = _angular_momentum(k)
-        reference.append(instant(f"L{axis}", 10.0, momentum, start, "kg·m²/s", "exact", 1e-15))
+    momentum = {f"L{axis}": _angular_momentum(k) for k, axis in enumerate("xyz")}
+    start = (INERTIA * RATE).tolist()
+    reference += instants({10.0: start}, momentum, "kg·m²/s", "exact", 1e-15)
+    spin = {f"ω{axis}": speed(f"flight.w{axis}") for axis in "xyz"}
     for t, rates in RATES.items():
-        for axis, value in zip("xyz", rates, strict=True):
-            reference.append(
-                instant(
-                    f"ω{axis}",
-                    t,
-                    speed(f"flight.w{axis}"),
-                    value,
-                    "rad/s",
-                    "calculated",
-                    1e-12 if t < 10.0 else 1e-11,
-                )
-            )
+        accuracy = 1e-12 if t < 10.0 else 1e-11
+        reference += instants({t: rates}, spin, "rad/s", "calculated", accuracy)
     return Problem(
         name="torque-free-box",
         title="Torque-free box, tumbling about its middle axis",
@@ -71,9 +61,9 @@ def problem() -> Problem:
     )
 
 
-def _energy(run: Trajectory) -> FloatArray:
+def _energy(run: Trajectory) -> Array:
     v, w = run.u[:, :3], run.u[:, 3:]
-    total: FloatArray = (
+    total: Array = (
         0.5 * MASS * (v**2).sum(axis=1)
         + 0.5 * (INERTIA * w**2).sum(axis=1)
         + MASS * G * run.coordinate("flight.z")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName
 from deltac.mechanism.bodies import rod
 from deltac.mechanism.constraints import motion_constraint
@@ -15,8 +16,17 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.forces import joint_torque
 from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import FloatArray, Signal, energy, instant, kinetic, largest, work
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import (
+    Problem,
+    Reference,
+    Signal,
+    energy,
+    instant,
+    instants,
+    kinetic,
+    largest,
+    work,
+)
 from deltac.problems.triple_pendulum_equations import HandEquations
 from deltac.trajectories import Trajectory
 
@@ -106,11 +116,11 @@ def problem(
     )
 
 
-def driving_torque(mechanism: Mechanism, run: Trajectory) -> FloatArray:
+def driving_torque(mechanism: Mechanism, run: Trajectory) -> Array:
     """M1 (T,) of fig. 4.5 by the hand-written equations: it makes bar 1 move as specified (N·m)."""
     hand = HandEquations.of(mechanism.parameters)
     theta, omega = _absolute(run)
-    torque: FloatArray = hand.driving_torque(run.t, theta[1:], omega[1:])
+    torque: Array = hand.driving_torque(run.t, theta[1:], omega[1:])
     return torque
 
 
@@ -193,11 +203,8 @@ def _reference(
 
 
 def _angles(values: Mapping[float, Sequence[float]], first: int) -> list[Reference]:
-    return [
-        instant(f"θ{first + k + 1}", t, _angle(first + k), angle, "rad", "calculated", 1e-12)
-        for t, angles in values.items()
-        for k, angle in enumerate(angles)
-    ]
+    signals = {f"θ{k + 1}": _angle(k) for k in range(first, 3)}
+    return instants(values, signals, "rad", "calculated", 1e-12)
 
 
 def _angle(bar: int) -> Signal:
@@ -205,8 +212,8 @@ def _angle(bar: int) -> Signal:
 
 
 def _energy(hand: HandEquations) -> Signal:
-    def signal(run: Trajectory) -> FloatArray:
-        values: FloatArray = hand.energy(*_absolute(run))
+    def signal(run: Trajectory) -> Array:
+        values: Array = hand.energy(*_absolute(run))
         return values
 
     return signal
@@ -223,7 +230,7 @@ def _extreme_torque(which: str, value: float, sign: int, driver: str) -> Referen
     )
 
 
-def _absolute(run: Trajectory) -> tuple[FloatArray, FloatArray]:
+def _absolute(run: Trajectory) -> tuple[Array, Array]:
     """Absolute angles and rates (3, T) from the joints' relative ones."""
     return np.cumsum(run.q, axis=1).T, np.cumsum(run.u, axis=1).T
 

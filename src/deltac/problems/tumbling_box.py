@@ -10,8 +10,7 @@ from deltac.mechanism.contact import contact
 from deltac.mechanism.friction import friction_law
 from deltac.mechanism.joints import free
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.measures import energy, instant, kinetic
-from deltac.problems.problem import Problem, Reference
+from deltac.problems.problem import Problem, energy, instant, kinetic, whole
 from deltac.trajectories import Trajectory
 
 MASS, SIZE, GRAVITY = 1.0, (0.3, 0.2, 0.1), 9.81
@@ -83,14 +82,7 @@ def problem() -> Problem:
                 1e-9,
             ),
             instant("kinetic energy", DURATION, kinetic(mechanism), 0.0, "J", "exact", 1e-12),
-            Reference(
-                quantity="energy lost until it lies still",
-                value=lost,
-                unit="J",
-                kind="exact",
-                accuracy=1e-8,
-                measure=dissipated,
-            ),
+            whole("energy lost until it lies still", dissipated, lost, "J", "exact", 1e-8),
         ),
         notes="What is lost is heat of 'contact floor' and 'friction floor'; what remains bent is in the "
         "potential 'spring floor'.",

@@ -25,7 +25,6 @@ from deltac.repair.edits.by_running import found_by_running, text_edits
 from deltac.repair.edits.candidates import Candidate, apply, unified_diff
 from deltac.repair.edits.search import Search, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, suspects, terms, undefined
-from deltac.repair.tracing.interpreter import Endless, Failed, branches
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import (
     Program,
@@ -38,7 +37,7 @@ from deltac.repair.tracing.program import (
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import ELEMENTARY, Slot, Tape
-from deltac.repair.tracing.values import Refused
+from deltac.repair.tracing.tracer import Endless, Failed, Refused, branches
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN
 
@@ -247,7 +246,7 @@ def _by_running(
         suspects=(),
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
-        unread=why.partition(". The function is read")[0],
+        unread=why.partition(". The function is traced")[0],
     )
 
 
@@ -314,7 +313,7 @@ def _failing(
         suspects=(),
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
-        undefined=str(failed).partition(". The function is read")[0],
+        undefined=str(failed).partition(". The function is traced")[0],
         contradicted=contradicted,
     )
 

@@ -31,7 +31,7 @@ def _limits(seconds: float) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (wanted, hard))
 
 
-def _function(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
+def function_named(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
     """What a name with dots means; a class stands for an object, what needs no argument is asked."""
     parts = [part for part in name.split(".") if part != "<locals>"]
     value = namespace[parts[0]]
@@ -88,7 +88,7 @@ def _answer(task: dict[str, Any], states: dict[str, Any]) -> list[list[float]] |
     try:
         with np.errstate(all="ignore"):
             exec(compile(task["text"], "equations", "exec"), namespace)
-            function = _function(namespace, task["name"])
+            function = function_named(namespace, task["name"])
             return [
                 _sorted(function(*_arguments(task, t, q, u)), task, len(q), len(u))
                 for t, q, u in zip(states["t"], states["q"], states["u"])

@@ -225,7 +225,7 @@ def _start_error(
 ) -> float:
     """The relative error of the accelerations at a start; InputError where there are none."""
     if flow.traced and controller is None:
-        (xdot,) = evaluate_at(_accelerations(flow), state.t, x0, p)
+        (xdot,) = evaluate_at(flow.rate, state.t, x0, p)
     else:
         rate = StageRate(flow, controller, p)
         rate.hold(state.t, x0)
@@ -256,14 +256,7 @@ def _start_error(
 
 def _at_start(flow: Flow, t: float, p: Array) -> Callable[[Array], Array]:
     """The accelerations as a function of the state."""
-    function, u_part = _accelerations(flow), flow.parts[1]
-    return lambda x: np.asarray(evaluate_at(function, t, x, p)[0][u_part])
-
-
-@derived
-def _accelerations(flow: Flow) -> Any:
-    """(t, x; p) -> ẋ, as a CasADi function."""
-    return ca.Function("f", [flow.t, flow.x, flow.p], [ca.densify(flow.xdot)], {"cse": True})
+    return lambda x: np.asarray(evaluate_at(flow.rate, t, x, p)[0][flow.parts[1]])
 
 
 @derived

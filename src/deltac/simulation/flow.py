@@ -35,6 +35,7 @@ from deltac.dynamics.terms import (
 )
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.errors import ArgumentsError, InputError
+from deltac.kernels import Kernel
 from deltac.mechanism.channels import Channel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -171,6 +172,21 @@ class Flow(Once):
         rest = len(self.integrals) - changes.shape[0]
         return ca.vertcat(ca.SX.zeros(len(self.works)), changes, ca.SX.zeros(rest))
 
+    @cached_property
+    def rate(self) -> Any:
+        """(t, x, p) -> ẋ, as a CasADi function."""
+        return ca.Function("f", [self.t, self.x, self.p], [ca.densify(self.xdot)], {"cse": True})
+
+    @cached_property
+    def energy(self) -> Any:
+        """(t, x, p) -> the testing functions' E, K and V, as a CasADi function."""
+        return ca.Function("E", [self.t, self.x, self.p], [self.energies])
+
+    def kernel(self, name: str, outputs: Mapping[str, SX], **further: SX) -> Kernel:
+        """Compiled: (t, x, p, …) -> outputs."""
+        inputs = {"t": self.t, "x": self.x, "p": self.p, **further}
+        return Kernel({n: c for n, c in inputs.items() if c.shape[0]}, outputs, name=name)
+
     def normalised(self, x: SX) -> SX:
         """The state with its quaternions brought back to unit length."""
         result = ca.SX(x)
@@ -191,8 +207,7 @@ class Flow(Once):
             q, u = (np.array(part).ravel() for part in found)
         x = np.concatenate([q, u, np.zeros(len(self.works) + len(self.integrals))])
         if self.correcting:  # the energy as it should be starts at K + V
-            energies = ca.Function("E", [self.t, self.x, self.p], [self.energies[-2:]])
-            x[-1] = float(np.array(energies(state.t, x, p)).sum())
+            x[-1] = float(np.array(self.energy(state.t, x, p))[-2:].sum())
         return x
 
 

@@ -83,7 +83,7 @@ def observer(flow: Flow) -> Kernel:
 
 
 def observed(flow: Flow, observe: Kernel, motion: Motion, p: Array) -> dict[str, Array]:
-    """What the observer sees of the samples of a motion, time first."""
+    """What the observer sees of the samples of a motion, time first; p (np,), or (T, np) where it varies."""
     q_part, u_part, _ = flow.parts
     arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
     if flow.inputs.shape[0]:
@@ -235,25 +235,11 @@ def with_occurrences(
     if not events:
         return run
     seen = []
-    for states, sides in (("before", "p_before"), ("after", "p_after")):
-        arrays: dict[str, Array] = {
-            "t": np.array([e.t for e in events]),
-            "x": np.array([getattr(e, states) for e in events]),
-        }
-        if flow.inputs.shape[0]:
-            arrays["inputs"] = np.array([e.inputs for e in events])
-        if flow.given.shape[0]:
-            assert flow.equations is not None
-            q, u, _ = flow.parts
-            arrays["given"] = np.array(
-                [
-                    flow.equations(t, x[q].copy(), x[u].copy())
-                    for t, x in zip(arrays["t"], arrays["x"])
-                ]
-            )
-        values = observe(parameters=np.array([getattr(e, sides) for e in events]), **arrays)
+    t, inputs = np.array([e.t for e in events]), np.array([e.inputs for e in events])
+    for state, sides in (("before", "p_before"), ("after", "p_after")):
+        x, p = (np.array([getattr(e, name) for e in events]) for name in (state, sides))
+        values = observed(flow, observe, Motion(t, x, inputs), p)
         shaped = {name: value.reshape(len(events), -1) for name, value in values.items()}
-        inputs = np.array([e.inputs for e in events])
         seen.append((shaped, logged_forces(flow, shaped, inputs)))
     (before, forces_before), (after, forces_after) = seen
     made = tuple(

@@ -38,7 +38,7 @@ from deltac.simulation.constraints.energy import check_correction_held
 from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.equations import Controller, Equations, as_equations, by_hand
-from deltac.simulation.events.run import Eventful, EventRun, eventful
+from deltac.simulation.events.run import Eventful, EventRun, check_apart, eventful
 from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
 from deltac.simulation.recording import (
     RECORD,
@@ -64,7 +64,7 @@ from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.adaptive import AdaptiveMethod, AdaptiveSteps
 from deltac.simulation.stepping.explicit import FixedMethod, FixedSteps
 from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
-from deltac.simulation.stepping.interpreted import Finish, StageRate, numeric_masks
+from deltac.simulation.stepping.interpreted import Finish, StageRate
 from deltac.simulation.stepping.loop import Loop
 from deltac.simulation.stepping.protocol import StepGrid, Stepper
 from deltac.simulation.stepping.scipy import ScipySteps
@@ -174,7 +174,8 @@ def simulate(
     events = None
     if ready is not None:
         rate.hold(state.t, x0)
-        events = ready.run(rate, p, state.t, x0)
+        events = EventRun(ready.watch, ready.collider, rate, p)
+        check_apart(events, state.t, x0)
         p_run = events.p
     else:
         p_run = p
@@ -182,7 +183,7 @@ def simulate(
     stepper = _stepper(made, options, rate, p_run, duration, compiled=compiled)
     careful = None
     if found.step is not None and compiled and flow.bound is not None and equations is None:
-        careful = CarefulStep(moving, found, numeric_masks(moving), p_run)
+        careful = CarefulStep(moving, found, p_run)
     loop = Loop(
         stepper,
         rate,
@@ -351,7 +352,7 @@ def _as_before(
     for name in old:
         if name not in _RENAMED:
             raise unknown_argument("simulate", name, named(inspect.signature(simulate)))
-        warn_renamed(f"simulate({name}=…)", *_RENAMED[name], stacklevel=3)
+        warn_renamed(f"simulate({name}=…)", _RENAMED[name], stacklevel=5)
     wanted = Record.of(record)
     wanted = Record(
         old.get("testing", wanted.testing),
@@ -376,15 +377,15 @@ def _as_before(
 
 
 _RENAMED = {
-    "coordinates": ("deltac.Record(coordinates=…)",),
-    "speeds": ("deltac.Record(coordinates=…)",),
-    "vary": ("Mechanism.varying(…)",),
-    "switches": ("an option of the solver, such as deltac.solvers.FixedStep('ode5', switches=…)",),
-    "testing": ("simulate(record=…)",),
-    "record_every": ("deltac.Record(every=…)",),
-    "tolerance": ("an option of the solver, such as deltac.solvers.Scipy('DOP853', tolerance=…)",),
-    "spectral_radius": ("deltac.solvers.GeneralizedAlpha(spectral_radius=…)",),
-    "stabilisation": ("simulate(constraints=…)",),
-    "correct": ("simulate(constraints=deltac.Projection(energy=True))",),
+    "coordinates": "deltac.Record(coordinates=…)",
+    "speeds": "deltac.Record(coordinates=…)",
+    "vary": "Mechanism.varying(…)",
+    "switches": "an option of the solver, such as deltac.solvers.FixedStep('ode5', switches=…)",
+    "testing": "simulate(record=…)",
+    "record_every": "deltac.Record(every=…)",
+    "tolerance": "an option of the solver, such as deltac.solvers.Scipy('DOP853', tolerance=…)",
+    "spectral_radius": "deltac.solvers.GeneralizedAlpha(spectral_radius=…)",
+    "stabilisation": "simulate(constraints=…)",
+    "correct": "simulate(constraints=deltac.Projection(energy=True))",
 }
 """Arguments of version 0.1, and what to write now; to go in the next release."""

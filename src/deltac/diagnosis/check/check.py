@@ -269,7 +269,6 @@ def check_equations(
     if not finite.all():  # judge where there is something to judge
         test = EquationTest(kane, drawn.take(finite), scales=scales)
     given = udot[:, finite]
-    residuals = test(given)
     typical = test.typical(given)
     speeds = np.sqrt(np.mean(drawn.u**2, axis=1))
     ordinary = int(finite[:count].sum()) if states is None else len(test.states)
@@ -277,14 +276,19 @@ def check_equations(
     rough = np.where(np.isfinite(rough), rough, 0.0)
     limit = np.maximum(tolerance, uncertainty(rough, CLEAR))
     rates = _wrong_rates(caller, test)
-    kind, confidence = _judged(residuals, limit, tolerance, bool(finite.all()), rates)
-    wrong = kind == "equation-error"
+    judged = _judged(
+        test,
+        given,
+        limit,
+        rates,
+        name=own.name,
+        tolerance=tolerance,
+        rough=rough,
+        finite=bool(finite.all()),
+    )
+    wrong = judged.verdict.kind == "equation-error"
     found = blame(caller, test, given, limit, parts.part("blame")) if wrong else ()
-    seen = _seen(residuals, limit, kane.rows.names if len(test.gamma) else ())
     findings = _findings(caller, finite, drawn, [m.name for m in loaded.mechanism.motors])
-    missed = max(rates.values(), default=0.0)
-    if rates:
-        seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
     if wrong and found:  # where q̇ alone is wrong, other coordinates explain nothing
         findings += _other_coordinates(loaded, own, chosen, count=count, seed=seed)
         if not any(f.kind == "coordinates" for f in findings):
@@ -296,38 +300,20 @@ def check_equations(
                     b if _simple(b) else replace(b, terms=(), solved=(), monomials=())
                     for b in found
                 )
-    evidence = _evidence(residuals, rough, limit, tolerance, seen, test, given, wrong)
-    evidence = (*evidence, *_of_rates(rates, tolerance))
+    evidence = judged.verdict.evidence
     if not caller.form.plain:
-        evidence = (
-            *evidence,
-            f"called as {caller.form.describe(kane.told_names, test.speeds)}",
-        )
+        form = caller.form.describe(kane.told_names, test.speeds)
+        evidence = (*evidence, f"called as {form}")
     if wrong and caller.overwrites:
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
         evidence = (_overwriting(own.name, caller.overwrites), *evidence)
-    return EquationCheck(
-        verdict=Verdict(
-            kind,
-            confidence,
-            evidence,
-            findings,
-            _limits(loaded, kane, where, test.states),
-            MEANINGS[kind],
-        ),
+    limits = _limits(loaded, kane, where, test.states)
+    return replace(
+        judged,
+        verdict=replace(judged.verdict, evidence=evidence, findings=findings, limits=limits),
         blame=found,
-        seen=seen,
         example=simplest_failure(caller, test, given, limit) if wrong else None,
-        states=test.states,
-        udot=given,
-        residuals=residuals,
-        test=test,
-        roughness=rough,
-        tolerance=tolerance,
-        coordinates=chosen,
-        name=own.name,
         vectorised=bool(caller.vectorised),
-        rates=rates,
         form=caller.form,
     )
 
@@ -346,28 +332,56 @@ def check_states(
     `rounding` is what the digits leave open of them, relative.
     """
     accepted = max(TOLERANCE, rounding) if tolerance is None else tolerance
-    residuals = test(udot)
     limit = np.full(len(test.speeds), accepted)
     rates = {} if qdot is None else _misses(test, qdot)
-    kind, confidence = _judged(residuals, limit, accepted, True, rates)
-    wrong = kind == "equation-error"
+    rough = np.zeros(len(test.speeds))
+    judged = _judged(test, udot, limit, rates, name=name, tolerance=accepted, rough=rough)
+    limits = (*LIMITS, "the function at states that are not in the table")
+    wrong = judged.verdict.kind == "equation-error"
+    return replace(
+        judged,
+        verdict=replace(judged.verdict, limits=limits),
+        blame=blame_at(test, udot, limit) if wrong else (),
+    )
+
+
+def _judged(
+    test: EquationTest,
+    udot: Array,
+    limit: Array,
+    rates: Mapping[str, float],
+    *,
+    name: str,
+    tolerance: float,
+    rough: Array,
+    finite: bool = True,
+) -> EquationCheck:
+    """The verdict on accelerations (n, B), perhaps with errors of q̇; what is wrong is not yet said.
+
+    `limit` (n,) is the residual that passes, `rough` (n,) the roughness of the function, both as fractions of
+    the terms. `finite`: the accelerations are, at all states that were drawn.
+    """
+    residuals = test(udot)
+    worst = np.array(finite_worst(residuals))
+    violated = float(residuals.relative_violation.max(initial=0.0))
+    most = float(limit.max(initial=tolerance))
+    missed = max(rates.values(), default=0.0)
+    excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
+    kind: Kind = "consistent"
+    confidence: Confidence = "high" if most <= tolerance else "medium"
+    if excess > 1.0:
+        kind, confidence = "equation-error", "high" if excess > 100.0 else "medium"
+    elif max(float(worst.max(initial=0.0)), violated) > tolerance or not finite:
+        kind, confidence = "unresolved", "medium"
     seen = _seen(residuals, limit, test.kane.rows.names if len(test.gamma) else ())
     if rates:
-        missed = max(rates.values())
-        seen = (*seen, Seen("coordinate rates", missed, missed > accepted))
-    rough = np.zeros(len(test.speeds))
-    evidence = _evidence(residuals, rough, limit, accepted, seen, test, udot, wrong)
-    limits = (*LIMITS, "the function at states that are not in the table")
+        seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
+    wrong = kind == "equation-error"
+    evidence = _evidence(residuals, rough, limit, tolerance, seen, test, udot, wrong)
+    evidence = (*evidence, *_of_rates(rates, tolerance))
     return EquationCheck(
-        verdict=Verdict(
-            kind,
-            confidence,
-            (*evidence, *_of_rates(rates, accepted)),
-            (),
-            limits,
-            meaning=MEANINGS[kind],
-        ),
-        blame=blame_at(test, udot, limit) if wrong else (),
+        verdict=Verdict(kind, confidence, evidence, meaning=MEANINGS[kind]),
+        blame=(),
         seen=seen,
         example=None,
         states=test.states,
@@ -375,7 +389,7 @@ def check_states(
         residuals=residuals,
         test=test,
         roughness=rough,
-        tolerance=accepted,
+        tolerance=tolerance,
         coordinates=test.kane.coordinates,
         name=name,
         vectorised=False,
@@ -452,25 +466,6 @@ def _fitting(kane: Kane, states: States) -> States:
             f"{', '.join(kane.coordinate_names)}. Draw them with the same coordinates="
         )
     return states
-
-
-def _judged(
-    residuals: Residuals,
-    limit: Array,
-    tolerance: float,
-    finite: bool,
-    rates: Mapping[str, float],
-) -> tuple[Kind, Confidence]:
-    worst = np.array(finite_worst(residuals))
-    violated = float(residuals.relative_violation.max(initial=0.0))
-    most = float(limit.max(initial=tolerance))
-    missed = max(rates.values(), default=0.0)
-    excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
-    if excess > 1.0:
-        return "equation-error", "high" if excess > 100.0 else "medium"
-    if max(float(worst.max(initial=0.0)), violated) > tolerance or not finite:
-        return "unresolved", "medium"
-    return "consistent", "high" if most <= tolerance else "medium"
 
 
 def _seen(residuals: Residuals, limit: Array, constraints: tuple[str, ...]) -> tuple[Seen, ...]:

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.diagnosis.check.location import orientations
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import times
 from deltac.diagnosis.residuals.states import States, admissible
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.errors import InputError
-from deltac.mechanism.joints import KINDS
 
 PLAIN = (1.0, 0.5, 2.0, 10.0)
 """Values that are tried, after zero, in place of an odd one."""
@@ -108,10 +108,7 @@ def _simplified(test: EquationTest, probe: _Probe, state: States) -> States:
 
     for name, k, value in _moves(test):
         state = tried(state, name, k, value) or state
-    quaternions = _in_quaternions(test, "q")
-    odd = [("u", k) for k in range(len(state.u))]
-    odd += [("q", k) for k in range(len(state.q)) if k not in quaternions]
-    for name, k in odd:
+    for name, k in _single(test):
         if getattr(state, name)[k, 0] == 0.0:
             continue
         trials = (tried(state, name, k, value, plain=True) for value in PLAIN)
@@ -139,29 +136,19 @@ def _without_rounding(x: Array) -> Array:
 
 def _moves(test: EquationTest) -> list[tuple[str, Any, Any]]:
     """What is set to zero, one after the other; a quaternion as a whole, to the identity."""
-    moves: list[tuple[str, Any, Any]] = [("t", slice(None), 0.0)]
-    moves += [("u", k, 0.0) for k in range(len(test.states.u))]
+    zeros = [(name, k, 0.0) for name, k in _single(test)]
     if test.kane.assembled:  # a coordinate alone would leave the constraints, and so would the time
-        return moves[1:]
-    quaternions = _in_quaternions(test, "q")
-    moves += [("q", k, 0.0) for k in range(len(test.states.q)) if k not in quaternions]
-    for first in sorted(quaternions)[::4]:
-        moves.append(("q", slice(first, first + 4), np.eye(4)[:, :1]))
-    return moves
+        return [move for move in zeros if move[0] == "u"]
+    identity = np.eye(4)[:, :1]
+    turned = [("q", place, identity) for place in orientations(test).values()]
+    return [("t", slice(None), 0.0), *zeros, *turned]
 
 
-def _in_quaternions(test: EquationTest, name: str) -> set[int]:
-    kane = test.kane
-    if name != "q" or (kane.coordinates is not None and kane.coordinates.q):
-        return set()
-    place = {int(index): k for k, index in enumerate(kane.mechanism.free.q)}
-    found: set[int] = set()
-    for joint in kane.mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = place[kane.mechanism.coordinates.of(joint.name).start + offset]
-            found |= set(range(start, start + 4))
-    return found
+def _single(test: EquationTest) -> list[tuple[str, int]]:
+    """Speeds, then coordinates, that may be changed one by one: those of no quaternion."""
+    whole = {k for place in orientations(test).values() for k in range(place.start, place.stop)}
+    places = [("u", k) for k in range(len(test.states.u))]
+    return places + [("q", k) for k in range(len(test.states.q)) if k not in whole]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,11 +18,18 @@ from deltac.diagnosis.check.matching import (
     explain_residual,
     explain_row,
 )
-from deltac.diagnosis.check.terms import FEW, plain_parts
+from deltac.diagnosis.check.terms import (
+    FEW,
+    plain_parts,
+    polarised,
+    product_of,
+    rays,
+    with_rates,
+)
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import times
-from deltac.diagnosis.residuals.states import States
+from deltac.diagnosis.residuals.states import States, joined
 from deltac.diagnosis.verdict import percent
 from deltac.mechanism.joints import KINDS
 from deltac.results import Serialisable
@@ -133,34 +139,56 @@ def blame(
 ) -> tuple[Blame, ...]:
     """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first."""
     good: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
-    relative = test.relative(udot)[:, good].max(axis=1, initial=0.0)
-    residual, wrong = test.residual(udot)[:, good], (udot - test.acceleration)[:, good]
-    rows = [int(k) for k in np.argsort(-relative) if relative[k] > limit[k]]
-    if not rows:
+    found = _failing(test, udot, limit, good)
+    if not found:
         return ()
     typical = test.typical(udot)
-    tied = bool(test.kane.rows.names) and bool(len(test.gamma))
-    base = _bases(test, residual / typical[:, None], good)
+    base = _bases(test, test.residual(udot)[:, good] / typical[:, None], good)
     degrees = _degrees(caller, test, base, typical, limit)
+    tied = bool(test.kane.rows.names) and bool(len(test.gamma))
     depends = None if tied else _dependence(caller, test, base, typical, limit)
-    units, rates = _units(test)
-    made = []
-    for k in rows:
-        variables = None if depends is None else depends[k]
-        made.append(
-            Blame(
-                speed=test.speeds[k],
-                number=k + 1,
-                relative=_rms(residual[k]) / float(typical[k]),
-                residual=_rms(residual[k]),
-                unit=units[k],
-                acceleration=_rms(wrong[k]),
-                acceleration_unit=rates[k],
-                degrees=degrees[k],
-                depends_on=variables,
-            )
+    made = [
+        replace(
+            b,
+            degrees=degrees[b.number - 1],
+            depends_on=None if depends is None else depends[b.number - 1],
         )
+        for b in found
+    ]
     return tuple(made) if tied else _explained(caller, test, made, limit, progress)
+
+
+def blame_at(test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]:
+    """`blame` of accelerations that are known at the test's own states only: what they vary with is not."""
+    found = _failing(test, udot, limit, np.ones(len(test.states), dtype=np.bool_))
+    if len(test.gamma):
+        return tuple(found)
+    residual = test.residual(udot)
+    return tuple(
+        replace(b, terms=explain_residual(test, residual[b.number - 1], udot, b.number - 1))
+        for b in found
+    )
+
+
+def _failing(test: EquationTest, udot: Array, limit: Array, good: NDArray[np.bool_]) -> list[Blame]:
+    """The equations whose residual passes `limit` (n,) at the states that are `good`, the worst first."""
+    relative = test.relative(udot)[:, good].max(axis=1, initial=0.0)
+    residual, wrong = test.residual(udot)[:, good], (udot - test.acceleration)[:, good]
+    typical = test.typical(udot)
+    units, rates = _units(test)
+    return [
+        Blame(
+            speed=test.speeds[k],
+            number=k + 1,
+            relative=_rms(residual[k]) / float(typical[k]),
+            residual=_rms(residual[k]),
+            unit=units[k],
+            acceleration=_rms(wrong[k]),
+            acceleration_unit=rates[k],
+        )
+        for k in map(int, np.argsort(-relative))
+        if relative[k] > limit[k]
+    ]
 
 
 def _explained(
@@ -207,42 +235,20 @@ def _monomials(caller: Caller, test: EquationTest, row: int, limit: float) -> tu
     Both are polynomials of the second degree in the rates (else nothing is said): found by polarisation, from
     values at rest, along single speeds and along pairs of them.
     """
-    n = len(test.speeds)
-    if n > FEW:
+    if len(test.speeds) > FEW:
         return ()
-    unit = np.eye(n)
-    pairs = list(combinations(range(n), 2))
-    rays = [np.zeros(n), *unit, *(-unit), *(unit[i] + unit[j] for i, j in pairs)]
     states = test.states
-    batch = len(states)
-    repeated = States(
-        np.tile(states.t, len(rays) + 1),
-        np.tile(states.q, len(rays) + 1),
-        np.concatenate([np.repeat(np.array(rays).T, batch, axis=1), states.u], axis=1),
-        states.coordinates,
-        states.speeds,
-    )
+    repeated = joined([rays(states), states])
     there = EquationTest(test.kane, repeated, scales=test.scales, strict=False)
     udot = caller(repeated)
     if not np.isfinite(udot).all():
         return ()
     found: list[Monomial] = []
-    split: list[dict[str, Array]] = []
+    split: list[dict[tuple[int, ...], Array]] = []
     for given in (udot, there.acceleration):
-        values = times(there.M, given)[row].reshape(-1, batch)
-        rest, plus, minus = values[0], values[1 : n + 1], values[n + 1 : 2 * n + 1]
-        both, whole = values[2 * n + 1 : -1], values[-1]
-        parts = {"": rest}
-        u = states.u
-        total = rest.copy()
-        for i, name in enumerate(test.speeds):
-            parts[f"u.{name}"] = 0.5 * (plus[i] - minus[i])
-            parts[f"u.{name}²"] = 0.5 * (plus[i] + minus[i]) - rest
-            total += parts[f"u.{name}"] * u[i] + parts[f"u.{name}²"] * u[i] ** 2
-        for k, (i, j) in enumerate(pairs):
-            mixed = both[k] - plus[i] - plus[j] + rest
-            parts[f"u.{test.speeds[i]}·u.{test.speeds[j]}"] = mixed
-            total += mixed * u[i] * u[j]
+        along, whole = np.split(times(there.M, given)[row], [-len(states)])
+        parts = polarised(along, states)
+        total = sum(with_rates(parts, states.u).values())
         if not np.allclose(total, whole, atol=1e-6 * np.abs(whole).max(initial=1e-300)):
             return ()
         split.append(parts)
@@ -256,7 +262,7 @@ def _monomials(caller: Caller, test: EquationTest, row: int, limit: float) -> tu
             "0" if np.abs(x).max() <= 10 * limit * size else _as_sum(test, still, x)
             for x in (mine[rates], right)
         ]
-        found.append(Monomial(rates, *told))
+        found.append(Monomial(product_of(test.speeds, rates), *told))
     told_all = all({m.found, m.right} & {"0"} or (m.found and m.right) for m in found)
     return tuple(found) if len(found) <= MOST_MONOMIALS and told_all else ()
 
@@ -268,28 +274,6 @@ def _as_sum(test: EquationTest, states: States, values: Array) -> str:
     parts = [p for p in plain_parts(states, zero, some) if p.of is not None]
     parts = [p for p in parts if not any(name.startswith("u.") for name in p.of or ())]
     return " + ".join(f"{c:.6g}·{p.name}" for p, c in explain_by(values, parts))
-
-
-def blame_at(test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]:
-    """`blame` of accelerations that are known at the test's own states only: what they vary with is not."""
-    relative = test.relative(udot).max(axis=1, initial=0.0)
-    residual, wrong, typical = test.residual(udot), udot - test.acceleration, test.typical(udot)
-    units, rates = _units(test)
-    tied = bool(len(test.gamma))
-    return tuple(
-        Blame(
-            speed=test.speeds[k],
-            number=k + 1,
-            relative=_rms(residual[k]) / float(typical[k]),
-            residual=_rms(residual[k]),
-            unit=units[k],
-            acceleration=_rms(wrong[k]),
-            acceleration_unit=rates[k],
-            terms=() if tied else explain_residual(test, residual[k], udot, k),
-        )
-        for k in map(int, np.argsort(-relative))
-        if relative[k] > limit[k]
-    )
 
 
 def _varied(test: EquationTest, caller: Caller, states: States) -> Array:
@@ -310,15 +294,8 @@ def _degrees(
     caller: Caller, test: EquationTest, base: States, typical: Array, limit: Array
 ) -> list[tuple[int, ...] | None]:
     """Powers of the rates in each equation's residual: all speeds are scaled together."""
-    count, times = len(base), len(SCALINGS)
-    states = States(
-        np.tile(base.t, times),
-        np.tile(base.q, times),
-        np.concatenate([s * base.u for s in SCALINGS], axis=1),
-        base.coordinates,
-        base.speeds,
-    )
-    values = _varied(test, caller, states).reshape(-1, times, count)
+    states = joined([replace(base, u=s * base.u) for s in SCALINGS])
+    values = _varied(test, caller, states).reshape(-1, len(SCALINGS), len(base))
     powers = np.vander(np.array(SCALINGS), increasing=True)
     parts = np.linalg.solve(powers, values)
     found: list[tuple[int, ...] | None] = []
@@ -335,48 +312,46 @@ def _dependence(
 ) -> list[tuple[str, ...]]:
     """What each equation's residual changes with: one variable at a time is taken from another state."""
     variables = _variables(test)
-    t, q, u = [base.t], [base.q], [base.u]
+    states = [base]
     for _, kind, where in variables:
-        moved = {"t": base.t.copy(), "q": base.q.copy(), "u": base.u.copy()}
-        moved[kind][where] = np.roll(moved[kind][where], 1, axis=-1)
-        t, q, u = [*t, moved["t"]], [*q, moved["q"]], [*u, moved["u"]]
-    states = States(
-        np.concatenate(t),
-        np.concatenate(q, axis=1),
-        np.concatenate(u, axis=1),
-        base.coordinates,
-        base.speeds,
-    )
-    values = _varied(test, caller, states).reshape(-1, 1 + len(variables), len(base))
+        values = getattr(base, kind).copy()
+        values[where] = np.roll(values[where], 1, axis=-1)
+        states.append(replace(base, **{kind: values}))
+    values = _varied(test, caller, joined(states)).reshape(-1, len(states), len(base))
     change = np.abs(values[:, 1:] - values[:, :1]).max(axis=2)
-    return [
-        tuple(
-            name
-            for (name, _, _), moved in zip(variables, change[k])
-            if not moved <= 10 * limit[k] * typical[k]
-        )
-        for k in range(len(values))
-    ]
+    steady = change <= 10 * (limit * typical)[:, None]  # what is not finite is not
+    return [tuple(v[0] for v, still in zip(variables, row) if not still) for row in steady]
 
 
 def _variables(test: EquationTest) -> list[tuple[str, str, Any]]:
     """Name, array and place of what is varied; a quaternion as a whole."""
-    states = test.states
-    found: list[tuple[str, str, Any]] = [("t", "t", slice(None))]
-    taken: set[int] = set()
-    if test.kane.coordinates is None or not test.kane.coordinates.q:
-        place = {int(index): k for k, index in enumerate(test.kane.mechanism.free.q)}
-        for joint in test.kane.mechanism.joints:
-            offset = KINDS[joint.kind].quaternion
-            if offset is not None:
-                start = place[test.kane.mechanism.coordinates.of(joint.name).start + offset]
-                taken |= set(range(start, start + 4))
-                found.append((f"q.{joint.name} (orientation)", "q", slice(start, start + 4)))
+    states, speeds = test.states, [(f"u.{n}", "u", k) for k, n in enumerate(test.states.speeds)]
     if test.kane.assembled:  # one coordinate alone would leave the constraints
-        found = []
-        taken = set(range(len(states.coordinates)))
-    found += [(f"q.{n}", "q", k) for k, n in enumerate(states.coordinates) if k not in taken]
-    found += [(f"u.{n}", "u", k) for k, n in enumerate(states.speeds)]
+        return speeds
+    turned = orientations(test)
+    single = np.ones(len(states.coordinates), dtype=np.bool_)
+    for place in turned.values():
+        single[place] = False
+    return [
+        ("t", "t", slice(None)),
+        *((f"q.{joint} (orientation)", "q", place) for joint, place in turned.items()),
+        *((f"q.{n}", "q", k) for k, n in enumerate(states.coordinates) if single[k]),
+        *speeds,
+    ]
+
+
+def orientations(test: EquationTest) -> dict[str, slice]:
+    """The places of quaternions among the coordinates, by joint; own coordinates have none."""
+    kane = test.kane
+    if kane.coordinates is not None and kane.coordinates.q:
+        return {}
+    place = {int(index): k for k, index in enumerate(kane.mechanism.free.q)}
+    found = {}
+    for joint in kane.mechanism.joints:
+        offset = KINDS[joint.kind].quaternion
+        if offset is not None:
+            start = place[kane.mechanism.coordinates.of(joint.name).start + offset]
+            found[joint.name] = slice(start, start + 4)
     return found
 
 

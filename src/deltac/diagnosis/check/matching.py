@@ -15,7 +15,15 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.check.numbers import formula
-from deltac.diagnosis.check.terms import Part, inertia_term, own_parts, plain_parts, written
+from deltac.diagnosis.check.terms import (
+    Part,
+    circular,
+    inertia_term,
+    own_parts,
+    plain_parts,
+    sums,
+    written,
+)
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.results import Serialisable
 
@@ -274,20 +282,13 @@ def ratios(test: EquationTest) -> tuple[list[str], Array, Array]:
     """Plain functions of the state that are forgotten, put in, or stand for others: texts, values, costs."""
     states = test.states
     one = np.ones(len(states))
-    q, names = states.q[:RATIO_OF], states.coordinates[:RATIO_OF]
-    shapes: list[tuple[str, Array]] = []
-    for x, name in zip(q, names):
-        shapes += [(f"sin({name})", np.sin(x)), (f"cos({name})", np.cos(x)), (name, x)]
-    for i, j in combinations(range(len(q)), 2):
-        for sign, x in (("-", q[j] - q[i]), ("+", q[j] + q[i])):
-            shapes.append((f"sin({names[j]} {sign} {names[i]})", np.sin(x)))
-            shapes.append((f"cos({names[j]} {sign} {names[i]})", np.cos(x)))
+    own = list(zip(states.coordinates, states.q))[:RATIO_OF]
+    shapes = [s for name, x in own for s in (*circular(name, x), (name, x))]
+    for (a, x), (b, y) in combinations(own, 2):
+        shapes += [s for text, angle in sums(a, b, x, y) for s in circular(text, angle)]
     u = [(f"u.{name}", x) for name, x in zip(states.speeds, states.u)][:RATIO_OF]
-    sums = [
-        (f"(u.{a} {sign} u.{b})", x + y if sign == "+" else x - y)
-        for (a, x), (b, y) in combinations(list(zip(states.speeds, states.u))[:RATIO_OF], 2)
-        for sign in "+-"
-    ]
+    pairs = combinations(u, 2)
+    rates = [*u, *((f"({text})", z) for (a, x), (b, y) in pairs for text, z in sums(b, a, y, x))]
     texts: list[str] = []
     rows: list[Array] = []
     prices: list[float] = []
@@ -299,7 +300,7 @@ def ratios(test: EquationTest) -> tuple[list[str], Array, Array]:
             prices.append(price)
 
     with np.errstate(all="ignore"):
-        for some in (shapes, [*u, *sums]):
+        for some in (shapes, rates):
             for text, x in some:
                 add(text, x, 1.2)
                 add(f"1/{text}", one / x, 1.2)

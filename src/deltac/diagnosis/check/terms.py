@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations, islice
 from typing import Any
 
@@ -14,7 +14,7 @@ from deltac.arrays import Array
 from deltac.calls.caching import LRUCache
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.diagnosis.residuals.states import States
+from deltac.diagnosis.residuals.states import States, joined
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices
 from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import crba, gather, rnea, velocities
@@ -263,41 +263,61 @@ def _called(channel: str) -> str:
 
 def _by_rates(test: EquationTest, row: int) -> Iterable[tuple[str, Array, Key]]:
     """Parts of forces and gyroscopic terms by the rates that they are proportional to."""
-    n, batch = test.bias.shape
-    names = test.speeds
-    pairs = list(combinations(range(n), 2))
-    unit = np.eye(n)
-    rays = [np.zeros(n), *unit, *(-unit), *(unit[i] + unit[j] for i, j in pairs)]
     states = test.states
-    repeated = States(
-        np.tile(states.t, len(rays)),
-        np.tile(states.q, len(rays)),
-        np.repeat(np.array(rays).T, batch, axis=1),
-        states.coordinates,
-        states.speeds,
-    )
-    there = EquationTest(test.kane, repeated, scales=test.scales, strict=False)
-    u = states.u
+    there = EquationTest(test.kane, rays(states), scales=test.scales, strict=False)
     gyroscopic: list[tuple[str, str, str, Array, Array]] = [
         ("the gyroscopic term", "gyroscopic", "", -there.bias, -test.bias)
     ]
     acting = [(_called(c), "channel", c, there.forces[c], test.forces[c]) for c in test.forces]
     for name, kind, which, along, whole in gyroscopic + acting:
-        at = along[row].reshape(len(rays), batch)
-        rest, plus, minus, both = at[0], at[1 : n + 1], at[n + 1 : 2 * n + 1], at[2 * n + 1 :]
-        linear, square = 0.5 * (plus - minus) * u, (0.5 * (plus + minus) - rest) * u**2
-        mixed = [
-            (both[k] - plus[i] - plus[j] + rest) * u[i] * u[j] for k, (i, j) in enumerate(pairs)
-        ]
-        total = rest + linear.sum(axis=0) + square.sum(axis=0) + sum(mixed, start=np.zeros(batch))
-        if not np.allclose(total, whole[row], atol=1e-9 * np.abs(whole[row]).max(initial=1e-300)):
+        parts = with_rates(polarised(along[row], states), states.u)
+        size = np.abs(whole[row]).max(initial=1e-300)
+        if not np.allclose(sum(parts.values()), whole[row], atol=1e-9 * size):
             continue  # not a polynomial of the rates
-        yield f"{name} at rest", rest, (kind, which, ())
-        for i in range(n):
-            yield f"{name} with u.{names[i]}", linear[i], (kind, which, (i,))
-            yield f"{name} with u.{names[i]}²", square[i], (kind, which, (i, i))
-        for values, (i, j) in zip(mixed, pairs):
-            yield f"{name} with u.{names[i]}·u.{names[j]}", values, (kind, which, (i, j))
+        for rates, values in parts.items():
+            how = f"with {product_of(test.speeds, rates)}" if rates else "at rest"
+            yield f"{name} {how}", values, (kind, which, rates)
+
+
+def rays(states: States) -> States:
+    """The states at rest, then with single speeds ±1, then with pairs of speeds 1, one after the other."""
+    n = len(states.u)
+    unit = np.eye(n)
+    pairs = [unit[i] + unit[j] for i, j in combinations(range(n), 2)]
+    u = np.ones(len(states))
+    along = [np.outer(ray, u) for ray in (np.zeros(n), *unit, *(-unit), *pairs)]
+    return joined([replace(states, u=each) for each in along])
+
+
+def polarised(along: Array, states: States) -> dict[tuple[int, ...], Array]:
+    """Coefficients (B,) of a polynomial of second degree in the rates, from its values along `rays`.
+
+    By the speeds that each is multiplied by: () for what is there at rest, (i,), (i, i), (i, j).
+    """
+    n = len(states.u)
+    rest, *others = along.reshape(-1, len(states))
+    plus, minus, both = others[:n], others[n : 2 * n], others[2 * n :]
+    found: dict[tuple[int, ...], Array] = {(): rest}
+    for i in range(n):
+        found[i,] = 0.5 * (plus[i] - minus[i])
+        found[i, i] = 0.5 * (plus[i] + minus[i]) - rest
+    for (i, j), values in zip(combinations(range(n), 2), both):
+        found[i, j] = values - plus[i] - plus[j] + rest
+    return found
+
+
+def with_rates(
+    coefficients: Mapping[tuple[int, ...], Array], u: Array
+) -> dict[tuple[int, ...], Array]:
+    """Coefficients (B,) times the products of speeds (n, B) that they belong to."""
+    return {rates: c * u[list(rates)].prod(axis=0) for rates, c in coefficients.items()}
+
+
+def product_of(speeds: Sequence[str], rates: tuple[int, ...]) -> str:
+    """A product of speeds as people write it: "u.a", "u.a²", "u.a·u.b"; "" for none."""
+    if len(set(rates)) < len(rates):
+        return f"u.{speeds[rates[0]]}²"
+    return "·".join(f"u.{speeds[k]}" for k in rates)
 
 
 def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str, Array, Key]]:
@@ -338,28 +358,23 @@ def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list
     shapes: list[tuple[str, Array, set[str]]] = [("", np.ones(len(states)), set())]
     for k in coordinates:
         of = {f"q.{names[k]}"}
-        for name, f in (("sin", np.sin), ("cos", np.cos)):
-            shapes.append((f"{name}({names[k]})", f(q[k]), of))
-            shapes.append((f"{name}(2·{names[k]})", f(2 * q[k]), of))
+        for text, angle in ((names[k], q[k]), (f"2·{names[k]}", 2 * q[k])):
+            shapes += [(*shape, of) for shape in circular(text, angle)]
         shapes += [
-            (names[k], q[k], of),
-            (f"{names[k]}²", q[k] ** 2, of),
-            (f"{names[k]}³", q[k] ** 3, of),
+            (f"{names[k]}{power}", q[k] ** p, of) for p, power in enumerate(("", "²", "³"), 1)
         ]
     for i, j in combinations(coordinates, 2):
         of = {f"q.{names[i]}", f"q.{names[j]}"}
-        for sign, shift in (("-", q[j] - q[i]), ("+", q[j] + q[i])):
-            shapes.append((f"sin({names[j]} {sign} {names[i]})", np.sin(shift), of))
-            shapes.append((f"cos({names[j]} {sign} {names[i]})", np.cos(shift), of))
+        for text, angle in sums(names[i], names[j], q[i], q[j]):
+            shapes += [(*shape, of) for shape in circular(text, angle)]
         shapes.append((f"({names[j]} - {names[i]})", q[j] - q[i], of))
     rates: list[tuple[str, Array, set[str] | None]] = [("", np.ones(len(states)), set())]
     for i, speed in enumerate(states.speeds):
         rates.append((f"u.{speed}", states.u[i], {f"u.{speed}"}))
         rates.append((f"u̇.{speed}", udot[i], None))
         for j in range(i, len(states.speeds)):
-            other = states.speeds[j]
-            name = f"u.{speed}²" if i == j else f"u.{speed}·u.{other}"
-            rates.append((name, states.u[i] * states.u[j], {f"u.{speed}", f"u.{other}"}))
+            of = {f"u.{speed}", f"u.{states.speeds[j]}"}
+            rates.append((product_of(states.speeds, (i, j)), states.u[i] * states.u[j], of))
     return [
         Part(
             "·".join(filter(None, (a, b))) or "1",
@@ -369,3 +384,13 @@ def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list
         for a, x, of in shapes
         for b, y, of_rates in rates
     ]
+
+
+def circular(text: str, angle: Array) -> list[tuple[str, Array]]:
+    """Sine and cosine of an angle, in words and in values."""
+    return [(f"sin({text})", np.sin(angle)), (f"cos({text})", np.cos(angle))]
+
+
+def sums(a: str, b: str, x: Array, y: Array) -> list[tuple[str, Array]]:
+    """Difference and sum of two variables, the later one first, in words and in values."""
+    return [(f"{b} - {a}", y - x), (f"{b} + {a}", y + x)]

@@ -162,32 +162,21 @@ def _parameters(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
     for name, value in islice(known.items(), MOST):
         factor = _factor(model, udot, name, value)
         if factor is not None:
-            return (
-                Finding(
-                    "parameter-value",
-                    f"the function is right with {name} = {factor * value:.6g}",
-                    f"the model has {name} = {value:.6g}",
-                    f"Give {name} the same value in both",
-                    "cause",
-                    name,
-                ),
-            )
+            right, remedy = f"{name} = {factor * value:.6g}", f"Give {name} the same value in both"
+            return (_value(right, f"{name} = {value:.6g}", remedy, name),)
     for a, b in islice(combinations(known, 2), MOST):
         if known[a] == known[b]:
             continue
         there = model.changed({a: known[b], b: known[a]})
         if there is not None and _agree(udot, there.acceleration):
-            return (
-                Finding(
-                    "parameter-value",
-                    f"the function is right with {a} and {b} exchanged",
-                    f"the model has {a} = {known[a]:.6g} and {b} = {known[b]:.6g}",
-                    f"Exchange {a} and {b}",
-                    "cause",
-                    a,
-                ),
-            )
+            has = f"{a} = {known[a]:.6g} and {b} = {known[b]:.6g}"
+            return (_value(f"{a} and {b} exchanged", has, f"Exchange {a} and {b}", a),)
     return ()
+
+
+def _value(right: str, has: str, remedy: str, name: str) -> Finding:
+    what = f"the function is right with {right}"
+    return Finding("parameter-value", what, f"the model has {has}", remedy, "cause", name)
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.repair.tracing.interpreter import Instance
 from deltac.repair.tracing.library import flatten
-from deltac.repair.tracing.modules import UserModule
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change, Operation, Slot, identity
-from deltac.repair.tracing.values import Object
+from deltac.repair.tracing.tracer import Instance, fields_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -190,15 +188,11 @@ def _count(program: Program, value: Slot) -> bool:
 
 def _attributes(value: Any, deep: bool = True) -> Iterator[tuple[str, Any]]:
     """Attributes of an object of the user's, and of its parts, that hold numbers or arrays."""
-    if isinstance(value, Object | UserModule):
-        held = dict(value.names if isinstance(value, UserModule) else value.attributes)
-        if isinstance(value, Object) and value.cls is not None:
-            held = {**value.cls.names, **held}
-        for name, one in held.items():
-            if isinstance(one, Slot | np.ndarray) and name.isidentifier():
-                yield name, one
-            elif isinstance(one, Object) and deep:
-                yield from ((f"{name}.{inner}", x) for inner, x in _attributes(one, deep=False))
+    for name, one in fields_of(value).items():
+        if isinstance(one, Slot | np.ndarray) and name.isidentifier():
+            yield name, one
+        elif deep:
+            yield from ((f"{name}.{inner}", x) for inner, x in _attributes(one, deep=False))
 
 
 def array_names(program: Program, instance: Instance) -> dict[str, Any]:

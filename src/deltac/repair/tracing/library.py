@@ -1,38 +1,30 @@
-"""What the user's function may call: arithmetic on numbers and arrays, and nothing with side effects.
+"""Functions of NumPy, SciPy, JAX and CasADi on arrays of slots, where the library's own cannot take them.
 
 Arrays that hold slots are NumPy's arrays of objects, so most of NumPy acts on them as it is. What does not,
-and what JAX, SciPy, CasADi and SymPy call otherwise, is here.
+and what other libraries call otherwise, is here.
 """
 
 from __future__ import annotations
 
-import collections
-import copy
 import functools
-import itertools
+import importlib
 import math
-import operator
-from collections.abc import Callable, Iterator, ValuesView
+from collections.abc import Callable, Iterator, Mapping, ValuesView
 from dataclasses import dataclass
-from types import ModuleType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from deltac.repair.tracing.tape import (
     COMPARISONS,
-    CONSTANTS,
     ELEMENTARY,
+    NUMBERS,
     Operation,
     Row,
     Slot,
     Solve,
-    Tape,
     identity,
 )
-from deltac.repair.tracing.values import Object, objects
-
-Call = Callable[[Tape, list[Any], dict[str, Any]], Any]
 
 
 class NotUnderstood(Exception):
@@ -40,10 +32,121 @@ class NotUnderstood(Exception):
 
 
 @dataclass(frozen=True)
-class Library:
-    """A module whose functions are understood, by its own dotted name."""
+class Foreign:
+    """A module that is not imported, or something of it, by its dotted name: to be passed on, not called."""
 
     name: str
+
+    def __getattr__(self, name: str) -> Foreign:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return Foreign(f"{self.name}.{name}")
+
+    def __getitem__(self, index: Any) -> Foreign:
+        return self
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Refused."""
+        raise NotUnderstood(f"calls {self.name}, which is not understood")
+
+
+class Library:
+    """A library that need not be installed: its functions are NumPy's, or those of this module."""
+
+    def __init__(self, name: str) -> None:
+        self.__name = name
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        inner = f"{self.__name}.{name}"
+        if inner in ALIKE:
+            return Library(inner)
+        own = RENAMED.get(name, name)
+        for found in (FUNCTIONS.get(own), getattr(np, own, None), getattr(np.linalg, own, None)):
+            if found is not None:
+                return found
+        return None if name == "newaxis" else Foreign(inner)
+
+
+ALIKE = {
+    "jax", "jax.numpy", "jax.numpy.linalg", "jax.lax", "jax.scipy", "jax.scipy.linalg", "autograd",
+    "autograd.numpy", "autograd.numpy.linalg", "casadi", "sympy", "cupy", "mpmath",
+}  # fmt: skip
+"""Libraries whose functions of NumPy's names do what NumPy's do."""
+
+IMPORTED = {
+    "numpy", "scipy", "math", "cmath", "itertools", "functools", "operator", "collections", "copy", "types",
+    "typing", "typing_extensions", "dataclasses", "enum", "abc", "numbers", "json", "tomllib", "contextlib",
+    "fractions", "string", "re", "textwrap", "__future__",
+}  # fmt: skip
+"""Packages that are imported; others are the user's own, or `Foreign`."""
+
+CALLED = IMPORTED | {"builtins", "_operator", "_collections", "_functools", "deltac"}
+"""Packages whose functions may be called: they change nothing but their arguments."""
+
+FORBIDDEN = {
+    "open", "exec", "eval", "compile", "input", "breakpoint", "exit", "quit", "__import__", "help",
+    "globals", "memoryview",
+}  # fmt: skip
+"""Names of Python's own that are `Foreign`."""
+
+FILES = {
+    "save", "savez", "savez_compressed", "savetxt", "load", "loadtxt", "genfromtxt", "fromfile", "memmap",
+    "fromregex", "tofile", "dump", "loadmat", "savemat", "import_module", "f2py",
+}  # fmt: skip
+"""Functions of those packages that read or write files, and are not called."""
+
+RENAMED = {
+    "vertcat": "concatenate_scalars", "horzcat": "columns", "mtimes": "matmul", "if_else": "where",
+    "fmax": "maximum", "fmin": "minimum", "Abs": "abs", "Max": "maximum", "Min": "minimum",
+    "Matrix": "array", "DM": "array", "SX": "array", "norm_2": "norm", "select": "where",
+    "permute_dims": "transpose", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2",
+    "acosh": "arccosh", "asinh": "arcsinh", "atanh": "arctanh",
+}  # fmt: skip
+"""What libraries call otherwise than NumPy."""
+
+
+class Entry(float):
+    """A number that a library made: no constant of the user's."""
+
+
+def library(name: str) -> Any:
+    """A library by its dotted name, to be used as the module; None for what is none."""
+    if name in ALIKE:
+        return Library(name)
+    root = name.partition(".")[0]
+    if root in IMPORTED:
+        return importlib.import_module(name)
+    return None
+
+
+def known(function: Any) -> Callable[..., Any] | None:
+    """How a function of a library acts on slots; None for what is no library's, or acts on them as it is."""
+    module = getattr(function, "__module__", None) or type(function).__module__
+    name = getattr(function, "__name__", "")
+    own = getattr(function, "__self__", None)
+    if isinstance(own, np.ndarray):
+        return functools.partial(METHODS[name], own) if name in METHODS else None
+    if isinstance(own, np.ufunc):
+        return functools.partial(_ufunc, own, name)
+    if not isinstance(module, str):
+        return None
+    root = module.partition(".")[0]
+    if isinstance(function, np.ufunc):
+        root = "numpy"
+    if root in ("jax", "jaxlib"):
+        root, name = "numpy", RENAMED.get(name, name)
+    if root == "builtins" and isinstance(own, type(None) | type(math)):
+        return {"min": least("minimum"), "max": least("maximum")}.get(name)
+    if root not in ("numpy", "math", "cmath", "scipy"):
+        return None
+    return FUNCTIONS.get(name)
+
+
+def tape_of(values: Any) -> Any:
+    """The tape of the first slot among some values; None if there is none."""
+    return next((x.tape for x in flatten(values) if isinstance(x, Slot)), None)
 
 
 @dataclass(frozen=True)
@@ -52,256 +155,54 @@ class Elementary:
 
     name: str
 
-    @property
-    def operation(self) -> Operation:
-        """On arrays (B,)."""
-        return ELEMENTARY[self.name][0]
-
-    def __call__(self, tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
+    def __call__(self, *arguments: Any, out: Any = None, **named: Any) -> Any:
         """Apply it to every entry."""
-        count = ELEMENTARY[self.name][1]
-        named = {k: v for k, v in named.items() if k not in ("dtype", "where")}
-        out = named.pop("out", None)
-        if named or len(arguments) != count:
-            raise NotUnderstood(f"expected {count} argument{'s' if count > 1 else ''}")
-        arguments = [arrayed(a) for a in arguments]
-        if not any(isinstance(a, np.ndarray) for a in arguments):
-            return tape.record(self.operation, *arguments)
-        apply = np.frompyfunc(lambda *a: tape.record(self.operation, *a), count, 1)
-        found = apply(*arguments)
-        if out is not None:
-            out[...] = found
-        return found
-
-
-@dataclass(frozen=True)
-class Plain:
-    """A function of Python's or NumPy's that acts on arrays of slots as on any other."""
-
-    function: Callable[..., Any]
-
-    def __call__(self, tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-        """Call it; lists of numbers count as arrays, whole numbers as axes, sizes and counts."""
-        named = {k: plain(v) for k, v in named.items() if k not in ("dtype", "order", "optimize")}
-        return self.function(*(_sequence(_whole(a)) for a in arguments), **named)
-
-
-def _whole(value: Any) -> Any:
-    """A whole number of the source as Python's own; everything else as it is."""
-    counts = isinstance(value, Slot) and isinstance(value.tape.exact[value.index], int)
-    return plain(value) if counts else value
-
-
-def _sequence(value: Any) -> Any:
-    """An array; arrays of different shapes, and matrices, as a list of them: np.concatenate joins them."""
-    if isinstance(value, list | tuple):
-        parts = [arrayed(part) for part in value]
-        arrays = [part for part in parts if isinstance(part, np.ndarray)]
-        if len({part.shape for part in arrays}) > 1 or any(type(a) is np.matrix for a in arrays):
-            return parts
-    return arrayed(value)
-
-
-ARRAYS = (
-    "numpy", "math", "jax.numpy", "autograd.numpy", "numpy.linalg", "jax.numpy.linalg", "scipy.linalg",
-    "autograd.numpy.linalg", "casadi", "sympy", "jax.lax", "cupy", "cmath", "jax.scipy.linalg",
-    "scipy.sparse.linalg", "mpmath", "numpy.lib.scimath",
-)  # fmt: skip
-"""Modules whose functions are understood by their names."""
-
-PYTHON: dict[str, ModuleType] = {
-    m.__name__: m for m in (itertools, operator, collections, functools, copy, math)
-}
-"""Modules of Python's whose functions act on any value."""
-
-RENAMED = {
-    "vertcat": "concatenate_scalars", "horzcat": "columns", "mtimes": "matmul", "fabs": "abs",
-    "if_else": "where", "fmax": "maximum", "fmin": "minimum", "Abs": "abs", "Max": "maximum",
-    "Min": "minimum", "Matrix": "array", "DM": "array", "SX": "array", "asarray": "array",
-    "ascontiguousarray": "array", "asfarray": "array", "asanyarray": "array", "row_stack": "vstack",
-    "fromiter": "array", "mat": "matrix", "asmatrix": "matrix", "bmat": "block",
-    "acosh": "arccosh", "asinh": "arcsinh", "atanh": "arctanh", "norm_2": "norm", "select": "where",
-    "bitwise_or": "logical_or", "concat": "concatenate", "matrix_transpose": "transpose",
-    "permute_dims": "transpose", "true_divide": "divide", "float_power": "power",
-}  # fmt: skip
-
-
-def library(name: str) -> Library | None:
-    """A module that may be imported."""
-    known = (
-        name in ARRAYS or name in PYTHON or name in ("jax", "scipy", "autograd", "scipy.constants")
-    )
-    return Library(name) if known else None
-
-
-def member(module: str, name: str) -> Any:
-    """A function, constant or submodule of a module; None for what is not understood."""
-    inner = f"{module}.{name}"
-    if library(inner) is not None:
-        return Library(inner)
-    if module == "scipy.constants":
-        import scipy.constants
-
-        value = getattr(scipy.constants, name, None)
-        return float(value) if isinstance(value, int | float) else None
-    if module not in ARRAYS:
-        return _plain_python(module, name)
-    name = RENAMED.get(name, name)
-    if name in ELEMENTARY and not (module == "math" and name in ("square", "sign", "where")):
-        return Elementary(name)
-    if name in COMPARISONS:
-        return _comparison(name)
-    if name in CONSTANTS:
-        return float(CONSTANTS[name])
-    if name in ("float64", "float32", "double", "float_", "longdouble", "float16"):
-        return BUILTINS["float"]
-    if name in ("int64", "int32", "intp", "int_"):
-        return BUILTINS["int"]
-    if name in ("bool_", "ndarray"):
-        return np.ndarray if name == "ndarray" else BUILTINS["bool"]
-    if name in SPECIAL:
-        return SPECIAL[name]
-    if module == "math":
-        return None
-    if name in ("newaxis",):
-        return None
-    found = getattr(np, name, None)
-    return Plain(found) if name in STRUCTURAL and found is not None else None
-
-
-def _plain_python(module: str, name: str) -> Any:
-    found = getattr(PYTHON.get(module), name, None)
-    if found is None or not callable(found) or name in ("setattr", "exit"):
-        return None
-    if name in (
-        "partial",
-        "reduce",
-        "lru_cache",
-        "cache",
-        "wraps",
-        "cached_property",
-        "namedtuple",
-    ):
-        return None  # the reader's own affair
-    if module == "operator" and name in _OPERATORS:
-        return Elementary(_OPERATORS[name])
-    return lambda tape, arguments, named: found(*(_whole(a) for a in arguments), **named)
-
-
-_OPERATORS = {
-    "add": "add",
-    "sub": "subtract",
-    "mul": "multiply",
-    "truediv": "divide",
-    "neg": "negative",
-}
-
-
-def known(value: Any) -> Any:
-    """A function, module or constant of a library that is understood, from the live object; else None."""
-    if isinstance(value, ModuleType):
-        return library(value.__name__)
-    module, name = getattr(value, "__module__", None), getattr(value, "__name__", None)
-    if isinstance(value, np.ufunc):
-        return member("numpy", value.__name__)
-    if not isinstance(module, str) or not isinstance(name, str):
-        return None
-    if module == "builtins":
-        return BUILTINS.get(name)
-    root = module.partition(".")[0]
-    owner = {
-        "jax": "jax.numpy",
-        "numpy": "numpy",
-        "scipy": "scipy.linalg",
-        "autograd": "numpy",
-    }.get(root, root)
-    if "linalg" in module:
-        owner = "numpy.linalg"
-    return member(owner, name) if owner in ARRAYS or owner in PYTHON else None
-
-
-def attribute(base: Any, name: str) -> Any:
-    """An attribute of an array, a number or a container; None for what is not understood."""
-    if isinstance(base, np.ndarray):
-        if name in ("T", "mT", "shape", "size", "ndim", "real", "flat", "dtype"):
-            return base if name == "real" else base.T if name == "mT" else getattr(base, name)
-        if name == "at":
-            return At(base)
-        if isinstance(base, np.matrix) and name in ("I", "A", "A1"):
-            if name == "I":
-                return np.asmatrix(_inverse(base.flat[0].tape, [np.asarray(base)], {}))
-            return np.asarray(base) if name == "A" else np.asarray(base).ravel()
-        if name in METHODS:
-            return _method(base, name)
-    if isinstance(base, Elementary) and name in ("outer", "reduce", "accumulate"):
-        return _ufunc(base, name)
-    if isinstance(base, Slot):
-        if name in ("T", "real", "mT"):
-            return base
-        if name in ("shape", "size", "ndim"):
-            return {"shape": (), "size": 1, "ndim": 0}[name]
-        if name in (
-            "item",
-            "copy",
-            "squeeze",
-            "ravel",
-            "flatten",
-            "astype",
-            "reshape",
-            "sum",
-            "evalf",
-        ):
-            return lambda tape, arguments, named: base
-    if isinstance(
-        base, list | dict | tuple | set | str | collections.deque
-    ) and not name.startswith("_"):
-        bound = getattr(base, name, None)
-        if callable(bound):
-            return lambda tape, arguments, named: bound(
-                *(
-                    plain(a) if isinstance(base, dict | str) and k == 0 else a
-                    for k, a in enumerate(arguments)
-                ),
-                **named,
+        operation, count = ELEMENTARY[self.name]
+        if len(arguments) == count + 1 and isinstance(arguments[-1], np.ndarray):
+            *arguments, out = arguments  # type: ignore[assignment]
+        if len(arguments) != count or named.keys() - {"dtype", "where", "casting"}:
+            if self.name == "hypot" and len(arguments) > 2:
+                return norm(list(arguments))
+            raise NotUnderstood(
+                f"calls {self.name}: expected {count} argument{'s' if count > 1 else ''}"
             )
-        return bound
-    return None
+        found = applied(operation, *arguments)
+        if isinstance(out, tuple):
+            (out,) = out
+        if out is None:
+            return found
+        out[...] = found
+        return out
 
 
-def _ufunc(function: Elementary, name: str) -> Call:
+def applied(operation: Operation, *arguments: Any) -> Any:
+    """An operation on numbers, or on the entries of arrays."""
+    values = [arrayed(a) for a in arguments]
+
+    def one(*entries: Any) -> Any:
+        tape = next((x.tape for x in entries if isinstance(x, Slot)), None)
+        if tape is not None:
+            return tape.record(operation, *entries)
+        if not all(isinstance(x, NUMBERS) for x in entries):
+            raise NotUnderstood(f"arithmetic with {type(entries[0]).__name__}")
+        return operation(*entries)
+
+    if not any(isinstance(a, np.ndarray) for a in values):
+        return one(*values)
+    apply: Any = np.frompyfunc(one, len(values), 1)
+    return apply(*values)
+
+
+def _ufunc(function: np.ufunc, name: str, *arguments: Any, **named: Any) -> Any:
     """np.add.reduce, np.maximum.outer and their like."""
-
-    def call(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-        if name == "outer":
-            a, b = (np.asarray(arrayed(x), dtype=object) for x in arguments)
-            return function(
-                tape, [a.reshape(a.shape + (1,) * b.ndim), b.reshape((1,) * a.ndim + b.shape)], {}
-            )
-        made = np.frompyfunc(lambda a, b: tape.record(function.operation, a, b), 2, 1)
-        named = {k: plain(v) for k, v in named.items()}
-        return getattr(made, name)(
-            arrayed(arguments[0]), *(plain(a) for a in arguments[1:]), **named
-        )
-
-    return call
-
-
-def _method(base: np.ndarray[Any, Any], name: str) -> Call:
-    def call(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-        if name in ("astype", "tolist", "item"):
-            return (
-                base.item() if name == "item" else list(base) if name == "tolist" else base.copy()
-            )
-        if name == "dot":
-            return _dot(tape, [base, *arguments], {})
-        if name in ("fill", "put"):
-            return getattr(base, name)(*(arrayed(a) for a in arguments))
-        if name in ("max", "min"):
-            return _least("maximum" if name == "max" else "minimum")(tape, [base], {})
-        named = {k: plain(v) for k, v in named.items() if k not in ("dtype", "order")}
-        return getattr(base, name)(*(plain(a) for a in arguments), **named)
-
-    return call
+    own = FUNCTIONS.get(function.__name__)
+    if not isinstance(own, Elementary):
+        raise NotUnderstood(f"calls {function.__name__}.{name}")
+    if name == "outer":
+        a, b = (np.asarray(arrayed(x), dtype=object) for x in arguments)
+        return own(a.reshape(a.shape + (1,) * b.ndim), b.reshape((1,) * a.ndim + b.shape))
+    made = np.frompyfunc(own, 2, 1)
+    return getattr(made, name)(arrayed(arguments[0]), *map(plain, arguments[1:]), **plain(named))
 
 
 @dataclass(frozen=True)
@@ -314,108 +215,99 @@ class At:
     def __getitem__(self, index: Any) -> At:
         return At(self.array, index)
 
-    def update(self, name: str) -> Call | None:
-        """set, add, multiply."""
-        if name not in ("set", "add", "multiply", "divide"):
-            return None
-
-        def call(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-            made = self.array.copy()
-            value = arrayed(arguments[0])
-            old = made[self.index]
-            found = {"set": lambda: value, "add": lambda: old + value,
-                     "multiply": lambda: old * value, "divide": lambda: old / value}[name]()  # fmt: skip
-            made[self.index] = found
-            return made
-
-        return call
-
-
-METHODS = (
-    "dot", "sum", "copy", "reshape", "transpose", "ravel", "flatten", "prod", "trace", "fill", "squeeze",
-    "diagonal", "cumsum", "mean", "astype", "tolist", "item", "max", "min", "repeat", "swapaxes", "take",
-)  # fmt: skip
-STRUCTURAL = set((
-    "stack vstack hstack dstack column_stack concatenate dot matmul cross outer inner diag diagonal "
-    "transpose trace sum prod cumsum cumprod vdot einsum flip fliplr flipud roll tile squeeze ravel reshape "
-    "tensordot kron moveaxis swapaxes rollaxis expand_dims atleast_1d atleast_2d atleast_3d mean average "
-    "split array_split hsplit vsplit repeat append insert delete tril triu fill_diagonal broadcast_to "
-    "shape size ndim arange indices ix_ diff rot90 linspace copy arange take unravel_index full_like "
-    "block diag_indices triu_indices tril_indices logical_not isscalar vecdot matvec vecmat count_nonzero"
-).split())  # fmt: skip
-
-
-def _made(name: str) -> Call:
-    """np.zeros and its like, with entries that can hold slots."""
-
-    def call(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-        named = {k: plain(v) for k, v in named.items() if k not in ("dtype", "order", "like")}
-        if name.endswith("_like"):
-            shape: Any = np.shape(arrayed(arguments[0]))
-        else:
-            shape = plain(named.pop("shape", arguments[0]))
-            if isinstance(shape, np.ndarray):
-                shape = tuple(int(plain(n)) for n in shape)
-        made = np.empty(shape, dtype=object)
-        if name.startswith("full"):
-            value = arrayed(named.get("fill_value", arguments[1] if len(arguments) > 1 else 0.0))
-            made[...] = value
-        else:
-            made[...] = 1.0 if name.startswith("ones") else 0.0
+    def _with(self, change: Callable[[Any], Any]) -> Any:
+        made = self.array.copy()
+        made[self.index] = change(made[self.index])
         return made
 
-    return call
+    def set(self, value: Any) -> Any:
+        """The array with these entries."""
+        return self._with(lambda old: arrayed(value))
+
+    def add(self, value: Any) -> Any:
+        """The array with these added."""
+        return self._with(lambda old: old + arrayed(value))
+
+    def multiply(self, value: Any) -> Any:
+        """The array with these entries times something."""
+        return self._with(lambda old: old * arrayed(value))
+
+    def divide(self, value: Any) -> Any:
+        """The array with these entries over something."""
+        return self._with(lambda old: old / arrayed(value))
 
 
-def _matrix(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
+def _made(fill: Any, like: bool = False) -> Callable[..., Any]:
+    """np.zeros and its like, with entries that can hold slots."""
+
+    def make(shape: Any = None, *given: Any, fill_value: Any = None, **named: Any) -> Any:
+        made = np.empty(np.shape(arrayed(shape)) if like else plain(shape), dtype=object)
+        value = fill_value if fill_value is not None else given[0] if given else 0.0
+        made[...] = arrayed(value) if fill is None else fill
+        return made
+
+    return make
+
+
+def eye(rows: Any, columns: Any = None, k: Any = 0, **named: Any) -> Any:
+    """The identity."""
+    n = plain(rows)
+    m = plain(columns) if isinstance(columns, int | Slot) else n
+    return entries(np.eye(n, m, k=plain(k)))
+
+
+def array(value: Any, *more: Any, copy: Any = True, ndmin: int = 0, **named: Any) -> Any:
+    """np.array."""
+    many = isinstance(value, Iterator | ValuesView | map | zip)
+    made = arrayed(list(value) if many else value, copy=copy is not False)
+    if not isinstance(made, np.ndarray) or ndmin > made.ndim:
+        made = np.array(made, dtype=object, ndmin=int(plain(ndmin))) if ndmin else made
+    return made
+
+
+def same_array(value: Any, *more: Any, **named: Any) -> Any:
+    """np.asarray: an array stays what it is."""
+    return array(value, copy=False)
+
+
+def matrix(value: Any, **named: Any) -> Any:
     """np.matrix, whose * is the product of matrices."""
-    return np.asmatrix(_array(tape, arguments, {}))
+    return np.asmatrix(array(value))
 
 
-def _eye(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    sizes = [plain(a) for a in arguments[:2]]
-    rows, columns = sizes[0], sizes[-1]
-    return np.eye(rows, columns, k=plain(named.get("k", 0))).astype(object)
-
-
-def _array(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    value = arguments[0]
-    return arrayed(list(value) if isinstance(value, Iterator | ValuesView) else value, copy=True)
-
-
-def _block(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
+def block(parts: Any) -> Any:
     """np.block, whose own check of depths wants lists."""
 
     def joined(rows: Any, depth: int) -> Any:
         if not isinstance(rows, list | tuple):
             return np.atleast_2d(arrayed(rows)) if depth else np.atleast_1d(arrayed(rows))
-        parts = [joined(row, depth) for row in rows]
+        made = [joined(row, depth) for row in rows]
         nested = any(isinstance(row, list | tuple) for row in rows)
-        return np.concatenate(parts, axis=-2 if nested else -1)
+        return np.concatenate(made, axis=-2 if nested else -1)
 
-    deep = any(isinstance(row, list | tuple) for row in arguments[0])
-    return joined(arguments[0], int(deep))
-
-
-def _einsum(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    return np.einsum(arguments[0], *(arrayed(a) for a in arguments[1:]))
+    return joined(parts, int(any(isinstance(row, list | tuple) for row in parts)))
 
 
-def _solve(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    A, b = (arrayed(a) for a in arguments[:2])
+def einsum(sums: Any, *operands: Any, **named: Any) -> Any:
+    """np.einsum."""
+    return np.einsum(sums, *map(arrayed, operands))
+
+
+def solve(A: Any, b: Any, *more: Any, **named: Any) -> Any:
+    """The solution of A x = b; b may have columns."""
+    A, b = arrayed(A), arrayed(b)
     if isinstance(b, np.matrix):
-        return np.asmatrix(_solve(tape, [A, np.asarray(b)], {}))
-    A, rows = np.asarray(A), A.shape[0]
-    if A.shape != (rows, rows) or b.shape[:1] != (rows,):
-        raise NotUnderstood(f"a matrix of shape {A.shape} and a right side of shape {b.shape}")
+        return np.asmatrix(solve(A, np.asarray(b)))
+    A, rows = np.asarray(A), np.shape(A)[0]
+    if A.shape != (rows, rows) or np.shape(b)[:1] != (rows,):
+        raise NotUnderstood(f"a matrix of shape {A.shape} and a right side of shape {np.shape(b)}")
     if b.ndim == 2:
-        columns = [_solve(tape, [A, b[:, k]], {}) for k in range(b.shape[1])]
-        return np.stack(columns, axis=1)
+        return np.stack([solve(A, b[:, k]) for k in range(b.shape[1])], axis=1)
+    tape = tape_of([A, b])
+    if tape is None:
+        return np.linalg.solve(A.astype(float), b.astype(float)).astype(object)
     whole = tape.record(Solve(rows), *A.ravel(), *b)
-    result = np.empty(rows, dtype=object)
-    for k in range(rows):
-        result[k] = tape.record(Row(k), whole)
-    return result
+    return objects([tape.record(Row(k), whole) for k in range(rows)])
 
 
 def inverse_of(value: Any) -> np.ndarray[Any, Any] | None:
@@ -446,73 +338,75 @@ def inverse_of(value: Any) -> np.ndarray[Any, Any] | None:
 def product(left: Any, right: Any) -> Any:
     """Left @ right, M⁻¹ f as the solution of M x = f."""
     left, right = arrayed(left), arrayed(right)
-    matrix = inverse_of(left) if isinstance(right, np.ndarray) and right.ndim <= 2 else None
-    if matrix is not None:
-        return _solve(matrix[0, 0].tape, [matrix, right], {})
-    if not (isinstance(left, np.ndarray) and isinstance(right, np.ndarray)):
-        raise TypeError("a matrix product of numbers")
-    return left @ right
+    inverted = inverse_of(left) if isinstance(right, np.ndarray) and right.ndim <= 2 else None
+    return left @ right if inverted is None else solve(inverted, right)
 
 
-def _dot(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    a, b = (arrayed(x) for x in arguments[:2])
+def dot(a: Any, b: Any, **named: Any) -> Any:
+    """np.dot, of numbers too."""
+    a, b = arrayed(a), arrayed(b)
     return product(a, b) if np.ndim(a) and np.ndim(b) else a * b
 
 
-def _inverse(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    A = arrayed(arguments[0])
-    if A.ndim != 2 or A.shape[0] != A.shape[1]:
-        raise NotUnderstood(f"a matrix of shape {A.shape}")
-    return _solve(tape, [A, np.eye(A.shape[0]).astype(object)], {})
+def inverse(A: Any, **named: Any) -> Any:
+    """A⁻¹, as the solution of A x = e for each unit vector e."""
+    A = arrayed(A)
+    if np.ndim(A) != 2 or A.shape[0] != A.shape[1]:
+        raise NotUnderstood(f"a matrix of shape {np.shape(A)}")
+    found = solve(np.asarray(A), np.eye(A.shape[0]).astype(object))
+    return np.asmatrix(found) if isinstance(A, np.matrix) else found
 
 
-def _least_squares(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    A, b = (arrayed(a) for a in arguments[:2])
+def least_squares(A: Any, b: Any, **named: Any) -> Any:
+    """np.linalg.lstsq, of full rank."""
+    A, b = arrayed(A), arrayed(b)
     square = A.shape[0] == A.shape[1]
-    found = _solve(tape, [A, b] if square else [A.T @ A, A.T @ b], {})
-    return found, None, A.shape[1], None
+    return solve(*((A, b) if square else (A.T @ A, A.T @ b))), None, A.shape[1], None
 
 
-def _determinant(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    A = arrayed(arguments[0])
+def determinant(A: Any) -> Any:
+    """By the first row."""
+    A = arrayed(A)
     if A.shape == (1, 1):
         return A[0, 0]
     total: Any = 0.0
     for k in range(A.shape[0]):
         minor = np.delete(np.delete(A, 0, axis=0), k, axis=1)
-        total = total + (-1) ** k * A[0, k] * _determinant(tape, [minor], {})
+        total = total + (-1) ** k * A[0, k] * determinant(minor)
     return total
 
 
-def _norm(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    axis = plain(named.get("axis"))
-    value = arrayed(arguments[0])
+def norm(x: Any, order: Any = None, axis: Any = None, **named: Any) -> Any:
+    """The Euclidean norm, of rows or columns with `axis`."""
+    value = arrayed(x)
     if axis is not None:
-        return ELEMENTWISE["sqrt"](tape, [(value * value).sum(axis=axis)], {})
-    entries = list(flatten(value))
-    return tape.record(np.sqrt, sum((e * e for e in entries[1:]), start=entries[0] * entries[0]))
+        return applied(np.sqrt, (value * value).sum(axis=plain(axis)))
+    first, *rest = flatten(value)
+    return applied(np.sqrt, sum((e * e for e in rest), start=first * first))
 
 
-def _cross(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    a, b = (np.asarray(arrayed(x), dtype=object) for x in arguments[:2])
+def cross(a: Any, b: Any, **named: Any) -> Any:
+    """The vector product; of plane vectors its third component."""
+    a, b = (np.asarray(arrayed(x), dtype=object) for x in (a, b))
     if a.shape == (3,) == b.shape:
         return objects(
             [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
         )
     if a.shape == (2,) == b.shape:
         return a[0] * b[1] - a[1] * b[0]
-    return np.cross(a, b, **{k: plain(v) for k, v in named.items()})
+    return np.cross(a, b, **plain(named))
 
 
-def _skew(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    x, y, z = arrayed(arguments[0])
+def skew(v: Any) -> Any:
+    """The matrix of v ×."""
+    x, y, z = arrayed(v)
     return arrayed([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
-def _block_diagonal(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    parts = [np.atleast_2d(arrayed(a)) for a in arguments]
-    rows, columns = (sum(p.shape[k] for p in parts) for k in (0, 1))
-    made = np.zeros((rows, columns)).astype(object)
+def block_diagonal(*given: Any) -> Any:
+    """Matrices along the diagonal."""
+    parts = [np.atleast_2d(arrayed(a)) for a in given]
+    made = np.zeros([sum(p.shape[k] for p in parts) for k in (0, 1)]).astype(object)
     i = j = 0
     for p in parts:
         made[i : i + p.shape[0], j : j + p.shape[1]] = p
@@ -520,176 +414,203 @@ def _block_diagonal(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> 
     return made
 
 
-def _scalars(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
+def concatenate_scalars(*given: Any) -> Any:
     """CasADi's vertcat: a column of all there is, or rows of matrices one below the other."""
-    parts = [arrayed(a) for a in arguments]
+    parts = [arrayed(a) for a in given]
     if any(isinstance(p, np.ndarray) and p.ndim == 2 for p in parts):
         return np.vstack([np.atleast_2d(p) for p in parts])
     return objects(list(flatten(parts)))
 
 
-def _columns(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    parts = [np.atleast_1d(arrayed(a)) for a in arguments]
-    return (
-        np.column_stack(parts)
-        if parts[0].size > 1
-        else np.concatenate([p.ravel() for p in parts])[None, :]
-    )
+def columns(*given: Any) -> Any:
+    """CasADi's horzcat."""
+    parts = [np.atleast_1d(arrayed(a)) for a in given]
+    if parts[0].size > 1:
+        return np.column_stack(parts)
+    return np.concatenate([p.ravel() for p in parts])[None, :]
 
 
-def _sum(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    start = arguments[1] if len(arguments) > 1 else named.get("start", 0)
-    return sum(items(arguments[0]), start)
+def least(pick: str) -> Callable[..., Any]:
+    """The least, or greatest, of numbers or of an array's entries."""
 
-
-def _least(pick: str) -> Call:
-    def call(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-        entries = list(items(arguments[0])) if len(arguments) == 1 else arguments
-        if not any(isinstance(e, Slot) for e in entries):
-            return (max if pick == "maximum" else min)(entries)
-        result = entries[0]
-        for entry in entries[1:]:
-            result = tape.record(getattr(np, pick), result, entry)
-        return result
+    def call(*given: Any, default: Any = None, key: Any = None, **named: Any) -> Any:
+        python: Callable[..., Any] = max if pick == "maximum" else min
+        entries = list(given[0] if isinstance(given[0], Iterator) else flatten(given[0]))
+        entries = entries if len(given) == 1 else list(given)
+        if key is not None or not any(isinstance(e, Slot) for e in entries):
+            return python(entries) if key is None else python(entries, key=key)
+        return functools.reduce(lambda a, b: applied(ELEMENTARY[pick][0], a, b), entries)
 
     return call
 
 
-def _clip(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    a = [*arguments, *(named[k] for k in ("a_min", "min", "a_max", "max") if k in named)]
-    low = a[0] if a[1] is None else ELEMENTWISE["maximum"](tape, [a[0], a[1]], {})
-    return low if a[2] is None else ELEMENTWISE["minimum"](tape, [low, a[2]], {})
-
-
-def _comparison(name: str) -> Call:
-    return lambda tape, arguments, named: compared(COMPARISONS[name], *arguments)
+def clip(x: Any, low: Any = None, high: Any = None, **named: Any) -> Any:
+    """np.clip."""
+    low, high = (
+        next((named[k] for k in names if k in named), given)
+        for names, given in ((("a_min", "min"), low), (("a_max", "max"), high))
+    )
+    above = x if low is None else applied(np.maximum, x, low)
+    return above if high is None else applied(np.minimum, above, high)
 
 
 def compared(operation: Operation, left: Any, right: Any) -> Any:
     """A comparison, entry by entry where there are arrays."""
-    left, right = arrayed(left), arrayed(right)
-
-    def one(a: Any, b: Any) -> Any:
-        slot = a if isinstance(a, Slot) else b
-        return slot.tape.record(operation, a, b) if isinstance(slot, Slot) else operation(a, b)
-
-    apply: Any = np.frompyfunc(one, 2, 1)
-    return apply(left, right)
+    return applied(operation, left, right)
 
 
-def _float(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    value = arguments[0] if arguments else 0.0
-    if isinstance(value, str):
-        return float(value)
+def number(value: Any = 0.0) -> Any:
+    """float(x): a slot stays one."""
     return value.item() if isinstance(value, np.ndarray) else value
 
 
-def _all(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    return all(bool(x) for x in flatten(arguments[0]))
+def fori_loop(first: Any, last: Any, body: Any, value: Any) -> Any:
+    """jax.lax.fori_loop."""
+    for k in range(plain(first), plain(last)):
+        value = body(k, value)
+    return value
 
 
-def _any(tape: Tape, arguments: list[Any], named: dict[str, Any]) -> Any:
-    return any(bool(x) for x in flatten(arguments[0]))
+def _numbers(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of NumPy's that acts on arrays of slots: lists are arrays, whole numbers axes and sizes."""
+
+    def call(*arguments: Any, **named: Any) -> Any:
+        kept = {k: plain(v) for k, v in named.items() if k not in ("dtype", "order", "optimize")}
+        return function(*(_sequence(_whole(a)) for a in arguments), **kept)
+
+    return call
 
 
-BUILTINS: dict[str, Any] = {
-    "abs": Elementary("abs"),
-    "pow": Elementary("pow"),
-    "float": _float,
-    "sum": _sum,
-    "min": _least("minimum"),
-    "max": _least("maximum"),
-    "all": _all,
-    "any": _any,
-    "len": lambda tape, a, named: len(list(a[0])) if not hasattr(a[0], "__len__") else len(a[0]),
-    "range": lambda tape, a, named: range(*(int(plain(x)) for x in a)),
-    "enumerate": lambda tape, a, named: list(
-        enumerate(items(a[0]), *(plain(x) for x in (*a[1:], *named.values())))
-    ),
-    "zip": lambda tape, a, named: list(zip(*(items(x) for x in a))),
-    "reversed": lambda tape, a, named: list(reversed(list(items(a[0])))),
-    "sorted": lambda tape, a, named: sorted(items(a[0])),
-    "tuple": lambda tape, a, named: tuple(items(a[0])) if a else (),
-    "list": lambda tape, a, named: list(items(a[0])) if a else [],
-    "set": lambda tape, a, named: set(items(a[0])) if a else set(),
-    "dict": lambda tape, a, named: {**(dict(a[0]) if a else {}), **named},
-    "int": lambda tape, a, named: int(plain(a[0])),
-    "bool": lambda tape, a, named: bool(a[0]),
-    "str": lambda tape, a, named: str(a[0]),
-    "round": lambda tape, a, named: round(plain(a[0]), *(plain(x) for x in a[1:])),
-    "iter": lambda tape, a, named: iter(list(items(a[0]))),
-    "next": lambda tape, a, named: next(a[0]),
-    "slice": lambda tape, a, named: slice(*(plain(x) for x in a)),
-    "divmod": lambda tape, a, named: (a[0] // a[1], a[0] % a[1]),
-    "print": lambda tape, a, named: None,
-    "True": True,
-    "False": False,
-    "None": None,
-    "__name__": "equations",
-    "__debug__": True,
-    "NotImplemented": None,
-    "Ellipsis": Ellipsis,
-}
+def _whole(value: Any) -> Any:
+    """A whole number of the source as Python's own; everything else as it is."""
+    counts = isinstance(value, Slot) and isinstance(value.tape.exact[value.index], int)
+    return plain(value) if counts else value
 
-ELEMENTWISE = {name: Elementary(name) for name in ("sqrt", "maximum", "minimum")}
 
-SPECIAL: dict[str, Call] = {
+def _sequence(value: Any) -> Any:
+    """An array; arrays of different shapes, and matrices, as a list of them: np.concatenate joins them."""
+    if isinstance(value, list | tuple):
+        parts = [arrayed(part) for part in value]
+        arrays = [part for part in parts if isinstance(part, np.ndarray)]
+        if len({part.shape for part in arrays}) > 1 or any(type(a) is np.matrix for a in arrays):
+            return parts
+    return arrayed(value)
+
+
+STRUCTURAL = (
+    "stack vstack hstack dstack column_stack concatenate concat inner outer diag diagonal transpose trace "
+    "sum prod cumsum cumprod vdot flip fliplr flipud roll tile squeeze ravel reshape tensordot kron moveaxis "
+    "swapaxes rollaxis expand_dims atleast_1d atleast_2d atleast_3d mean average split array_split hsplit "
+    "vsplit repeat append insert delete tril triu broadcast_to diff rot90 take vecdot matvec vecmat "
+    "linspace count_nonzero matrix_transpose indices ix_ shape size ndim unravel_index diag_indices "
+    "triu_indices tril_indices isscalar"
+).split()
+
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    **{name: _numbers(getattr(np, name)) for name in STRUCTURAL},
+    **{name: Elementary(name) for name in ELEMENTARY},
+    **{name: functools.partial(compared, COMPARISONS[name]) for name in COMPARISONS},
+    "bitwise_or": functools.partial(compared, np.logical_or),
+    "bitwise_and": functools.partial(compared, np.logical_and),
+    "true_divide": Elementary("divide"), "float_power": Elementary("power"),
     **{
-        f"{m}{like}": _made(f"{m}{like}")
-        for m in ("zeros", "ones", "empty", "full")
+        f"{name}{like}": _made(fill, bool(like))
+        for name, fill in (("zeros", Entry(0.0)), ("ones", Entry(1.0)), ("empty", Entry(0.0)), ("full", None))
         for like in ("", "_like")
     },
-    "eye": _eye,
-    "identity": _eye,
-    "array": _array,
-    "matrix": _matrix,
-    "copy": _array,
-    "block": _block,
-    "einsum": _einsum,
-    "dot": _dot,
-    "matmul": _dot,
-    "solve": _solve,
-    "inv": _inverse,
-    "pinv": _inverse,
-    "lstsq": _least_squares,
-    "cho_solve": lambda tape, a, named: _solve(tape, [a[0][0], a[1]], {}),
-    "lu_solve": lambda tape, a, named: _solve(tape, [a[0][0], a[1]], {}),
-    "cho_factor": lambda tape, a, named: (arrayed(a[0]), True),
-    "lu_factor": lambda tape, a, named: (arrayed(a[0]), None),
-    "norm": _norm,
-    "det": _determinant,
-    "cross": _cross,
-    "skew": _skew,
-    "block_diag": _block_diagonal,
-    "diagcat": _block_diagonal,
-    "concatenate_scalars": _scalars,
-    "columns": _columns,
-    "sumsqr": lambda tape, a, named: sum(x * x for x in flatten(arrayed(a[0]))),
-    "clip": _clip,
-    "max": _least("maximum"),
-    "min": _least("minimum"),
-    "amax": _least("maximum"),
-    "amin": _least("minimum"),
-    "all": _all,
-    "any": _any,
-    "fsum": _sum,
-    "isfinite": lambda tape, a, named: True,
-    "isnan": lambda tape, a, named: False,
-    "float": _float,
-    "prod": lambda tape, a, named: np.prod(
-        arrayed(list(items(a[0]))), **{k: plain(v) for k, v in named.items()}
-    ),
-    "dist": lambda tape, a, named: _norm(tape, [arrayed(a[0]) - arrayed(a[1])], {}),
-    "reciprocal": lambda tape, a, named: 1.0 / arrayed(a[0]),
-    "r_": objects,  # type: ignore[dict-item]
-}
+    "arange": lambda *ends, **named: np.arange(*map(plain, ends)),
+    "eye": eye, "identity": eye, "array": array, "copy": array, "fromiter": array, "asarray": same_array,
+    "asanyarray": same_array, "ascontiguousarray": same_array, "asfarray": same_array, "matrix": matrix,
+    "mat": matrix, "asmatrix": matrix, "block": block, "bmat": block, "einsum": einsum, "dot": dot,
+    "matmul": dot, "solve": solve, "inv": inverse, "pinv": inverse, "lstsq": least_squares,
+    "cho_factor": lambda A, *a, **named: (arrayed(A), True),
+    "lu_factor": lambda A, *a, **named: (arrayed(A), None),
+    "cho_solve": lambda factors, b, **named: solve(factors[0], b),
+    "lu_solve": lambda factors, b, **named: solve(factors[0], b),
+    "norm": norm, "det": determinant, "cross": cross, "skew": skew, "block_diag": block_diagonal,
+    "diagcat": block_diagonal, "concatenate_scalars": concatenate_scalars, "columns": columns,
+    "row_stack": _numbers(np.vstack), "sumsqr": lambda x: sum(e * e for e in flatten(arrayed(x))),
+    "clip": clip, "max": least("maximum"), "min": least("minimum"), "amax": least("maximum"),
+    "amin": least("minimum"), "all": lambda x, **named: all(bool(e) for e in flatten(x)),
+    "any": lambda x, **named: any(bool(e) for e in flatten(x)), "fsum": sum,
+    "isfinite": lambda x: True, "isnan": lambda x: False, "isclose": lambda a, b, **named: a == b,
+    "dist": lambda a, b: norm(arrayed(a) - arrayed(b)), "reciprocal": lambda x, **named: 1.0 / arrayed(x),
+    "float64": number, "float32": number, "double": number, "longdouble": number, "float16": number,
+    "int64": lambda x: int(x), "int32": lambda x: int(x), "intp": lambda x: int(x),
+    "fori_loop": fori_loop, "fill_diagonal": np.fill_diagonal,
+}  # fmt: skip
+"""What takes the place of a library's function of this name."""
 
 
-def items(value: Any) -> Iterator[Any]:
-    """The entries of a tuple, list, range or array."""
-    if isinstance(value, Slot) or not hasattr(value, "__iter__"):
-        raise TypeError("a number where several are expected")
-    return iter(value)
+def _array_max(pick: str) -> Callable[..., Any]:
+    return lambda a, **named: least(pick)(a)
+
+
+METHODS: Mapping[str, Callable[..., Any]] = {
+    "astype": lambda a, *given, **named: a.copy(),
+    "dot": dot,
+    "max": _array_max("maximum"),
+    "min": _array_max("minimum"),
+    "fill": lambda a, value: a.fill(value),
+    "clip": clip,
+    "conj": lambda a: a,
+    **{
+        name: functools.partial(
+            lambda method, a, *given, **named: getattr(a, method)(
+                *map(plain, given),
+                **{k: plain(v) for k, v in named.items() if k not in ("dtype", "order")},
+            ),
+            name,
+        )
+        for name in (
+            "sum", "reshape", "transpose", "ravel", "flatten", "prod", "trace", "squeeze", "diagonal",
+            "cumsum", "mean", "repeat", "swapaxes", "take", "copy",
+        )
+    },
+}  # fmt: skip
+"""Methods of arrays that the array of objects has not, or that take sizes and axes."""
+
+
+class _Numeric(type):
+    """Makes slots pass for numbers of a type of Python's, and lets the type's call keep them."""
+
+    python: ClassVar[type]
+
+    def __instancecheck__(cls, value: Any) -> bool:
+        return isinstance(value, cls.python | Slot)
+
+
+class Float(float, metaclass=_Numeric):
+    """The float that traced code sees: float(x) of a slot is the slot."""
+
+    python = float
+
+    def __new__(cls, value: Any = 0.0) -> Any:
+        """The number; a text is read."""
+        return float(value) if isinstance(value, str | bytes) else number(value)
+
+
+class Int(int, metaclass=_Numeric):
+    """The int that traced code sees."""
+
+    python = int
+
+    def __new__(cls, *value: Any) -> Any:
+        """The whole number."""
+        return int(*map(plain, value))
+
+
+def entries(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """An array of numbers that a library made as one that can hold slots."""
+    return np.frompyfunc(Entry, 1, 1)(value) if value.size else value.astype(object)
+
+
+def objects(entries: list[Any]) -> np.ndarray[Any, Any]:
+    """A NumPy array of objects of one dimension."""
+    made = np.empty(len(entries), dtype=object)
+    for k, entry in enumerate(entries):
+        made[k] = entry
+    return made
 
 
 def flatten(value: Any) -> Iterator[Any]:
@@ -697,7 +618,7 @@ def flatten(value: Any) -> Iterator[Any]:
     if isinstance(value, np.ndarray):
         for part in value.flat:
             yield from flatten(part) if isinstance(part, np.ndarray | list | tuple) else (part,)
-    elif isinstance(value, list | tuple | Object):  # of objects, named tuples
+    elif isinstance(value, list | tuple):
         for part in value:
             yield from flatten(part)
     elif value is None:
@@ -709,7 +630,8 @@ def flatten(value: Any) -> Iterator[Any]:
 def arrayed(value: Any, copy: bool = False) -> Any:
     """Lists and tuples of numbers as arrays of objects; everything else as it is."""
     if isinstance(value, np.ndarray):
-        return value.copy() if copy else value
+        made = entries(value) if value.dtype.kind == "f" else value
+        return made.copy() if copy and made is value else made
     if isinstance(value, list | tuple | range):
         parts = [arrayed(part) for part in value]
         if any(isinstance(part, str | slice) or part is Ellipsis or part is None for part in parts):
@@ -733,12 +655,9 @@ def plain(value: Any) -> Any:
         return tuple(plain(part) for part in value)
     if isinstance(value, list):
         return [plain(part) for part in value]
+    if isinstance(value, dict):
+        return {key: plain(part) for key, part in value.items()}
     if isinstance(value, np.ndarray) and value.dtype == object:
         found = np.array([plain(x) for x in value.flat])
         return found.reshape(value.shape) if value.size else value.astype(int)
     return value
-
-
-def count(value: Any) -> bool:
-    """Whether a value is a number that a size or an index can be."""
-    return isinstance(value, Slot) and value.tape.exact[value.index] is not None

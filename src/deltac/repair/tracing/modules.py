@@ -7,9 +7,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from types import CodeType
 from typing import Any
 
 from deltac.errors import SourceError
+from deltac.repair.tracing.instrument import rewritten
 
 LARGEST = 2_000_000
 """Characters of a module that is read."""
@@ -20,7 +22,8 @@ class UserModule:
     """A module's text, and the names that were found in it so far.
 
     name    what messages call the file
-    numbers from id() of a node to its place in the source that is edited; empty for other modules
+    codes   what was compiled of it
+    edited  whether it is the source in which edits are sought
     outside live values of names, where a running session has the module
     names   what names hold that were looked up
     """
@@ -28,11 +31,58 @@ class UserModule:
     name: str
     tree: ast.Module
     path: Path | None = None
-    numbers: dict[int, int] = field(default_factory=dict)
+    edited: bool = False
     outside: dict[str, Any] = field(default_factory=dict)
     names: dict[str, Any] = field(default_factory=dict)
     pending: set[str] = field(default_factory=set)
     done: set[int] = field(default_factory=set)
+    codes: dict[int, CodeType] = field(default_factory=dict)
+
+    @cached_property
+    def nodes(self) -> tuple[ast.AST, ...]:
+        """All nodes of the tree; a node is known by its place here."""
+        return tuple(ast.walk(self.tree))
+
+    @cached_property
+    def number(self) -> dict[int, int]:
+        """From id() of a node to its place."""
+        return {id(node): k for k, node in enumerate(self.nodes)}
+
+    def code(self, statement: ast.stmt) -> CodeType:
+        """A statement of the module, compiled so that it is traced."""
+        key = self.number[id(statement)]
+        if key not in self.codes:
+            self.codes[key] = compile(rewritten(statement, self.number), self.name, "exec")
+        return self.codes[key]
+
+    def in_classes(self, statement: ast.stmt) -> set[str]:
+        """Names that the bodies of classes in a statement use, outside of their methods."""
+        found: set[str] = set()
+        for cls in ast.walk(statement):
+            waiting: list[ast.AST] = list(cls.body) if isinstance(cls, ast.ClassDef) else []
+            while waiting:
+                node = waiting.pop()
+                if isinstance(node, ast.Name):
+                    found.add(node.id)
+                held = (
+                    [*node.decorator_list, node.args] if isinstance(node, ast.FunctionDef) else None
+                )
+                waiting += ast.iter_child_nodes(node) if held is None else held
+        return found
+
+    @cached_property
+    def _functions(self) -> dict[int, frozenset[str]]:
+        """Names that each function writes into, by its first line."""
+        found: dict[int, frozenset[str]] = {}
+        for node in self.nodes:
+            if isinstance(node, ast.FunctionDef):
+                line = min([node.lineno, *(d.lineno for d in node.decorator_list)])
+                found[node.lineno] = found[line] = frozenset(_written(node))
+        return found
+
+    def written(self, line: int) -> frozenset[str]:
+        """Names that the function which begins at a line writes into."""
+        return self._functions.get(line, frozenset())
 
     @cached_property
     def setters(self) -> dict[str, list[ast.stmt]]:
@@ -125,6 +175,20 @@ def _stored(nodes: Iterable[ast.AST]) -> Iterable[str]:
             yield n.name
         elif isinstance(n, ast.Import | ast.ImportFrom):
             yield from ((a.asname or a.name.partition(".")[0]) for a in n.names if a.name != "*")
+
+
+def _written(function: ast.FunctionDef) -> Iterable[str]:
+    """Names into whose entries or attributes a function writes, or which it updates."""
+    for n in ast.walk(function):
+        targets = n.targets if isinstance(n, ast.Assign) else []
+        if isinstance(n, ast.AugAssign):
+            targets = [n.target]
+        for target in targets:
+            base: ast.AST = target
+            while isinstance(base, ast.Subscript | ast.Attribute):
+                base = base.value
+            if isinstance(base, ast.Name) and (base is not target or isinstance(n, ast.AugAssign)):
+                yield base.id
 
 
 def _globals(function: ast.FunctionDef) -> set[str]:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import InputError, SourceError
-from deltac.repair.tracing.interpreter import Failed, Instance, Trace, branches, form_of
 from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change, Row, Slot, Solve, Tape, identity
+from deltac.repair.tracing.tracer import Failed, Instance, Trace, branches, form_of
 from deltac.simulation.state_form import StateForm, as_told, forms, likeliest, told_order
 
 PLAIN = 12
@@ -261,7 +261,7 @@ def formed(source: Source, target: Target) -> Source:
     found = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if found is None:
         failed = [f for f in failures if isinstance(f, Failed) and f.file == source.name]
-        if failed:
+        if failed and failed[0] is failures[0]:  # in the likeliest form
             lines = tuple(dict.fromkeys(line for f in failed for line in f.lines))
             raise Failed(str(failed[0]), source.name, lines)
         if failures:

@@ -47,7 +47,18 @@ class Source:
 
     def user_module(self) -> UserModule:
         """The module, to be read."""
-        return UserModule(self.name, self.module, self.path, self.number, self.outside)
+        made = UserModule(self.name, self.module, self.path, True, dict(self.outside))
+        made.nodes, made.number, made.codes = self.nodes, self.number, self._codes
+        return made
+
+    @cached_property
+    def _codes(self) -> dict[int, types.CodeType]:
+        return {}
+
+    @property
+    def first_line(self) -> int:
+        """The line where the function is defined; 1 where that is not known."""
+        return 1 if self.definition is None else self.definition.lineno
 
     @cached_property
     def nodes(self) -> tuple[ast.AST, ...]:

@@ -7,10 +7,9 @@ from it is computed again.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +26,11 @@ class TapeError(Exception):
     """The function does something that cannot be put on a tape."""
 
 
-class Branch(Exception):
-    """A condition that holds at some states only: `holds` (B,) says at which."""
+class Branch(BaseException):
+    """A condition that holds at some states only: `holds` (B,) says at which.
+
+    No Exception, which the user's own handlers may catch.
+    """
 
     def __init__(self, holds: NDArray[np.bool_]) -> None:
         super().__init__("a branch that depends on the state")
@@ -286,26 +288,66 @@ class Slot:
             raise Branch(answers)
         return False
 
-    def __len__(self) -> int:
-        raise TypeError("a number has no length")
+    def __int__(self) -> int:
+        return int(self.exact())
+
+    def __round__(self, digits: int | None = None) -> Any:
+        return round(self.exact(), digits)
+
+    def __divmod__(self, other: Any) -> tuple[Any, Any]:
+        return self.tape.record(np.floor_divide, self, other), self.tape.record(np.mod, self, other)
+
+    def __format__(self, spec: str) -> str:
+        number = self.tape.exact[self.index]
+        return "…" if number is None else format(number, spec)
+
+    def __str__(self) -> str:
+        return format(self)
+
+    # What NumPy's scalars have besides.
+    shape: ClassVar[tuple[int, ...]] = ()
+    size: ClassVar[int] = 1
+    ndim: ClassVar[int] = 0
+
+    @property
+    def real(self) -> Slot:
+        """Itself."""
+        return self
+
+    T = mT = real
+
+    def item(self, *arguments: Any, **named: Any) -> Slot:
+        """Itself."""
+        return self
+
+    copy = squeeze = ravel = flatten = astype = reshape = sum = evalf = item
+
+
+NUMBERS = (Slot, bool, int, float, np.generic)
 
 
 def _binary(operation: Operation) -> tuple[Operation, Operation]:
     def forward(self: Slot, other: Any) -> Any:
-        if isinstance(other, np.ndarray | list | tuple):
-            return NotImplemented
-        return self.tape.record(operation, self, other)
+        return (
+            self.tape.record(operation, self, other)
+            if isinstance(other, NUMBERS)
+            else NotImplemented
+        )
 
     def reflected(self: Slot, other: Any) -> Any:
-        if isinstance(other, np.ndarray | list | tuple):
-            return NotImplemented
-        return self.tape.record(operation, other, self)
+        return (
+            self.tape.record(operation, other, self)
+            if isinstance(other, NUMBERS)
+            else NotImplemented
+        )
 
     return forward, reflected
 
 
 def power(base: Any, exponent: Any) -> Any:
     """A power; squares and cubes as products, which is faster and exact."""
+    if isinstance(base, int) and isinstance(exponent, int) and exponent >= 0:
+        return base**exponent
     if np.ndim(exponent) == 0:
         if exponent == 2:
             return base * base
@@ -382,5 +424,3 @@ ELEMENTARY: dict[str, tuple[Operation, int]] = {
 for _name, (_operation, _count) in ELEMENTARY.items():
     if _count == 1:  # what np.sin calls on the entries of an array of objects
         setattr(Slot, _name, lambda self, f=_operation: self.tape.record(f, self))
-
-CONSTANTS = {"pi": math.pi, "e": math.e, "tau": math.tau, "inf": math.inf}

@@ -56,9 +56,8 @@ def energy_correction(flow: Flow) -> Any:
 @derived
 def _balance(flow: Flow) -> Kernel:
     """(t, x; p) -> K, and K + V less what it should be."""
-    given = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    left = flow.energies[-2] + flow.energies[-1] - flow.x[flow.parts[2]][-1]
-    return Kernel(given, {"K": flow.energies[-2], "left": left}, name="energy left")
+    left = flow.energies[-2] + flow.energies[-1] - flow.x[-1]
+    return flow.kernel("energy left", {"K": flow.energies[-2], "left": left})
 
 
 def check_correction_held(flow: Flow, t: Array, x: Array, p: Array) -> None:
@@ -90,8 +89,7 @@ def _moved(flow: Flow, h: SX) -> SX:
     moved = flow.normalised(
         ca.vertcat(q + ca.mtimes(W, h**2 * share * least_q), u + share * least_u, z)
     )
-    energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
-    change = energies(flow.t, moved, flow.p) - flow.energies
+    change = flow.energy(flow.t, moved, flow.p) - flow.energies
     moved[z_part] = z + flow.booked(ca.vertcat(change, change[-2] + change[-1]))
     return moved
 

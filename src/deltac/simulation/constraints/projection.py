@@ -48,13 +48,12 @@ def projection(flow: Flow) -> Any:
         [flow.t, system.q, u_symbols, flow.p],
         [moved_q, speeds, smallest_pivot(flow)],
     )
-    energies = ca.Function("E", [flow.t, flow.x, flow.p], [flow.energies])
     q, u, z = flow.x[q_part], flow.x[u_part], flow.x[z_part]
     dq, pivot = first(flow.t, q, flow.p)
     near = _unit(flow, q + dq)
     dq, du, later = second(flow.t, near, u, flow.p)
     moved = ca.vertcat(_unit(flow, near + dq), u + du, z)
-    change = energies(flow.t, moved, flow.p) - energies(flow.t, flow.x, flow.p)
+    change = flow.energy(flow.t, moved, flow.p) - flow.energy(flow.t, flow.x, flow.p)
     moved[z_part] = z + flow.booked(change)
     return ca.Function("project", [flow.t, flow.x, flow.p], [moved, ca.fmin(pivot, later)])
 

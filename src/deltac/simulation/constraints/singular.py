@@ -19,7 +19,6 @@ from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.simulation.flow import Flow, constraint_forces
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.runge_kutta import Parts
 
 DEPENDENT = 1e-4
 """Share of a row of the constraints that must be independent of the others.
@@ -95,10 +94,10 @@ class SingularMotion:
 class CarefulStep:
     """One step of a solver with multipliers by least squares, and a projection to match."""
 
-    def __init__(self, flow: Flow, solver: Solver, parts: Parts, p: Array) -> None:
-        """Of a flow and its parameters `p`; `parts` are the solver's masks."""
+    def __init__(self, flow: Flow, solver: Solver, p: Array) -> None:
+        """Of a flow and its parameters `p`."""
         assert solver.step is not None
-        self._flow, self._step, self._parts, self._p = flow, solver.step, parts, p
+        self._flow, self._step, self._p = flow, solver.step, p
 
     @cached_property
     def _motion(self) -> SingularMotion:
@@ -109,7 +108,7 @@ class CarefulStep:
         """The state one step later, on the constraints if the run is projected; NaN if it blows up."""
         try:
             with np.errstate(all="ignore"):
-                after = self._step(self._motion.rate, t, x, h, self._parts)
+                after = self._step(self._motion.rate, t, x, h, self._flow.parts)
                 for place in quaternions(self._flow.system.mechanism):
                     after[place] /= np.linalg.norm(after[place])
                 return self._motion.projected(t + h, after) if self._flow.projecting else after

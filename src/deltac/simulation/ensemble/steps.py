@@ -24,8 +24,8 @@ from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.explicit import MOST_INSTRUCTIONS, FixedMethod
-from deltac.simulation.stepping.interpreted import numeric_masks, settle_kernel
-from deltac.simulation.stepping.runge_kutta import Parts, tableau_of
+from deltac.simulation.stepping.interpreted import settle_kernel
+from deltac.simulation.stepping.runge_kutta import tableau_of
 
 FUSED_INSTRUCTIONS = 4000
 """Whole steps are compiled up to this size, a few of them to a call; beyond it, ẋ alone is."""
@@ -161,7 +161,7 @@ class Advance:
                 _combine(arrays, tuple(span.h * b for b in tableau.b), y)
             else:
                 assert self.solver.step is not None
-                y[...] = self.solver.step(evaluate, t, now, span.h, _parts(flow))
+                y[...] = self.solver.step(evaluate, t, now, span.h, flow.parts)
             if settle is not None:
                 given[0] = span.t0 + (k + 1) * span.h
                 settle.flat(given, out=settled)
@@ -182,7 +182,7 @@ class Advance:
         Its derivatives are not known beyond: NaN.
         """
         n = self.flow.x.shape[0]
-        careful = CarefulStep(self.flow, self.solver, numeric_masks(self.flow), p)
+        careful = CarefulStep(self.flow, self.solver, p)
         state = x[:n]
         for k in range(span.count):
             after = careful(span.t0 + (span.first + k) * span.h, state, span.h)
@@ -257,8 +257,7 @@ def _total(x: SX) -> SX:
 @derived
 def rate_kernel(flow: Flow) -> Kernel:
     """(t, x, p) -> ẋ."""
-    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    return Kernel(inputs, {"xdot": flow.xdot}, name="rate")
+    return flow.kernel("rate", {"xdot": flow.xdot})
 
 
 @lru_cache(maxsize=64)
@@ -278,9 +277,3 @@ def _combine(stages: Array, weights: tuple[float, ...], out: Array) -> None:
         return
     used = stages.reshape(len(stages), -1)[: len(weights) + 1]
     _combination(weights).flat(used, out=out.reshape(1, -1))
-
-
-@derived
-def _parts(flow: Flow) -> Any:
-    masks = numeric_masks(flow)
-    return Parts(*(mask[:, None] for mask in (masks.q, masks.u, masks.z)))

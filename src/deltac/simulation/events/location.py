@@ -35,26 +35,25 @@ class End:
     rate: float
 
 
-def crossing(look: Look, start: End, end: End, resolution: float, after: bool) -> float | None:
-    """The first θ at which a function, positive at the start, becomes negative; None if it does not.
-
-    Args:
-        look: the function, by the solver.
-        start: what it is at the start; zero, or by rounding below, after an event.
-        end: what it is at the end.
-        resolution: of θ.
-        after: whether an event has just happened at the start, so that a root there is over.
-    """
-    return _search(look, start, end, resolution, after, DEEPEST)
-
-
 def may_cross(start: Array, start_rate: Array, end: Array, end_rate: Array) -> NDArray[np.bool_]:
     """Whether cubics, positive at the start, may have a root: some Bernstein coefficient is negative."""
     inner = (start + start_rate / 3.0 < 0.0) | (end - end_rate / 3.0 < 0.0)
     return np.asarray(inner | (end < 0.0))
 
 
-def _search(look: Look, a: End, b: End, resolution: float, after: bool, depth: int) -> float | None:
+def crossing(
+    look: Look, a: End, b: End, resolution: float, after: bool, depth: int = DEEPEST
+) -> float | None:
+    """The first θ at which a function, positive at the start, becomes negative; None if it does not.
+
+    Args:
+        look: the function, by the solver.
+        a: what it is at the start; zero, or by rounding below, after an event.
+        b: what it is at the end.
+        resolution: of θ.
+        after: whether an event has just happened at the start, so that a root there is over.
+        depth: how often the extremum of the picture may still be looked at.
+    """
     h = b.place - a.place
     scaled = [np.array([value * 1.0]) for value in (a.value, a.rate * h, b.value, b.rate * h)]
     scaled[0] = np.maximum(scaled[0], 0.0) if after else scaled[0]
@@ -74,8 +73,8 @@ def _search(look: Look, a: End, b: End, resolution: float, after: bool, depth: i
         return _polished(look, a, here, middle if guess is None else guess, resolution)
     # Not below zero there: the picture was rough, the true least value lies down the slope.
     if rate > 0.0:
-        return _search(look, a, here, resolution, after, depth - 1)
-    return _search(look, here, b, resolution, False, depth - 1)
+        return crossing(look, a, here, resolution, after, depth - 1)
+    return crossing(look, here, b, resolution, False, depth - 1)
 
 
 def _polished(look: Look, a: End, b: End, guess: float, resolution: float) -> float:

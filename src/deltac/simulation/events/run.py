@@ -42,12 +42,6 @@ class Eventful:
     watch: Witnesses
     collider: Collider
 
-    def run(self, rate: StageRate, p: Array, t: float, x: Array) -> EventRun:
-        """The events of a run from (t, x); InputError where parts overlap there."""
-        found = EventRun(self.watch, self.collider, rate, p)
-        check_apart(found, t, x)
-        return found
-
 
 @derived
 def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventful:
@@ -56,8 +50,7 @@ def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventfu
     functions = ca.SX(0, 1)
     names: tuple[str, ...] = ()
     if switches:
-        held = switched(flow)
-        flow, functions, names = held.flow, held.functions, held.names
+        flow, functions, names = switched(flow)
     points = impact_points(system)
     own = trace_split(system, split, None if flow.bound is None else flow.bound.rows)
     events = tuple(e for e in system.mechanism.events if isinstance(e, Event))
@@ -114,7 +107,7 @@ class EventRun:
         """Sides of everything; contacts that are closed and closing hit at once. The state to go on from."""
         sight, m = self._look(t, x), len(self.watch.points)
         self._sides[m:] = np.sign(np.where(sight.g == 0.0, sight.rate, sight.g))[m:]
-        self._apply_sides()
+        self._apply_sides(t, x, sight.g)
         touching = [k for k in range(m) if sight.g[k] <= TOUCHING]
         if any(sight.rate[k] < -self._slow(x) for k in touching):
             x = self._strike(t, x, touching)
@@ -145,7 +138,7 @@ class EventRun:
         told = (self._sides == 0.0) & (np.sign(sight.g) != 0.0)
         if told.any():
             self._sides = np.where(told, np.sign(sight.g), self._sides)
-            self._apply_sides()
+            self._apply_sides(t, x, sight.g)
         return bool(told.any())
 
     def first(
@@ -197,13 +190,14 @@ class EventRun:
         """What the events `which` do at (t, x): the state after them."""
         m, n_events = len(self.watch.points), len(self.watch.events)
         before, p_before, self._here = x, self.p.copy(), None
+        g = self._look(t, x).g
         self.last = [self.watch.names[k] for k in which]
         for k in which:
             if k >= m:
                 self._sides[k] = -self._sides[k]
         directions = self.watch.directions
         told = [k for k in which if k >= m and directions[k] in (0, self._sides[k])]
-        self._apply_sides()
+        self._apply_sides(t, x, g)
         closed = [k for k in which if k < m]
         if closed:
             sight = self._look(t, x)
@@ -216,11 +210,20 @@ class EventRun:
         self._finish(t, told)
         return x
 
-    def _apply_sides(self) -> None:
+    def _apply_sides(self, t: float, x: Array, g: Array) -> None:
+        """Let the laws have the sides; `g` are the values by which they were told.
+
+        A function within another one's branch jumps where that is taken or left: its side follows.
+        """
         count = len(self.watch.switch_names)
-        if count:
+        for _ in range(count):
             self.p = np.concatenate([self.p[: len(self.p) - count], self._sides[-count:]])
             self.rate.parameters = self.p
+            before, g = g, self._look(t, x).g
+            jumped = (g != before) & (g != 0.0) & (np.sign(g) != self._sides)
+            if not jumped.any():
+                return
+            self._sides = np.where(jumped, np.sign(g), self._sides)
 
     def _look(self, t: float, x: Array) -> Witness:
         return self.watch.at(t, x, self.rate(t, x), self.p)
@@ -261,7 +264,7 @@ class EventRun:
         sides = np.sign(sight.g)
         changed = (self._sides * sides < 0.0) & (np.arange(len(sides)) >= m)
         self._sides = np.where(changed, sides, self._sides)
-        self._apply_sides()
+        self._apply_sides(t, x, sight.g)
         directions, last = self.watch.directions, m + len(self.watch.events)
         told = [k for k in np.flatnonzero(changed) if directions[k] in (0, sides[k]) and k < last]
         self._finish(t, [int(k) for k in told])

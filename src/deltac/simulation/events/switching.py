@@ -18,19 +18,11 @@ from deltac.dynamics.spatial import SX
 from deltac.simulation.flow import Flow
 
 
-@dataclass(frozen=True, eq=False)
-class Switched:
-    """A flow with held branches: `sides` are the last entries of its p, `functions` (in t, x, p) theirs."""
+def switched(flow: Flow) -> tuple[Flow, SX, tuple[str, ...]]:
+    """The flow with every branch of its equations of motion held; the switching functions, and their names.
 
-    flow: Flow
-    functions: SX
-    names: tuple[str, ...]
-
-
-def switched(flow: Flow) -> Switched:
-    """Hold every branch of the equations of motion.
-
-    Branches that depend on parameters alone, or on values that come from Python, are left as they are.
+    Sides are the last entries of its p; the functions are of (t, x, p). Branches that depend on parameters
+    alone, or on values that come from Python, are left as they are.
     """
     outputs = {
         "xdot": flow.xdot,
@@ -50,7 +42,7 @@ def switched(flow: Flow) -> Switched:
         driving=found["driving"],
         reactions={name: found[name] for name in flow.reactions},
     )
-    return Switched(made, functions, _names(flow, sides))
+    return made, functions, _names(flow, sides)
 
 
 @dataclass

@@ -21,7 +21,7 @@ from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
-from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
+from deltac.simulation.stepping.protocol import Step, StepFailed, Stepper
 from deltac.simulation.stepping.runge_kutta import EMBEDDED, Rate, embedded_step
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0
@@ -105,34 +105,24 @@ class AdaptiveMethod:
 
     @cached_property
     def kernel(self) -> Kernel:
-        """(t, h, x, p) -> x one step later and the estimates of its local error."""
+        """(t, x, p, h) -> x one step later and the estimates of its local error."""
         flow = self.flow
         h = ca.SX.sym("h")
-        f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot], {"cse": True})
 
         def rate(t: Any, x: Any) -> Any:
-            return f(t, x, flow.p)
+            return flow.rate(t, x, flow.p)
 
         after, errors = embedded_step(self.base, rate, flow.t, flow.x, h)
-        return Kernel(
-            {"t": flow.t, "h": h, "x": flow.x, **self._parameters},
-            {"x": after, "errors": ca.densify(ca.vertcat(*errors))},
-            name=f"{self.solver.name} step",
-        )
+        outputs = {"x": after, "errors": ca.densify(ca.vertcat(*errors))}
+        return flow.kernel(f"{self.solver.name} step", outputs, h=h)
 
     @cached_property
     def energies(self) -> Kernel:
         """(t, x, p) -> each testing function's E, K, V."""
-        flow = self.flow
-        given = {"t": flow.t, "x": flow.x, **self._parameters}
-        return Kernel(given, {"E": ca.densify(flow.energies)}, name="energies")
-
-    @property
-    def _parameters(self) -> dict[str, Any]:
-        return {"p": self.flow.p} if self.flow.p.shape[0] else {}
+        return self.flow.kernel("energies", {"E": ca.densify(self.flow.energies)})
 
 
-class AdaptiveSteps:
+class AdaptiveSteps(Stepper):
     """The steps of one run, each as long as local error and ΔC allow."""
 
     on_grid = False
@@ -218,10 +208,6 @@ class AdaptiveSteps:
         self._p, self._before = p, None
         self._h = min(self._h, FIRST * self._control.duration)
 
-    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
-        """Steps go one by one."""
-        return None
-
     def _delta_c(self, t: float, x: Array, *, seen: bool = False) -> tuple[Array, float, float]:
         """E − ∫P of each testing function at a state, K and V there."""
         kernel = self._method.energies
@@ -238,7 +224,7 @@ class AdaptiveSteps:
                 x1, errors = embedded_step(self._method.base, self._rate, t, x, h)
             return x1, np.array(errors)
         kernel = self._method.kernel
-        out = kernel.single(np.concatenate([[t, h], x, self._p]), np.empty(kernel.n_out))
+        out = kernel.single(np.concatenate([[t], x, self._p, [h]]), np.empty(kernel.n_out))
         return out[: len(x)].copy(), out[len(x) :].reshape(-1, len(x))
 
 

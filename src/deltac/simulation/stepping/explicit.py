@@ -16,13 +16,8 @@ from deltac.simulation.constraints.energy import energy_correction
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.interpreted import (
-    StageRate,
-    numeric_masks,
-    settled,
-    symbolic_masks,
-)
-from deltac.simulation.stepping.protocol import Block, Step, StepGrid
+from deltac.simulation.stepping.interpreted import StageRate, settled
+from deltac.simulation.stepping.protocol import Block, Step, StepGrid, Stepper
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 MOST_INSTRUCTIONS = 12_000
@@ -81,7 +76,7 @@ class FixedMethod:
             pivots.append(met)
             return xdot
 
-        after = step(rate, t0 + k * h, flow.x, h, symbolic_masks(flow))
+        after = step(rate, t0 + k * h, flow.x, h, flow.parts)
         after, worst = settled(flow, t0 + (k + 1) * h, flow.normalised(after))
         if flow.correcting:
             after = energy_correction(flow)(t0 + (k + 1) * h, after, flow.p, h)
@@ -126,11 +121,10 @@ def _stages(flow: Flow, tableau: Tableau) -> StepLoop:
     was computed, weights b_j that are zero but for the last stage, the node c_i, and whether it is the last.
     """
     count, n = len(tableau.b), flow.x.shape[0]
-    f = ca.Function("f", [flow.t, flow.x, flow.p], [flow.xdot], {"cse": True})
     x, k, slopes = ca.SX.sym("x", n), ca.SX.sym("k"), ca.SX.sym("slopes", n, count - 1)
     a, b = ca.SX.sym("a", count - 1), ca.SX.sym("b", count)
     t0, h, c, last = (ca.SX.sym(name) for name in ("t0", "h", "c", "last"))
-    slope = f(t0 + (k + c) * h, x + h * ca.mtimes(slopes, a), flow.p)
+    slope = flow.rate(t0 + (k + c) * h, x + h * ca.mtimes(slopes, a), flow.p)
     slopes_now = ca.horzcat(slopes, slope)
     after = x + h * ca.mtimes(slopes_now, b)
     if flow.quaternions:
@@ -149,21 +143,18 @@ def _stages(flow: Flow, tableau: Tableau) -> StepLoop:
     return StepLoop(kernel, coefficients)
 
 
-class FixedSteps:
+class FixedSteps(Stepper):
     """The steps of an explicit method: compiled ones ahead, single ones of any length stage by stage."""
-
-    on_grid = True
 
     def __init__(self, method: FixedMethod, rate: StageRate, p: Array, *, compiled: bool) -> None:
         """Of a run with parameters p; `compiled` unless users' functions are called in between."""
         self._method, self._rate, self._p = method, rate, p
-        self._parts = numeric_masks(method.flow)
         self._watches = method.flow.bound is not None and method.flow.equations is None
         self._loop = method.loop if compiled else None
 
     def attempt(self, t: float, x: Array, until: float) -> Step:
         """To `until`, stage by stage."""
-        step, rate, parts = self._method.solver.step, self._rate, self._parts
+        step, rate, parts = self._method.solver.step, self._rate, self._method.flow.parts
         assert step is not None
 
         def exact(time: float) -> Array:
@@ -172,13 +163,6 @@ class FixedSteps:
             return found
 
         return Step(t, x, until, exact(until), exact)
-
-    def accept(self, t: float, x: Array) -> None:
-        """Steps have no memory."""
-
-    def restart(self, t: float, x: Array, p: Array) -> None:
-        """Other parameters from here on."""
-        self._p = p
 
     def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
         """Compiled steps, up to where the constraints become dependent."""

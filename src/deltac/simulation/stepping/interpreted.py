@@ -13,7 +13,6 @@ from deltac.simulation.constraints.energy import energy_correction
 from deltac.simulation.constraints.projection import pivot, projection
 from deltac.simulation.equations import Controller, motor_values
 from deltac.simulation.flow import Flow
-from deltac.simulation.stepping.runge_kutta import Parts
 
 
 def settled(flow: Flow, t: SX, x: SX) -> tuple[SX, SX]:
@@ -35,8 +34,7 @@ def settle_kernel(flow: Flow) -> Kernel | None:
     if flow.bound is None and not flow.quaternions:
         return None
     x, worst = settled(flow, flow.t, flow.normalised(flow.x))
-    inputs = {"t": flow.t, "x": flow.x, **({"p": flow.p} if flow.p.shape[0] else {})}
-    return Kernel(inputs, {"x": x, "worst": worst}, name="projection")
+    return flow.kernel("projection", {"x": x, "worst": worst})
 
 
 @derived
@@ -44,8 +42,7 @@ def _correction_kernel(flow: Flow) -> Kernel:
     """(t, x; p, h) -> x with its energy as it should be."""
     h = ca.SX.sym("h")
     corrected = energy_correction(flow)(flow.t, flow.x, flow.p, h)
-    inputs = {"t": flow.t, "x": flow.x, "constants": ca.vertcat(flow.p, h)}
-    return Kernel(inputs, {"x": corrected}, name="energy correction")
+    return flow.kernel("energy correction", {"x": corrected}, h=h)
 
 
 class Finish:
@@ -158,25 +155,3 @@ class StageRate:
         return motor_values(
             self._controller, self._flow.system, t, state["q"].ravel(), state["u"].ravel()
         )
-
-
-def symbolic_masks(flow: Flow) -> Parts:
-    """The masks of q, u and integrals as CasADi's columns."""
-    masks = []
-    for place in flow.parts:
-        mask = ca.DM.zeros(flow.x.shape[0])
-        mask[place] = 1
-        masks.append(mask)
-    return Parts(*masks)
-
-
-@derived
-def numeric_masks(flow: Flow) -> Parts:
-    """The masks of q, u and integrals as read-only arrays."""
-    masks = []
-    for place in flow.parts:
-        mask = np.zeros(flow.x.shape[0])
-        mask[place] = 1.0
-        mask.flags.writeable = False
-        masks.append(mask)
-    return Parts(*masks)

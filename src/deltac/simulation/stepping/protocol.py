@@ -6,9 +6,9 @@ A stepper belongs to one run and owns its buffers, factors and memory. What it s
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -82,24 +82,30 @@ class Block:
     singular: bool = False
 
 
-class Stepper(Protocol):
+class Stepper(ABC):
     """What takes the steps of one run.
 
     The loop finishes every state that it is given: unit quaternions, projection, correction of the energy.
     Only `ahead` returns states that are finished already.
     """
 
-    on_grid: bool
+    on_grid: bool = True
     """Whether its steps end at the times of the grid; else it chooses them, and has dense output."""
 
+    _p: Array
+    """The parameters, sides of laws that switch included."""
+
+    @abstractmethod
     def attempt(self, t: float, x: Array, until: float) -> Step:
         """The next step, to `until`, or off the grid to anywhere before it; StepFailed if there is none."""
 
-    def accept(self, t: float, x: Array) -> None:
+    def accept(self, t: float, x: Array) -> None:  # noqa: B027
         """Go on from the end of the last attempt, finished to x; or from one of the states ahead."""
 
     def restart(self, t: float, x: Array, p: Array) -> None:
-        """Go on from another state, forgetting what was before; `p` are parameters, sides included."""
+        """Go on from another state, forgetting what was before, with other parameters."""
+        self._p = p
 
     def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
         """As many of the next steps as are cheaply taken at once; None where steps go one by one."""
+        return None

@@ -11,14 +11,8 @@ Rate: TypeAlias = Callable[[Any, Any], Any]
 """ẋ = f(t, x): symbols or arrays."""
 
 
-@dataclass(frozen=True)
-class Parts:
-    """Which entries of x are coordinates, speeds and integrals: three masks of zeros and ones."""
-
-    q: Any
-    u: Any
-    z: Any
-
+Parts: TypeAlias = tuple[slice, slice, slice]
+"""Where coordinates, speeds and integrals lie in x."""
 
 StepFunction: TypeAlias = Callable[[Rate, Any, Any, Any, Parts], Any]
 """(f, t, x, h, parts) -> x one step later; the same lines serve symbols and arrays."""
@@ -175,6 +169,9 @@ def semi_implicit_euler_step(f: Rate, t: Any, x: Any, h: Any, parts: Parts) -> A
 
     First order; symplectic for separable systems, which keeps energy errors bounded, not small.
     """
-    rates = f(t, x)
-    x = x + h * (parts.u * rates)
-    return x + h * (parts.q * f(t, x) + parts.z * rates)
+    q, u, z = parts
+    rates, after = f(t, x), x + 0.0
+    after[u] = x[u] + h * rates[u]
+    later = f(t, after)
+    after[q], after[z] = x[q] + h * later[q], x[z] + h * rates[z]
+    return after

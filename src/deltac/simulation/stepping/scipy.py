@@ -12,12 +12,12 @@ from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
-from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
+from deltac.simulation.stepping.protocol import Step, StepFailed, Stepper
 
 IMPLICIT = ("Radau", "BDF", "LSODA")
 
 
-class ScipySteps:
+class ScipySteps(Stepper):
     """Steps of a SciPy method's own length; within them its dense output, and for events the method again."""
 
     on_grid = False
@@ -72,10 +72,6 @@ class ScipySteps:
     def restart(self, t: float, x: Array, p: Array) -> None:
         """A new method from here on: it must not remember what was before."""
         self._p, self._method = p, None
-
-    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
-        """Steps go one by one."""
-        return None
 
     def _fresh(self, t: float, x: Array, end: float) -> Any:
         def f(time: float, state: Array) -> Array:

@@ -19,7 +19,7 @@ from deltac.dynamics.terms import forward
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.implicit.form import Form, Point
-from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
+from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid, Stepper
 
 FEW, CHUNK = 8, 64
 """Samples of one call, near an event and at most."""
@@ -31,14 +31,12 @@ MOST_STEPS = 100_000
 """Internal steps between two samples after which the run is given up."""
 
 
-class SundialsSteps:
+class SundialsSteps(Stepper):
     """CVODES or IDAS from sample to sample, their own steps within; each call starts anew.
 
     CVODES takes ẋ = f(t, x). IDAS takes the equations of motion unsolved, with u̇ and λ as unknowns of their
     own: index 1, constraints on the level of accelerations.
     """
-
-    on_grid = True
 
     def __init__(self, flow: Flow, solver: Solver, p: Array, tolerance: float) -> None:
         """Of a run with parameters p."""
@@ -61,13 +59,6 @@ class SundialsSteps:
                 "laws there: one that grows without bound, jumps, or ceases to be defined; or try a larger "
                 "tolerance="
             ) from None
-
-    def accept(self, t: float, x: Array) -> None:
-        """Each call starts from the state that it is given."""
-
-    def restart(self, t: float, x: Array, p: Array) -> None:
-        """Other parameters from here on."""
-        self._p = p
 
     def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
         """Samples of one call, which keeps the methods' order; none of a run that is changed at each."""

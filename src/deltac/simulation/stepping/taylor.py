@@ -15,7 +15,7 @@ from deltac.calls.interrupts import waiting
 from deltac.errors import PackageError, SolverError
 from deltac.mechanism.laws import is_smooth
 from deltac.simulation.flow import Flow
-from deltac.simulation.stepping.protocol import Block, Step, StepGrid
+from deltac.simulation.stepping.protocol import Block, Step, StepGrid, Stepper
 
 MOST_AHEAD = 256
 """Samples taken in one call, between reports of progress."""
@@ -40,13 +40,11 @@ KINKED = (
 )
 
 
-class TaylorSteps:
+class TaylorSteps(Stepper):
     """Taylor's method from sample to sample; its own steps within, and its state, are its own.
 
     The state is kept in the method's precision, and only what is recorded is rounded.
     """
-
-    on_grid = True
 
     def __init__(self, flow: Flow, p: Array, tolerance: float | None, *, quad: bool) -> None:
         """Its order follows from the tolerance, whose default is the precision of the numbers.

@@ -4,7 +4,8 @@ K. Gugaratshan, "Investigative study on an energy theorem for developing testing
 numerical simulations of multibody dynamic systems", M.S.E. thesis, Western Michigan University,
 2008, chapter 4.
 
-- `experiments`: the table: what is run, what the thesis says of it, by which rule it is judged;
+- `experiments.toml`: the table: what is run, what the thesis says of it, by which rule it is judged;
+  `experiments` reads it;
 - `measures`: the numbers that the rules are about;
 - `runs`: the triple pendulum's variants, simulated, and the driving torque told in four ways;
 - `reproduction`: runs, ledgers and results of it all; `drawing`: the ten figures.

@@ -1,12 +1,12 @@
-"""The numbers that the thesis's statements are about, read off the runs of an experiment."""
+"""The numbers that the thesis's statements are about, read off one run or two."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import replace
-from functools import cache
-from typing import TypeAlias
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from operator import attrgetter
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from deltac.problems import triple_pendulum
 from deltac.problems.triple_pendulum_equations import HandEquations
 from deltac.simulation.solvers import find_solver
 from deltac.studies.thesis.runs import (
+    CONSTRAINT,
     PRESCRIBED,
     Outcome,
     Run,
@@ -26,94 +27,79 @@ from deltac.studies.thesis.runs import (
     totals,
 )
 
-Outcomes: TypeAlias = Mapping[str, Outcome]
-"""What came out of an experiment's runs, by their labels."""
-
-Measure: TypeAlias = Callable[[Outcomes], float]
-
 NAMES = {"wang": "Wang", "liu-huston": "Liu–Huston"}
 
 WRONG = 1.01
 """The factor by which a logged torque is made wrong."""
 
+PART = 2.0
+"""Seconds over which ΔC is told in four ways: only a fine step shows rounding, not quadrature."""
 
-def final(outcome: Outcome, function: str) -> float:
+WINDOW = 10.0
+"""Seconds at the start and at the end whose mean kinetic energies are compared."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number `of` the outcomes of one run or two: the `quantity` and its `unit`."""
+
+    quantity: str
+    unit: str
+    of: Callable[..., float]
+
+
+def final(outcome: Outcome, function: str = "wang") -> float:
     """|ΔC| at the end (J)."""
     return abs(float(outcome.ledger.delta_c[function][-1]))
 
 
-def largest(outcome: Outcome, function: str) -> float:
+def largest(outcome: Outcome, function: str = "wang") -> float:
     """Largest |ΔC| (J)."""
     return float(np.abs(outcome.ledger.delta_c[function]).max())
 
 
-def final_of(label: str, function: str = "wang") -> Measure:
-    """|ΔC| of a run at its end (J)."""
-    return lambda runs: final(runs[label], function)
-
-
-def largest_of(label: str, function: str = "wang") -> Measure:
-    """Largest |ΔC| of a run (J)."""
-    return lambda runs: largest(runs[label], function)
-
-
-def relative_of(label: str) -> Measure:
+def relative(outcome: Outcome) -> float:
     """Largest |ΔC| of either function over the energy exchanged."""
-    return lambda runs: max(runs[label].ledger.relative(function) for function in NAMES)
+    return max(outcome.ledger.relative(function) for function in NAMES)
 
 
-def ratio(first: str, second: str) -> Measure:
+def ratio(first: Outcome, second: Outcome) -> float:
     """How many times larger the largest |ΔC| is in the first run: the smaller ratio of the two functions."""
-    return lambda runs: min(
-        largest(runs[first], function) / largest(runs[second], function) for function in NAMES
-    )
+    return min(largest(first, function) / largest(second, function) for function in NAMES)
 
 
-def farthest(first: str, second: str) -> Measure:
+def farthest(first: Outcome, second: Outcome) -> float:
     """As `ratio`, the larger of the two functions' ratios, whichever run is larger."""
-
-    def measure(runs: Outcomes) -> float:
-        pairs = [(largest(runs[first], f), largest(runs[second], f)) for f in NAMES]
-        return max(max(pair) / min(pair) for pair in pairs)
-
-    return measure
+    pairs = [(largest(first, function), largest(second, function)) for function in NAMES]
+    return max(max(pair) / min(pair) for pair in pairs)
 
 
-def apart(label: str) -> Measure:
+def functions_apart(outcome: Outcome) -> float:
     """The largest |ΔC| of one function over that of the other, whichever is larger."""
-
-    def measure(runs: Outcomes) -> float:
-        sizes = [largest(runs[label], function) for function in NAMES]
-        return max(sizes) / min(sizes)
-
-    return measure
+    sizes = [largest(outcome, function) for function in NAMES]
+    return max(sizes) / min(sizes)
 
 
-def evaluations(first: str, second: str) -> Measure:
+def evaluations(first: Outcome, second: Outcome) -> float:
     """How many times as many evaluations of the accelerations the second run takes."""
 
     def of(run: Run) -> float:
         return run.duration / run.step * find_solver(run.solver).stages
 
-    return lambda runs: of(runs[second].run) / of(runs[first].run)
+    return of(second.run) / of(first.run)
 
 
-def euler_relation(label: str) -> Measure:
+def euler_relation(outcome: Outcome) -> float:
     """How far LH − W/2 is from (h/4) (ṗ·u − ṗ·u at the start), beside the largest |LH − W/2|.
 
     Euler's method leaves u(t_k+1) = u + h u̇ without a curvature: per step K errs by h² u̇ᵀM u̇ / 2, and
     the sum h Σ P by h² Ṗ / 2. What remains between LH and half of W adds up to a difference of end
     values, to O(h²). p = M u are the generalized momenta.
     """
-
-    def measure(runs: Outcomes) -> float:
-        outcome = runs[label]
-        liu, wang = (outcome.ledger.delta_c[f] for f in ("liu-huston", "wang"))
-        found, power = liu - wang / 2, _momentum_power(outcome)
-        expected = outcome.run.step / 4 * (power - power[0])
-        return float(np.abs(found - expected).max() / np.abs(found).max())
-
-    return measure
+    liu, wang = (outcome.ledger.delta_c[f] for f in ("liu-huston", "wang"))
+    found, power = liu - wang / 2, _momentum_power(outcome)
+    expected = outcome.run.step / 4 * (power - power[0])
+    return float(np.abs(found - expected).max() / np.abs(found).max())
 
 
 def _momentum_power(outcome: Outcome) -> Array:
@@ -131,142 +117,143 @@ def _momentum_power(outcome: Outcome) -> Array:
     return power
 
 
-def mistake_exactly(label: str) -> Measure:
+def mistake_exactly(outcome: Outcome) -> float:
     """How far Wang's ΔC is from that of the sign mistake in closed form, as a fraction of its largest.
 
     The wrong sign is a torque of twice the weight's: ΔC(t) = −2 g₂ (cos θ₂ − cos θ₂(0)), with
-    g₂ = (m₂r₂ + m₃l₂) g; with dampers too.
+    g₂ = (m₂r₂ + m₃l₂) g = 8.75 N·m, so that |ΔC| is at most 26.25 J; with dampers too.
     """
-
-    def measure(runs: Outcomes) -> float:
-        outcome = runs[label]
-        hand = HandEquations.of(problem(outcome.run.variant).mechanism.parameters)
-        cosine = np.cos(absolute_angles(outcome.trajectory)[:, 1])
-        exact = -2 * hand.g2 * (cosine - cosine[0])
-        found = outcome.ledger.delta_c["wang"]
-        return float(np.abs(found - exact).max() / np.abs(exact).max())
-
-    return measure
+    hand = HandEquations.of(problem(outcome.run.variant).mechanism.parameters)
+    cosine = np.cos(absolute_angles(outcome.trajectory)[:, 1])
+    exact = -2 * hand.g2 * (cosine - cosine[0])
+    found = outcome.ledger.delta_c["wang"]
+    return float(np.abs(found - exact).max() / np.abs(exact).max())
 
 
-def overtaken(first: str, second: str) -> Measure:
+def overtaken(first: Outcome, second: Outcome) -> float:
     """The last time at which the first run's |ΔC| of Wang is the larger one (s)."""
-
-    def measure(runs: Outcomes) -> float:
-        a, b = (np.abs(runs[label].ledger.delta_c["wang"]) for label in (first, second))
-        return float(runs[first].ledger.t[np.flatnonzero(a >= b)[-1]])
-
-    return measure
+    a, b = (np.abs(outcome.ledger.delta_c["wang"]) for outcome in (first, second))
+    return float(first.ledger.t[np.flatnonzero(a >= b)[-1]])
 
 
-def departure(label: str) -> Measure:
+def departure(outcome: Outcome) -> float:
     """When an angle is first more than a degree off the exact motion; inf: never."""
-
-    def measure(runs: Outcomes) -> float:
-        outcome = runs[label]
-        exact = absolute_angles(exactly(outcome.run))
-        off = np.abs(absolute_angles(outcome.trajectory) - exact).max(axis=1) > math.radians(1.0)
-        return float(outcome.trajectory.t[int(off.argmax())]) if off.any() else math.inf
-
-    return measure
+    exact = absolute_angles(exactly(outcome.run))
+    off = np.abs(absolute_angles(outcome.trajectory) - exact).max(axis=1) > math.radians(1.0)
+    return float(outcome.trajectory.t[int(off.argmax())]) if off.any() else math.inf
 
 
-def widest(label: str) -> Measure:
+def widest(outcome: Outcome) -> float:
     """The largest angle that a bar reaches, either way (degrees)."""
-    return lambda runs: math.degrees(float(np.abs(absolute_angles(runs[label].trajectory)).max()))
+    return math.degrees(float(np.abs(absolute_angles(outcome.trajectory)).max()))
 
 
-def work_of(label: str, channel: str) -> Measure:
-    """The work of a channel over the run (J)."""
-    return lambda runs: float(runs[label].ledger.work[channel][-1])
-
-
-def order(coarse: str, fine: str) -> Measure:
+def order(coarse: Outcome, fine: Outcome) -> float:
     """The order of convergence of Wang's largest |ΔC| that two steps show."""
-
-    def measure(runs: Outcomes) -> float:
-        finer = math.log(runs[coarse].run.step / runs[fine].run.step)
-        return math.log(largest(runs[coarse], "wang") / largest(runs[fine], "wang")) / finer
-
-    return measure
+    return math.log(largest(coarse) / largest(fine)) / math.log(coarse.run.step / fine.run.step)
 
 
-def kinetic_at_start(label: str) -> Measure:
-    """K(0) (J)."""
-    return lambda runs: float(runs[label].ledger.kinetic[0])
-
-
-def angles_apart(first: str, second: str) -> Measure:
+def angles_apart(first: Outcome, second: Outcome) -> float:
     """Largest difference of the final angles of two runs (degrees)."""
-
-    def measure(runs: Outcomes) -> float:
-        ends = [absolute_angles(runs[label].trajectory)[-1] for label in (first, second)]
-        return math.degrees(float(np.abs(ends[0] - ends[1]).max()))
-
-    return measure
+    a, b = (absolute_angles(outcome.trajectory)[-1] for outcome in (first, second))
+    return math.degrees(float(np.abs(a - b).max()))
 
 
-def calmed(label: str, window: float = 10.0) -> Measure:
-    """Mean kinetic energy over the last `window` seconds, as a fraction of that over the first."""
-
-    def measure(runs: Outcomes) -> float:
-        t, kinetic = runs[label].ledger.t, runs[label].ledger.kinetic
-        late, early = kinetic[t >= t[-1] - window], kinetic[t <= t[0] + window]
-        return float(late.mean() / early.mean())
-
-    return measure
+def calmed(outcome: Outcome) -> float:
+    """Mean kinetic energy over the last seconds, as a fraction of that over the first."""
+    t, kinetic = outcome.ledger.t, outcome.ledger.kinetic
+    late, early = kinetic[t >= t[-1] - WINDOW], kinetic[t <= t[0] + WINDOW]
+    return float(late.mean() / early.mean())
 
 
-def horizon(label: str) -> Measure:
-    """The divergence horizon (s); infinite where there is none."""
-
-    def measure(runs: Outcomes) -> float:
-        found = runs[label].horizon
-        return math.inf if found is None else found
-
-    return measure
+def torque(outcome: Outcome) -> Array:
+    """The driving torque M1 (T,), N·m."""
+    return outcome.trajectory.forces[PRESCRIBED][:, 0]
 
 
-def torque(label: str, extreme: Callable[[np.ndarray], float]) -> Measure:
-    """An extreme of the driving torque M1 (N·m)."""
-    return lambda runs: float(extreme(runs[label].trajectory.forces[PRESCRIBED][:, 0]))
-
-
-def torque_by_hand(label: str) -> Measure:
+def torque_by_hand(outcome: Outcome) -> float:
     """Largest difference of M1 from that of the hand-written equations (N·m)."""
-
-    def measure(runs: Outcomes) -> float:
-        trajectory = runs[label].trajectory
-        mechanism = problem(runs[label].run.variant).mechanism
-        by_hand = triple_pendulum.driving_torque(mechanism, trajectory)
-        return float(np.abs(trajectory.forces[PRESCRIBED][:, 0] - by_hand).max())
-
-    return measure
+    mechanism = problem(outcome.run.variant).mechanism
+    by_hand = triple_pendulum.driving_torque(mechanism, outcome.trajectory)
+    return float(np.abs(torque(outcome) - by_hand).max())
 
 
-def totals_apart(label: str, duration: float) -> Measure:
-    """Largest difference of ΔC told in four ways, as a fraction of the energy exchanged.
-
-    Only a fine step shows rounding, not quadrature; so a part of the `duration` (s) must do.
-    """
-    return lambda runs: totals(replace(runs[label].run, duration=duration)).spread
-
-
-def rates_apart(label: str) -> Measure:
-    """Largest difference of ε told in four ways, as a fraction of the largest power of M1."""
-    return lambda runs: rates(runs[label].trajectory).spread
-
-
-def wrong_torque(label: str, told: Callable[[Tellings], np.ndarray]) -> Measure:
+def wrong_torque(outcome: Outcome, told: Callable[[Tellings], Array]) -> float:
     """Largest change of ΔC when the logged M1 is wrong by one percent (J)."""
-
-    def measure(runs: Outcomes) -> float:
-        right, wrong = (_totals(runs[label].run, factor) for factor in (1.0, WRONG))
-        return float(np.abs(told(wrong) - told(right)).max())
-
-    return measure
+    right, wrong = (_totals(outcome.run, factor) for factor in (1.0, WRONG))
+    return float(np.abs(told(wrong) - told(right)).max())
 
 
 @cache
 def _totals(run: Run, factor: float) -> Tellings:
     return totals(run, factor)
+
+
+_WRONG_LOG = f"change of ΔC by a log of M1 × {WRONG:g}"
+_IN_FOUR_WAYS = "told in four ways, spread"
+
+MEASURES = {
+    "Wang": Measure("max Wang |ΔC|", "J", largest),
+    "Wang, bounded": Measure("max Wang |ΔC|, bounded", "J", largest),
+    "Liu–Huston": Measure("max Liu–Huston |ΔC|", "J", partial(largest, function="liu-huston")),
+    "Wang at the end": Measure("Wang |ΔC| at 10 s", "J", final),
+    "Liu–Huston at the end": Measure(
+        "Liu–Huston |ΔC| at 10 s", "J", partial(final, function="liu-huston")
+    ),
+    "relative": Measure("max |ΔC| / energy exchanged", "1", relative),
+    "ratio": Measure("ratio of max |ΔC|", "1", ratio),
+    "ratio, either way": Measure("ratio of max |ΔC|", "1", farthest),
+    "either ratio": Measure("ratio of max |ΔC|, larger over smaller", "1", farthest),
+    "functions apart": Measure(
+        "larger of the functions' max |ΔC| over the smaller", "1", functions_apart
+    ),
+    "order": Measure("observed order of ΔC", "1", order),
+    "evaluations": Measure("evaluations of the accelerations, ratio", "1", evaluations),
+    "Euler's relation": Measure("LH − W/2 from (h/4) Δ(ṗ·u), relative", "1", euler_relation),
+    "sign mistake exactly": Measure(
+        "Wang's ΔC from −2 g₂ (cos θ₂ − cos θ₂(0)), relative", "1", mistake_exactly
+    ),
+    "overtaken": Measure("the larger of the two, until", "s", overtaken),
+    "K(0)": Measure("K(0)", "J", lambda outcome: float(outcome.ledger.kinetic[0])),
+    "calmed": Measure("mean K, last 10 s / first 10 s", "1", calmed),
+    "angles apart": Measure("difference of final angles", "deg", angles_apart),
+    "widest angle": Measure("largest angle of a bar", "deg", widest),
+    "horizon": Measure(
+        "divergence horizon",
+        "s",
+        lambda outcome: math.inf if outcome.horizon is None else outcome.horizon,
+    ),
+    "departure": Measure("a degree off the exact motion, from", "s", departure),
+    "least M1": Measure("least M1", "N·m", lambda outcome: float(torque(outcome).min())),
+    "largest M1": Measure("largest M1", "N·m", lambda outcome: float(torque(outcome).max())),
+    "M1 by hand": Measure(
+        "difference from M1 by the hand-written equations", "N·m", torque_by_hand
+    ),
+    "work of the drive": Measure(
+        "work of the constraint θ̇1 − Aω cos ωt = 0",
+        "J",
+        lambda outcome: float(outcome.ledger.work[CONSTRAINT][-1]),
+    ),
+    "totals apart": Measure(
+        f"ΔC over {PART:g} s {_IN_FOUR_WAYS} / energy exchanged",
+        "1",
+        lambda outcome: totals(replace(outcome.run, duration=PART)).spread,
+    ),
+    "rates apart": Measure(
+        f"ε {_IN_FOUR_WAYS} / largest power of M1",
+        "1",
+        lambda outcome: rates(outcome.trajectory).spread,
+    ),
+    **{
+        f"wrong log, {name}": Measure(
+            f"{_WRONG_LOG}, {words}", "J", partial(wrong_torque, told=attrgetter(name))
+        )
+        for name, words in (
+            ("applied", "as applied force"),
+            ("multiplier", "as multiplier"),
+            ("prescribed", "as force of the prescribed joint"),
+            ("accelerations", "from accelerations"),
+        )
+    },
+}
+"""What the claims in `experiments.toml` measure, by the names that they use."""

@@ -18,6 +18,7 @@ from deltac.studies.thesis.experiments import (
     REPORTED,
     Experiment,
     Reported,
+    agrees,
 )
 from deltac.studies.thesis.measures import NAMES, final, largest
 from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
@@ -178,25 +179,23 @@ def _chosen(only: Iterable[str] | None) -> tuple[Experiment, ...]:
 def _results(experiment: Experiment, outcomes: Mapping[str, Outcome]) -> Iterator[Result]:
     """The claims of an experiment, then what every run of it reports besides."""
     for claim in experiment.claims:
-        value = claim.measure(outcomes)
+        value = claim.measure.of(*(outcomes[label] for label in claim.run.split(" / ")))
         yield Result(
             experiment.figure,
             claim.run,
-            claim.quantity,
+            claim.measure.quantity,
             claim.thesis,
             value,
-            claim.unit,
-            claim.rule.words,
-            claim.rule.agrees(value, claim.thesis),
+            claim.measure.unit,
+            claim.rule,
+            agrees(claim.rule, value, claim.thesis),
             claim.difference,
         )
-    claimed = {(claim.run, claim.quantity) for claim in experiment.claims}
+    claimed = {(claim.run, claim.measure.quantity) for claim in experiment.claims}
     for label, outcome in outcomes.items():
         for quantity, value, unit in _reported(experiment, outcome):
             if (label, quantity) not in claimed:
-                yield Result(
-                    experiment.figure, label, quantity, None, value, unit, REPORTED.words, None
-                )
+                yield Result(experiment.figure, label, quantity, None, value, unit, REPORTED, None)
 
 
 def _reported(experiment: Experiment, outcome: Outcome) -> Iterator[tuple[str, float, str]]:

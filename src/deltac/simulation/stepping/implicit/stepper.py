@@ -18,7 +18,7 @@ from deltac.simulation.stepping.implicit.form import Form
 from deltac.simulation.stepping.implicit.newton import Newton, Outcome, StepSystem
 from deltac.simulation.stepping.implicit.schemes import SCHEMES, Before, StepEquations
 from deltac.simulation.stepping.interpreted import StageRate
-from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid
+from deltac.simulation.stepping.protocol import Step, StepFailed, Stepper
 
 
 @dataclass(frozen=True)
@@ -85,10 +85,8 @@ class ImplicitMethod:
         return ca.Function("rates", [flow.t, flow.x, flow.inputs, flow.p], [ca.densify(rates)])
 
 
-class ImplicitSteps:
+class ImplicitSteps(Stepper):
     """The steps of an implicit method in one run: Newton's factors, the method's memory, the last step."""
-
-    on_grid = True
 
     def __init__(self, method: ImplicitMethod, rate: StageRate, p: Array, radius: float) -> None:
         """Nothing is computed before the first step; `rate` holds what motors are set to."""
@@ -136,10 +134,6 @@ class ImplicitSteps:
         """From rates of the motion there, and a new Jacobian."""
         self._p, self._memory, self._previous = p, None, None
         self._newton.forget()
-
-    def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
-        """Steps go one by one."""
-        return None
 
     def _solved(self, t: float, x: Array, h: float, memory: Array) -> Taken:
         u = x[self._method.flow.parts[1]]

@@ -1,0 +1,440 @@
+"""Syntax trees rewritten so that Python itself, when it runs them, tells a tracer what it computes.
+
+Every expression that can be edited hands its value to the tracer together with its place: `a + b` becomes
+``_deltac.operate(17, "Add", a, b)``. Control flow, classes, generators, closures and comprehensions stay
+Python's own. The original tree is left as it is; its nodes are known by their places in `ast.walk`.
+"""
+
+from __future__ import annotations
+
+import ast
+import types
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
+
+HOOKS = "_deltac"
+"""The name by which rewritten code calls the tracer."""
+
+SCOPE = "_deltac_scope_"
+"""Local variables that hold what is in scope at the current statement; inner functions see the outer's."""
+
+NEVER = {
+    "print", "logging", "warnings", "logger", "log", "tqdm", "time", "sys", "os", "matplotlib", "plt",
+}  # fmt: skip
+"""Calls of these, or of their functions, as statements change nothing of the result, and are left out."""
+
+STORED = (ast.Name, ast.Attribute, ast.Subscript)
+LITERAL = (ast.Constant, ast.Dict, ast.Call, ast.List, ast.Tuple, ast.IfExp)
+FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.GeneratorExp, ast.DictComp)
+
+
+def rewritten(statement: ast.stmt, number: Mapping[int, int]) -> ast.Module:
+    """A statement of a module, rewritten; `number` has the places of nodes by their id()."""
+    return _module(_Rewriter(number).statements([statement]))
+
+
+def made_by(
+    definition: ast.FunctionDef | ast.Lambda, names: Sequence[str], number: Mapping[int, int]
+) -> ast.Module:
+    """A module whose function `made` takes what a nested function closes over, and returns that function."""
+    rewriter = _Rewriter(number)
+    rewriter.scopes.append(outer := f"{SCOPE}outside")
+    body: list[ast.stmt]
+    if isinstance(definition, ast.Lambda):
+        body = [ast.Return(rewriter.expression(definition))]
+    else:
+        plain = ast.FunctionDef(
+            definition.name, _bare(definition.args), definition.body, [], None, lineno=1
+        )
+        number = {**number, id(plain): number[id(definition)]}
+        rewriter.number = number
+        body = [*rewriter.visit_FunctionDef(plain), ast.Return(_name(definition.name))]
+    maker = ast.FunctionDef(
+        "made", ast.arguments([], [ast.arg(n) for n in (*names, outer)], None, [], [], None, []),
+        body, [], None,
+    )  # fmt: skip
+    return _module([maker])
+
+
+def _bare(a: ast.arguments) -> ast.arguments:
+    """Arguments with None for each default: the function's own are given to it afterwards."""
+    none = ast.Constant(None)
+    return ast.arguments(
+        a.posonlyargs, a.args, a.vararg, a.kwonlyargs,
+        [d and none for d in a.kw_defaults], a.kwarg, [none for _ in a.defaults],
+    )  # fmt: skip
+
+
+def _module(body: list[ast.stmt]) -> ast.Module:
+    return ast.fix_missing_locations(ast.Module(body, []))
+
+
+def _name(text: str) -> ast.Name:
+    return ast.Name(text, ast.Load())
+
+
+def _read(target: ast.expr) -> ast.expr:
+    """The names of a target as an expression; None for what else is set."""
+    match target:
+        case ast.Name(id=name):
+            return _name(name)
+        case ast.Tuple(elts=parts) | ast.List(elts=parts):
+            return ast.Tuple([_read(part) for part in parts], ast.Load())
+    return ast.Constant(None)
+
+
+def _hook(name: str, *arguments: Any) -> ast.Call:
+    """A call of the tracer; arguments that are no nodes become constants."""
+    nodes = [a if isinstance(a, ast.AST) else ast.Constant(a) for a in arguments]
+    return ast.Call(ast.Attribute(_name(HOOKS), name, ast.Load()), nodes, [])  # type: ignore[arg-type]
+
+
+class _Rewriter:
+    """Rewrites trees; `scopes` are the functions around the current node, `inner` names of comprehensions."""
+
+    def __init__(self, number: Mapping[int, int]) -> None:
+        self.number = number
+        self.scopes: list[str] = []
+        self.inner: list[list[str]] = []
+        self.globals: set[str] = set()
+
+    # --- any node ---------------------------------------------------------------------------------
+
+    def same(self, node: ast.AST) -> Any:
+        """A node of the same kind with its parts rewritten."""
+        new = type(node)(**{name: self.part(value) for name, value in ast.iter_fields(node)})
+        return ast.copy_location(new, node)
+
+    def part(self, value: Any) -> Any:
+        match value:
+            case [ast.stmt(), *_]:
+                return self.statements(value)
+            case list():
+                return [self.part(one) for one in value]
+            case ast.expr():
+                return self.expression(value)
+            case ast.pattern():
+                return value
+            case (
+                ast.comprehension()
+                | ast.match_case()
+                | ast.ExceptHandler()
+                | ast.withitem()
+                | ast.keyword()
+            ):
+                return self.same(value)
+        return value
+
+    # --- statements -------------------------------------------------------------------------------
+
+    def statements(self, body: Iterable[ast.stmt]) -> list[ast.stmt]:
+        """Statements rewritten; within a function each notes what is in scope before it."""
+        found: list[ast.stmt] = []
+        for s in body:
+            method = getattr(self, f"visit_{type(s).__name__}", self.same)
+            new = method(s)
+            new = new if isinstance(new, list) else [new]
+            new = [ast.copy_location(one, s) for one in new]
+            if self.scopes and self.scopes[-1]:
+                scope = self.scopes[-1]
+                above = next((x for x in reversed(self.scopes[:-1]) if x), None)
+                here = _hook("here", ast.Call(_name("locals"), [], []), above and _name(above))
+                found.append(ast.copy_location(ast.Assign([ast.Name(scope, ast.Store())], here), s))
+            found += new
+        return found or [ast.Pass()]
+
+    def visit_Assign(self, s: ast.Assign) -> Any:
+        value = self.bound(s, s.value, s.targets)
+        return ast.Assign([self.target(t) for t in s.targets], value)
+
+    def visit_AnnAssign(self, s: ast.AnnAssign) -> Any:
+        value = None if s.value is None else self.bound(s, s.value, [s.target])
+        if self.scopes and self.scopes[-1]:
+            return [] if value is None else ast.Assign([self.target(s.target)], value)
+        kind = _hook("annotation", ast.unparse(s.annotation))
+        return ast.AnnAssign(self.target(s.target), kind, value, s.simple)  # type: ignore[call-overload]
+
+    def bound(self, s: ast.stmt, value: ast.expr, targets: list[ast.expr]) -> ast.expr:
+        """The value of an assignment: arrays keep being the same array, literals are known by their name."""
+        if isinstance(value, STORED):
+            new: ast.expr = _hook("alias", self.number[id(value)], self.plain(value))
+        else:
+            new = self.expression(value)
+        if isinstance(value, LITERAL) or any(isinstance(t, ast.Tuple | ast.List) for t in targets):
+            new = _hook("named", self.number[id(s)], new)
+        return self.checked(targets, new)
+
+    def checked(self, targets: list[ast.expr], value: ast.expr) -> ast.expr:
+        """A value that is given to names, some of them the module's from within a function."""
+        for t in targets:
+            if any(isinstance(n, ast.Name) and n.id in self.globals for n in ast.walk(t)):
+                value = _hook("outside", self.number[id(t)], value)
+        return value
+
+    def target(self, t: ast.expr) -> ast.expr:
+        match t:
+            case ast.Subscript():
+                base = _hook("into", self.number[id(t)], self.plain(t.value))
+                return ast.Subscript(base, self.index(t.slice), t.ctx)
+            case ast.Attribute():
+                return ast.Attribute(self.plain(t.value), t.attr, t.ctx)
+            case ast.Tuple() | ast.List():
+                return type(t)([self.target(e) for e in t.elts], t.ctx)
+            case ast.Starred():
+                return ast.Starred(self.target(t.value), t.ctx)
+        return t
+
+    def visit_AugAssign(self, s: ast.AugAssign) -> Any:
+        old = self.plain(s.target, loaded=True)
+        new = _hook(
+            "update", self.number[id(s)], type(s.op).__name__, old, self.expression(s.value)
+        )
+        return ast.Assign([self.target(s.target)], self.checked([s.target], new))
+
+    def visit_Expr(self, s: ast.Expr) -> Any:
+        if isinstance(s.value, ast.Constant):
+            return ast.Pass()
+        called = ast.unparse(s.value.func) if isinstance(s.value, ast.Call) else ""
+        if called.partition(".")[0] in NEVER:
+            return ast.Pass()
+        return self.same(s)
+
+    def visit_For(self, s: ast.For) -> Any:
+        over = self.plain(s.iter) if isinstance(s.iter, ast.Name) else self.expression(s.iter)
+        body, orelse = self.statements(s.body), self.part(s.orelse)
+        item = _hook("item", self.number[id(s)], _read(s.target))
+        body.insert(0, ast.copy_location(ast.Expr(item), s))
+        return ast.For(self.target(s.target), _hook("over", over), body, orelse)
+
+    def visit_While(self, s: ast.While) -> Any:
+        test = ast.BoolOp(ast.And(), [_hook("turn", self.number[id(s)]), self.expression(s.test)])
+        return ast.While(test, self.statements(s.body), self.part(s.orelse))
+
+    def visit_With(self, s: ast.With) -> Any:
+        items = [
+            ast.withitem(
+                self.expression(i.context_expr), i.optional_vars and self.target(i.optional_vars)
+            )
+            for i in s.items
+        ]
+        return ast.With(items, self.statements(s.body))
+
+    def visit_Assert(self, s: ast.Assert) -> Any:
+        return ast.Pass()
+
+    def visit_Delete(self, s: ast.Delete) -> Any:
+        return s
+
+    def visit_Raise(self, s: ast.Raise) -> Any:
+        return s
+
+    def visit_Import(self, s: ast.Import) -> Any:
+        found = []
+        for alias in s.names:
+            bound = alias.asname or alias.name.partition(".")[0]
+            value = _hook("module", alias.name, alias.asname is not None)
+            found.append(ast.Assign([ast.Name(bound, ast.Store())], value))
+        return found
+
+    def visit_ImportFrom(self, s: ast.ImportFrom) -> Any:
+        return [
+            ast.Assign(
+                [ast.Name(alias.asname or alias.name, ast.Store())],
+                _hook("member", self.number[id(s)], s.module or "", s.level, alias.name),
+            )
+            for alias in s.names
+            if alias.name != "*"
+        ]
+
+    def visit_FunctionDef(self, s: ast.FunctionDef | ast.AsyncFunctionDef) -> Any:
+        decorators: list[ast.expr] = [
+            _hook("decorator", self.expression(d)) for d in s.decorator_list
+        ]
+        arguments = self.arguments(s.args)
+        declared = {name for n in ast.walk(s) if isinstance(n, ast.Global) for name in n.names}
+        known, self.globals = self.globals, self.globals | declared
+        self.scopes.append(f"{SCOPE}{self.number[id(s)]}_")
+        inner, self.inner = self.inner, []
+        body = self.statements(s.body)
+        self.inner = inner
+        self.scopes.pop()
+        self.globals = known
+        new = type(s)(s.name, arguments, body, decorators, None)
+        # Python shows the line of a function where its first decorator stands.
+        return [ast.copy_location(new, s)]
+
+    visit_AsyncFunctionDef = visit_FunctionDef
+
+    def arguments(self, a: ast.arguments) -> ast.arguments:
+        """Parameters without their annotations; a default is known by its parameter's name."""
+        every = [*a.posonlyargs, *a.args]
+
+        def default(arg: ast.arg, value: ast.expr | None) -> ast.expr | None:
+            if value is None:
+                return None
+            return _hook("default", arg.arg, self.number.get(id(value)), self.expression(value))
+
+        def bare(args: Iterable[ast.arg]) -> list[ast.arg]:
+            return [ast.arg(x.arg) for x in args]
+
+        last = every[len(every) - len(a.defaults) :]
+        return ast.arguments(
+            bare(a.posonlyargs),
+            bare(a.args),
+            a.vararg and ast.arg(a.vararg.arg),
+            bare(a.kwonlyargs),
+            [default(arg, value) for arg, value in zip(a.kwonlyargs, a.kw_defaults)],
+            a.kwarg and ast.arg(a.kwarg.arg),
+            [default(arg, value) for arg, value in zip(last, a.defaults)],  # type: ignore[misc]
+        )
+
+    def visit_ClassDef(self, s: ast.ClassDef) -> Any:
+        bases: list[ast.expr] = [_hook("base", self.expression(b)) for b in s.bases]
+        decorators: list[ast.expr] = [
+            _hook("decorator", self.expression(d)) for d in s.decorator_list
+        ]
+        keywords = [self.same(k) for k in s.keywords]
+        self.scopes.append("")  # a class's names are no scope of its methods
+        body = self.statements(s.body)
+        self.scopes.pop()
+        return ast.ClassDef(s.name, bases, keywords, body, decorators)
+
+    # --- expressions ------------------------------------------------------------------------------
+
+    def expression(self, e: ast.expr) -> Any:
+        """An expression that tells its value."""
+        place = self.number.get(id(e), 0)  # None for a default of `made_by` has none
+        match e:
+            case ast.Constant(value=bool() | str() | bytes() | None | types.EllipsisType()):
+                return e
+            case ast.Constant():
+                new: ast.expr = _hook("constant", place)
+            case ast.Name() | ast.Attribute() | ast.Subscript():
+                new = _hook("load", place, self.plain(e))
+            case ast.BinOp():
+                left, right = self.expression(e.left), self.expression(e.right)
+                new = _hook("operate", place, type(e.op).__name__, left, right)
+            case ast.UnaryOp() if not isinstance(e.op, ast.Not):
+                new = _hook("operate", place, type(e.op).__name__, self.expression(e.operand))
+            case ast.Compare() if len(e.ops) == 1:
+                left, right = self.expression(e.left), self.expression(e.comparators[0])
+                new = _hook("compare", type(e.ops[0]).__name__, left, right)
+            case ast.Call():
+                new = self.call(e)
+            case ast.Dict():
+                keys = [None if k is None else self.index(k) for k in e.keys]
+                made = ast.Dict(keys, [self.expression(v) for v in e.values])
+                new = _hook("literal", place, made)
+            case ast.Set():
+                new = ast.Set([self.index(v) for v in e.elts])
+            case ast.Lambda():
+                new = self.function(e)
+            case ast.ListComp() | ast.SetComp() | ast.GeneratorExp() | ast.DictComp():
+                new = self.comprehension(e)
+            case ast.NamedExpr():
+                value = _hook("named", place, self.expression(e.value))
+                new = ast.NamedExpr(e.target, value)
+            case ast.JoinedStr():
+                return e
+            case _:
+                new = self.same(e)
+        return ast.copy_location(new, e)
+
+    def plain(self, e: ast.expr, loaded: bool = False) -> ast.expr:
+        """A name, an entry or an attribute that is no number by itself: what is called, indexed, set."""
+        match e:
+            case ast.Name():
+                new: ast.expr = ast.Name(e.id, ast.Load())
+            case ast.Attribute(attr=name) if name.startswith("__") and not name.endswith("__"):
+                new = ast.Attribute(self.plain(e.value), name, ast.Load())  # mangled by Python
+            case ast.Attribute():
+                new = _hook("attribute", self.number[id(e)], self.plain(e.value), e.attr)
+            case ast.Subscript():
+                new = ast.Subscript(self.plain(e.value), self.index(e.slice), ast.Load())
+            case ast.Constant():
+                new = e
+            case _:
+                return self.expression(e)  # type: ignore[no-any-return]
+        return ast.copy_location(new, e)
+
+    def index(self, e: ast.expr) -> ast.expr:
+        """An index or a key: whole numbers, slices, names."""
+        match e:
+            case ast.Tuple():
+                return ast.Tuple([self.index(part) for part in e.elts], ast.Load())
+            case ast.Slice():
+                ends = (e.lower, e.upper, e.step)
+                return ast.Slice(*(None if p is None else self.index(p) for p in ends))
+            case ast.Starred():
+                return ast.Starred(self.index(e.value), ast.Load())
+            case ast.Constant():
+                return e
+            case ast.UnaryOp(op=ast.USub(), operand=ast.Constant()):
+                return e
+        return _hook("index", self.plain(e) if isinstance(e, STORED) else self.expression(e))
+
+    def call(self, e: ast.Call) -> ast.expr:
+        """A call; arrays that are handed over by name are read by the tracer, unless it changes them."""
+        if isinstance(e.func, ast.Name) and e.func.id in ("super", "locals", "globals"):
+            return ast.Call(e.func, [self.expression(a) for a in e.args], [])
+        starred = any(isinstance(a, ast.Starred) for a in e.args)
+        by_name = [isinstance(a, STORED) and not starred for a in e.args]
+        places = [self.number[id(a)] if held else None for a, held in zip(e.args, by_name)]
+        arguments = [
+            self.plain(a) if held else self.expression(a) for a, held in zip(e.args, by_name)
+        ]
+        new = _hook(
+            "call",
+            self.number[id(e)],
+            ast.Tuple([ast.Constant(p) for p in places], ast.Load()),
+            self.plain(e.func),
+            *arguments,
+        )
+        new.keywords = [
+            ast.keyword(k.arg, self.plain(k.value) if k.arg == "out" else self.expression(k.value))
+            for k in e.keywords
+        ]
+        return new
+
+    def within(self, names: list[str], make: Callable[[], Any]) -> Any:
+        """What is made with further names in scope: those of a comprehension or a lambda."""
+        self.inner.append(names)
+        try:
+            return make()
+        finally:
+            self.inner.pop()
+
+    def noted(self, e: ast.expr) -> ast.expr:
+        """An expression that first tells the names in scope."""
+        names = list(dict.fromkeys(name for some in self.inner for name in some))
+        held = ast.Dict([ast.Constant(n) for n in names], [_name(n) for n in names])
+        above = next((x for x in reversed(self.scopes) if x), None)
+        told = _hook("inner", held, above and _name(above))
+        both = ast.Tuple([told, self.expression(e)], ast.Load())
+        return ast.Subscript(both, ast.Constant(1), ast.Load())
+
+    def function(self, e: ast.Lambda) -> ast.expr:
+        a = e.args
+        every = [*a.posonlyargs, *a.args, *a.kwonlyargs, *filter(None, (a.vararg, a.kwarg))]
+        body = self.within([x.arg for x in every], lambda: self.noted(e.body))
+        return ast.Lambda(self.arguments(a), body)
+
+    def comprehension(self, e: Any) -> ast.expr:
+        generators: list[ast.comprehension] = []
+        names: list[str] = []
+        self.inner.append(names)
+        for g in e.generators:
+            over = self.plain(g.iter) if isinstance(g.iter, ast.Name) else self.expression(g.iter)
+            names += [n.id for n in ast.walk(g.target) if isinstance(n, ast.Name)]
+            tests = [self.expression(test) for test in g.ifs]
+            generators.append(
+                ast.comprehension(self.target(g.target), _hook("over", over), tests, g.is_async)
+            )
+        if isinstance(e, ast.DictComp):
+            new: ast.expr = ast.DictComp(self.index(e.key), self.noted(e.value), generators)
+        else:
+            made = self.noted(e.elt)
+            new = type(e)(_hook("index", made) if isinstance(e, ast.SetComp) else made, generators)
+        self.inner.pop()
+        return new

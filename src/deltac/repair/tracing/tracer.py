@@ -1,0 +1,1065 @@
+"""The user's function run by Python on slots of a tape, many states at once.
+
+Its syntax tree is rewritten (`instrument`) so that every expression tells its value, and is then compiled
+and run as it is: classes, generators, closures and loops are Python's. Of a module only those statements are
+run that set a name which is asked for. Packages other than those of `library.IMPORTED` are not imported,
+and what could have an effect outside of the function is not called.
+"""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import contextlib
+import dataclasses
+import functools
+import inspect
+import operator
+import sysconfig
+import types
+import typing
+from collections.abc import Callable, Mapping, ValuesView
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.errors import InputError, SourceError
+from deltac.repair.sandbox_worker import function_named
+from deltac.repair.tracing import instrument, library
+from deltac.repair.tracing.library import Entry, Float, Foreign, Int, objects, plain
+from deltac.repair.tracing.modules import UserModule, found_beside
+from deltac.repair.tracing.source import Source, innermost
+from deltac.repair.tracing.tape import COMPARISONS, Branch, Slot, Tape, TapeError, identity
+from deltac.simulation.state_form import PLAIN
+
+STANDARD = Path(sysconfig.get_path("stdlib"))
+"""Python's own modules, whose functions are not traced."""
+
+TURNS = 20_000
+"""Turns of a while loop."""
+
+PATHS = 12
+"""Ways through branches that depend on the state."""
+
+NAME = "deltac_traced"
+"""The module that traced classes are of."""
+
+READABLE = (
+    "write it with arithmetic, NumPy's or math's elementary functions, arrays, loops of a known length, and "
+    "constants, classes and helper functions of your own"
+)
+
+Override = Mapping[Any, Array]
+"""Values (B,) that constants take instead of their own, by where they come from."""
+
+OPERATORS: dict[str, Callable[..., Any]] = {
+    "Add": operator.add, "Sub": operator.sub, "Mult": operator.mul, "Div": operator.truediv,
+    "Pow": operator.pow, "Mod": operator.mod, "FloorDiv": operator.floordiv, "MatMult": library.product,
+    "BitAnd": operator.and_, "BitOr": operator.or_, "BitXor": operator.xor, "LShift": operator.lshift,
+    "RShift": operator.rshift, "USub": operator.neg, "UAdd": operator.pos, "Invert": operator.invert,
+}  # fmt: skip
+
+COMPARED: dict[str, Any] = {
+    "Lt": "less", "LtE": "less_equal", "Gt": "greater", "GtE": "greater_equal", "Eq": "equal",
+    "NotEq": "not_equal",
+}  # fmt: skip
+
+COMPILERS = {"numba", "jax", "typeguard", "beartype", "line_profiler", "deltac", "jaxtyping", "cython",
+             "overrides", "autograd"}  # fmt: skip
+"""Packages whose decorators leave what a function gives as it is."""
+
+DERIVING = {
+    "grad", "value_and_grad", "hessian", "jacobian", "jacfwd", "jacrev", "jvp", "vjp", "linearize", "vmap",
+    "elementwise_grad", "make_vjp", "make_jvp", "hessian_vector_product",
+}  # fmt: skip
+"""What makes another function of a function: its derivatives, or the function of a batch."""
+
+
+class Refused(SourceError):
+    """The function does what cannot be traced; the message has file and line."""
+
+
+class Failed(Refused):
+    """An error of Python's, and the `lines` of a file where it is raised in the forms that were tried."""
+
+    def __init__(self, message: str, file: str, lines: tuple[int, ...]) -> None:
+        super().__init__(message)
+        self.file, self.lines = file, lines
+
+
+class Endless(Refused):
+    """A loop that does not end."""
+
+
+@dataclass(frozen=True, repr=False)
+class Instance:
+    """One evaluation of a node: its value, and the names in scope there."""
+
+    value: Any
+    scope: Mapping[str, Any]
+
+
+@dataclass(repr=False)
+class Trace:
+    """What tracing a function came to.
+
+    tape, outputs  the operations, and the slots of the returned accelerations
+    rates          the slots of the returned q̇, where the function returns it
+    inputs         the slots of t, of q and of u
+    instances      the evaluations of each node, by the node's place in `source.nodes`
+    parameters     slots of constants that have a name
+    origins        where each of them comes from: what an `Override` is given for
+    scope          the module's names
+    """
+
+    source: Source
+    tape: Tape
+    inputs: tuple[int, ...] = ()
+    outputs: tuple[int, ...] = ()
+    rates: tuple[int, ...] = ()
+    instances: dict[int, list[Instance]] = field(default_factory=dict)
+    parameters: dict[str, int] = field(default_factory=dict)
+    origins: dict[str, Any] = field(default_factory=dict)
+    scope: dict[str, Any] = field(default_factory=dict)
+
+
+def trace(source: Source, t: Array, q: Array, u: Array, override: Override | None = None) -> Trace:
+    """Run the function on a tape at states t (B,), q (nq, B), u (nu, B) that all take the same branches.
+
+    Raises:
+        InputError: it does what cannot be traced, or returns something else than nu numbers.
+    """
+    try:
+        return _Tracer(source, override or {}).run(t, q, u)
+    except Branch:
+        raise Refused(f"{source.name}: a branch that depends on the state") from None
+
+
+def branches(
+    source: Source, t: Array, q: Array, u: Array, override: Override | None = None
+) -> list[tuple[NDArray[np.intp], Trace]]:
+    """The function on a tape for each way through its branches, with the states that take it.
+
+    Raises InputError as `trace` does, and for too many ways.
+    """
+    override = override or {}
+    open_sets = [np.arange(len(t))]
+    found: list[tuple[NDArray[np.intp], Trace]] = []
+    tried = 0
+    while open_sets:
+        which = open_sets.pop()
+        tried += 1
+        if tried > 3 * PATHS or len(found) > PATHS:
+            raise Refused(
+                f"{source.name}: more than {PATHS} ways through branches that depend on the state"
+            )
+        some = {key: value[which] for key, value in override.items()}
+        try:
+            found.append((which, _Tracer(source, some).run(t[which], q[:, which], u[:, which])))
+        except Branch as branch:
+            holds = np.broadcast_to(branch.holds, which.shape)
+            open_sets += [which[~holds], which[holds]]
+    return sorted(found, key=lambda part: -len(part[0]))
+
+
+def form_of(source: Source) -> tuple[tuple[str, ...], int]:
+    """Names of the positional arguments of the function, and how many it needs.
+
+    Raises InputError for what is no function.
+    """
+    tracer = _Tracer(source, {})
+    parameters = inspect.signature(tracer.guarded(tracer.callee)).parameters.values()
+    given = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    if not given and any(p.kind is p.VAR_POSITIONAL for p in parameters):
+        return ("t", "q", "u"), 3
+    return tuple(p.name for p in given), sum(p.default is p.empty for p in given)
+
+
+def fields_of(value: Any) -> dict[str, Any]:
+    """Attributes of an object of the user's, or of a module of theirs, by their names."""
+    if isinstance(value, Imported):
+        return dict(_module_of(value).names)
+    if isinstance(value, types.SimpleNamespace):
+        return vars(value)
+    if type(value).__module__ != NAME or isinstance(value, type):
+        return {}
+    held: dict[str, Any] = {}
+    for cls in reversed(type(value).__mro__):
+        held |= vars(cls) if cls.__module__ == NAME else {}
+    if hasattr(value, "_asdict"):
+        held |= value._asdict()
+    return {**held, **getattr(value, "__dict__", {})}
+
+
+class Imported:
+    """A module of the user's, as other modules see it."""
+
+    def __init__(self, module: UserModule) -> None:
+        self.__dict__["_deltac_module"] = module
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return _module_of(self).names[name]
+        except KeyError:
+            raise AttributeError(f"{_module_of(self).name} has no name {name!r}") from None
+
+
+def _module_of(value: Imported) -> UserModule:
+    return value.__dict__["_deltac_module"]  # type: ignore[no-any-return]
+
+
+class _Namespace(dict[str, Any]):
+    """The names of a module: a statement is run when one that it sets is asked for."""
+
+    def __init__(self, tracer: _Tracer, module: UserModule) -> None:
+        super().__init__(__name__=NAME, __builtins__=BUILTINS, __file__=str(module.path))
+        self[instrument.HOOKS] = _Hooks(tracer, module)
+        self.tracer, self.module = tracer, module
+
+    def __missing__(self, name: str) -> Any:
+        return self.tracer.module_name(self.module, name)
+
+
+class _Tracer:
+    """One run of the function: the tape, what was noted, and the user's modules."""
+
+    def __init__(self, source: Source, override: Override) -> None:
+        self.source, self.override = source, override
+        self.tape = Tape()
+        self.result = Trace(source, self.tape)
+        self.modules: dict[Path | None, UserModule] = {}
+        self.main = self.opened(source.user_module())
+        self.literals: dict[Any, Slot] = {}
+        self.literal_of: dict[int, Any] = {}
+        self.lives: dict[Any, Any] = {}
+        self.scope: Mapping[str, Any] = {}
+        self.turns: dict[Any, int] = {}
+        self.defaults: list[tuple[str, Any, Any]] = []
+        self.arguments: dict[int, Any] = {}
+
+    def opened(self, module: UserModule) -> UserModule:
+        """A module with names that are set when they are asked for."""
+        if module.path not in self.modules:
+            module.names = _Namespace(self, module)
+            self.modules[module.path] = module
+        return self.modules[module.path]
+
+    # --- the outside ------------------------------------------------------------------------------
+
+    def run(self, t: Array, q: Array, u: Array) -> Trace:
+        slots = [self.tape.given(row) for row in (t, *q, *u)]
+        nq, nu = len(q), len(u)
+        self.result.inputs = tuple(slot.index for slot in slots)
+        form = self.source.form or PLAIN
+        arguments = form.given(
+            slots[0], objects(slots[1 : 1 + nq]), objects(slots[1 + nq :]), objects, Entry(0.0)
+        )
+        for a in arguments:
+            if isinstance(a, np.ndarray):
+                a.flags.writeable = False
+                self.arguments[id(a)] = a
+
+        def computed() -> list[Any]:
+            returned = self.callee()(*arguments)
+            many = isinstance(returned, types.GeneratorType | map)
+            return list(library.flatten(list(returned) if many else returned))
+
+        flat = self.guarded(computed)
+        where = f"{self.source.name}:{self.source.first_line}"
+        try:
+            rates, accelerations = form.split(flat, nq, nu)
+        except ValueError:
+            raise SourceError(
+                f"{where}: {self.source.qualified} returned {len(flat)} numbers, expected "
+                f"the {nu} accelerations u̇, or the {nq + nu} rates of the whole state"
+            ) from None
+        for entry in flat:
+            if not isinstance(entry, Slot | int | float | np.generic):
+                raise Refused(f"{where}: returns {type(entry).__name__}")
+        self.result.rates = tuple(self.tape.slot(entry).index for entry in rates)
+        self.result.outputs = tuple(self.tape.slot(entry).index for entry in accelerations)
+        for default in self.defaults:
+            self.note_parameters(*default)
+        self.unused()
+        return self.result
+
+    def callee(self) -> Any:
+        """The function that is meant: an object of a running session, or what the module calls so."""
+        if self.source.root is not None:
+            found = self.traced(self.source.root)
+        else:
+            found = function_named(self.main.names, self.source.qualified)
+        if not callable(found) or isinstance(found, Foreign):
+            raise Refused(
+                f"{self.source.name}: {self.source.qualified} is no function that can be traced"
+            )
+        return found
+
+    def guarded(self, compute: Callable[[], Any]) -> Any:
+        """What is computed; errors of Python's as refusals with the line where they are raised."""
+        try:
+            with np.errstate(all="ignore"):
+                return compute()
+        except (InputError, Branch):
+            raise
+        except Exception as error:
+            place = self.place_of(error)
+            name, line = place or (self.source.name, self.source.first_line)
+            where = f"{name}:{line}"
+            if isinstance(error, RecursionError):
+                raise Refused(f"{where}: calls itself without end") from None
+            said = str(error)
+            if isinstance(error, TapeError | library.NotUnderstood):
+                raise Refused(f"{where}: {said}. The function is traced: {READABLE}") from None
+            if "Slot" in said or "dtype('O')" in said:
+                raise Refused(
+                    f"{where}: a computation that cannot be traced ({said}). Instead, {READABLE}"
+                ) from None
+            said = f"{where}: {type(error).__name__}: {said}"
+            if place is None or isinstance(error, NameError | ImportError):
+                raise Refused(said) from None
+            raise Failed(
+                f"{said}. The function is traced: call it once, and if Python raises the same error at this "
+                f"line, mend that first; else {READABLE}",
+                name,
+                (line,),
+            ) from None
+
+    def place_of(self, error: BaseException) -> tuple[str, int] | None:
+        """The file and line of the user's where an error was raised; None where it was in none."""
+        found, frame = None, error.__traceback__
+        while frame is not None:
+            names = frame.tb_frame.f_globals
+            if isinstance(names, _Namespace):
+                found = names.module.name, frame.tb_lineno
+            frame = frame.tb_next
+        return found
+
+    def unused(self) -> None:
+        """Read other plain constants, of the module and of the user's that it has by name.
+
+        One of them may be what the function lacks.
+        """
+        held = [_module_of(x) for x in self.main.names.values() if isinstance(x, Imported)]
+        for module in (self.main, *held):
+            for name in module.setters.keys() - module.names.keys():
+                statement = module.setters[name][0]
+                if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
+                    continue
+                calls = [n for n in ast.walk(statement.value) if isinstance(n, ast.Call)]
+                if all(
+                    isinstance(c.func, ast.Attribute)
+                    or getattr(c.func, "id", "") in ("dict", "float")
+                    for c in calls
+                ):
+                    with contextlib.suppress(Exception), np.errstate(all="ignore"):
+                        module.names[name]
+        self.result.scope = dict(self.main.names)
+
+    # --- names ------------------------------------------------------------------------------------
+
+    def module_name(self, module: UserModule, name: str) -> Any:
+        """What a module's own text says a name is: only the statements that set it are run.
+
+        Raises KeyError for a name that is none of the module's.
+        """
+        names = module.names
+        setters = module.setters.get(name, ())
+        if name in module.pending or (not setters and name.startswith("__")):
+            raise KeyError(name)
+        outer, scope, self.tape.node = self.tape.node, self.scope, None
+        module.pending.add(name)
+        try:
+            for statement in setters:
+                if id(statement) in module.done:
+                    continue
+                module.done.add(id(statement))
+                for used in module.in_classes(statement):  # Python looks them up past __missing__
+                    with contextlib.suppress(KeyError):
+                        names[used]
+                try:
+                    code = module.code(statement)
+                    self.guarded(lambda code=code: exec(code, names))  # type: ignore[misc]
+                except InputError:
+                    self.forget(statement)
+                    if name in module.outside:
+                        names.pop(name, None)
+                    elif not isinstance(statement, ast.Expr):
+                        raise
+            if name not in names:
+                names[name] = self.elsewhere(module, name)
+        finally:
+            module.pending.discard(name)
+            self.tape.node, self.scope = outer, scope
+        return names[name]
+
+    def forget(self, statement: ast.stmt) -> None:
+        """Drop what was noted of a statement that cannot be traced: its edits would show nothing."""
+        for node in ast.walk(statement):
+            place = self.main.number.get(id(node))
+            if place is not None:
+                self.result.instances.pop(place, None)
+                for name in [n for n, o in self.result.origins.items() if o == ("literal", place)]:
+                    del self.result.origins[name], self.result.parameters[name]
+
+    def elsewhere(self, module: UserModule, name: str) -> Any:
+        """A name that the module's text does not set: of a star import, or of a live module."""
+        for star in module.stars:
+            owner = self.module(module, star.module or "", star.level)
+            found = getattr(owner, name, None)
+            if found is not None and not isinstance(found, Foreign):
+                return found
+        if name in module.outside:
+            return self.live(module.outside[name], name)
+        raise KeyError(name)
+
+    def module(self, module: UserModule, name: str, level: int = 0) -> Any:
+        """What an import binds: a library, a module of the user's, or neither."""
+        found = None
+        if not level:
+            with contextlib.suppress(ImportError):
+                found = library.library(name)
+        if found is None and (level or name.partition(".")[0] not in COMPILERS):
+            beside = found_beside(module.path, name, level)
+            found = None if beside is None else Imported(self.opened(beside))
+        return Foreign(name) if found is None else found
+
+    def live(self, value: Any, name: str) -> Any:
+        """A value of a running session: numbers become constants under their name."""
+        if isinstance(value, bool | np.bool_):
+            return value
+        if isinstance(value, int | float | np.integer | np.floating):
+            return self.named_constant(value if isinstance(value, int) else float(value), name)
+        if isinstance(value, np.ndarray) or type(value).__module__.startswith("jax"):
+            held = np.asarray(value)
+            if held.dtype.kind not in "fiu":
+                return value
+            if held.ndim == 0:
+                return self.named_constant(held.item(), name)
+            made = np.empty(held.shape, dtype=object)
+            for k in np.ndindex(held.shape):
+                made[k] = self.named_constant(held[k].item(), f"{name}[{', '.join(map(str, k))}]")
+            return made
+        if type(value) in (tuple, list):
+            return type(value)(self.live(v, f"{name}[{k}]") for k, v in enumerate(value))
+        if type(value) is dict:
+            return {k: self.live(v, str(k)) for k, v in value.items()}
+        return value
+
+    def named_constant(self, value: float, name: str) -> Slot:
+        """A constant that has no text: known, and varied, by its name."""
+        key: tuple[Any, ...] = ("live", name)
+        known = self.lives.get(key)
+        if known is not None and known.exact() != value:  # another constant of this name
+            key = ("live", name, value)
+            known = self.lives.get(key)
+        if known is not None:
+            return known  # type: ignore[no-any-return]
+        node, self.tape.node = self.tape.node, None
+        given = self.override.get(key)
+        slot = self.tape.given(
+            np.float64(value) if given is None else given, exact=value, varying=False
+        )
+        self.tape.node = node
+        self.lives[key] = slot
+        self.parameter(name, slot, key)
+        return slot
+
+    def parameter(self, name: str, slot: Slot, key: Any) -> None:
+        self.result.parameters.setdefault(name, slot.index)
+        self.result.origins.setdefault(name, key)
+
+    def note_parameters(self, name: str, value: Any, of: ast.expr | None) -> None:
+        """Remember where a name gets a number that depends on no other name."""
+        if isinstance(value, Slot):
+            place = self.literal_of.get(value.index)
+            if place is not None:
+                self.parameter(name, value, ("literal", place))
+        elif isinstance(of, ast.Dict) and isinstance(value, dict):
+            for key, part in zip(value, of.values):
+                if isinstance(key, str):
+                    self.note_parameters(key, value[key], part)
+        elif isinstance(of, ast.Call):
+            held = value if isinstance(value, dict) else fields_of(value)
+            if isinstance(value, functools.partial):
+                held = value.keywords
+            for keyword in of.keywords:
+                if keyword.arg is not None and keyword.arg in held:
+                    self.note_parameters(keyword.arg, held[keyword.arg], keyword.value)
+            if isinstance(value, np.ndarray) and of.args:
+                self.note_parameters(name, list(value), of.args[0])
+        elif isinstance(of, ast.List | ast.Tuple) and isinstance(value, list | tuple):
+            for k, (entry, part) in enumerate(zip(value, of.elts)):
+                self.note_parameters(f"{name}[{k}]", entry, part)
+
+    # --- functions of a running session -----------------------------------------------------------
+
+    def traced(self, function: Any) -> Any:
+        """A callable of a running session as its text, with the values that its names hold there."""
+        if isinstance(function, functools.partial):
+            first = [self.live(v, f"argument {k}") for k, v in enumerate(function.args)]
+            named = {k: self.live(v, k) for k, v in function.keywords.items()}
+            return functools.partial(self.traced(function.func), *first, **named)
+        if isinstance(function, Foreign | type) or library.known(function) is not None:
+            return function
+        if type(function).__module__.startswith("deltac.") and hasattr(function, "rhs"):
+            return self.traced(function.rhs)
+        if inspect.ismethod(function) and not isinstance(function.__self__, type):
+            return types.MethodType(self.traced(function.__func__), function.__self__)
+        python = innermost(function)
+        if python is None or isinstance(python.__globals__, _Namespace):
+            return function
+        file = Path(python.__code__.co_filename)
+        if file.is_relative_to(STANDARD) and "site-packages" not in file.parts:
+            return function
+        if python.__module__.partition(".")[0] in library.CALLED:
+            return function
+        made = self.traced_function(python)
+        if made is not None and python is inspect.getattr_static(type(function), "__call__", None):
+            return types.MethodType(made, function)
+        return function if made is None else made
+
+    def traced_function(self, function: types.FunctionType) -> Any:
+        """A function of a running session, compiled again from its text; None where it has none."""
+        if id(function) in self.lives:
+            return self.lives[id(function)][1]
+        code, file = function.__code__, Path(function.__code__.co_filename)
+        if file == self.main.path or (self.main.path is None and file.name == self.main.name):
+            module = self.main
+        elif file in self.modules:
+            module = self.modules[file]
+        else:
+            try:
+                lines, _ = inspect.findsource(function)
+                module = self.opened(UserModule(file.name, ast.parse("".join(lines)), file))
+            except (OSError, TypeError, SyntaxError):
+                return None
+        for name, value in function.__globals__.items():
+            module.outside.setdefault(name, value)
+        node = _definition(module.tree, function)
+        if node is None:
+            return None
+        tree = instrument.made_by(node, code.co_freevars, module.number)
+        exec(compile(tree, module.name, "exec"), module.names)
+        cells: dict[str, Any] = {}
+        for name, cell in zip(code.co_freevars, function.__closure__ or ()):
+            with contextlib.suppress(ValueError):  # a cell that is still empty
+                cells[name] = self.live(cell.cell_contents, name)
+        held = [cells.get(name) for name in code.co_freevars]
+        made = module.names.pop("made")(*held, {k: v for k, v in cells.items() if k != "__class__"})
+        made.__defaults__ = function.__defaults__ and tuple(
+            self.live(v, name)
+            for name, v in zip(
+                code.co_varnames[: code.co_argcount][-len(function.__defaults__) :],
+                function.__defaults__,
+            )
+        )
+        made.__kwdefaults__ = {
+            k: self.live(v, k) for k, v in (function.__kwdefaults__ or {}).items()
+        }
+        self.lives[id(function)] = function, made  # the function is kept alive
+        return made
+
+
+class _Hooks:
+    """What rewritten code of one module calls; a place is that of a node in the module."""
+
+    def __init__(self, tracer: _Tracer, module: UserModule) -> None:
+        self.tracer, self.of = tracer, module
+        self.edited = module is not None and module.edited
+
+    def refuse(self, place: int, what: str) -> NoReturn:
+        line = getattr(self.of.nodes[place], "lineno", 1)
+        raise Refused(f"{self.of.name}:{line}: {what}. The function is traced: {READABLE}")
+
+    # --- scopes and loops -------------------------------------------------------------------------
+
+    def here(self, held: dict[str, Any], above: Mapping[str, Any] | None) -> Mapping[str, Any]:
+        """What is in scope at a statement: its own names, then those of the functions around it."""
+        own = {k: v for k, v in held.items() if not k.startswith(instrument.SCOPE)}
+        if above:
+            own = {**own, **above, **own}
+        self.tracer.scope = own
+        return own
+
+    def inner(self, held: dict[str, Any], above: Mapping[str, Any] | None) -> None:
+        """The names of a comprehension or a lambda come into scope."""
+        self.tracer.scope = {**held, **(above or {}), **held}
+        for name, value in held.items():
+            self.tracer.note_parameters(name, value, None)
+
+    def item(self, place: int, value: Any) -> None:
+        """What a loop's variables hold in a turn."""
+        self.named_target(self.of.nodes[place].target, value, None)  # type: ignore[attr-defined]
+
+    def turn(self, place: int) -> bool:
+        """One turn of a while loop."""
+        turns = self.tracer.turns[self.of.path, place] = (
+            self.tracer.turns.get((self.of.path, place), 0) + 1
+        )
+        if turns > TURNS:
+            line = self.of.nodes[place].lineno  # type: ignore[attr-defined]
+            raise Endless(f"{self.of.name}:{line}: a loop that has not ended after {TURNS} turns")
+        return True
+
+    def over(self, value: Any) -> Any:
+        """What a loop goes over: the numbers of an array of a running session become constants."""
+        floats = isinstance(value, np.ndarray) and value.dtype.kind == "f"
+        return self.tracer.live(value, "") if floats else value
+
+    # --- values -----------------------------------------------------------------------------------
+
+    def noted(self, place: int, compute: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+        """Compute a node's value, its operations being marked as its own."""
+        tape = self.tracer.tape
+        if not self.edited:
+            return compute(*arguments, **named)
+        outer, tape.node = tape.node, place
+        try:
+            value = compute(*arguments, **named)
+        finally:
+            tape.node = outer
+        self.remember(place, value)
+        return value
+
+    def remember(self, place: int, value: Any) -> None:
+        if self.edited and isinstance(value, Slot | np.ndarray):
+            known = self.tracer.result.instances.setdefault(place, [])
+            known.append(Instance(value, self.tracer.scope))
+
+    def constant(self, place: int) -> Any:
+        """A literal: one slot, however often it is evaluated, for it is one number."""
+        tracer = self.tracer
+        key = self.key(place)
+        slot = tracer.literals.get(key)
+        if slot is None:
+            value = self.of.nodes[place].value  # type: ignore[attr-defined]
+            if not isinstance(value, int | float):
+                self.refuse(place, f"the constant {value!r}")
+            tape = tracer.tape
+            outer, tape.node = tape.node, place if self.edited else None
+            given = tracer.override.get(("literal", key))
+            slot = tape.given(
+                np.float64(value) if given is None else given, exact=value, varying=False
+            )
+            tape.node = outer
+            tracer.literals[key], tracer.literal_of[slot.index] = slot, key
+        self.remember(place, slot)
+        return slot
+
+    def key(self, place: int) -> Any:
+        """Where a literal stands: its place in the source that is edited, or file, line and column."""
+        node: Any = self.of.nodes[place]
+        return place if self.edited else (self.of.name, node.lineno, node.col_offset)
+
+    def lifted(self, place: int, value: Any) -> Any:
+        """A number that has no text, of a running session or a library, as a constant by its name."""
+        if type(value) is float or isinstance(value, np.floating):
+            return self.tracer.named_constant(float(value), self.name(place))
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+            return self.tracer.live(value, self.name(place))
+        return value
+
+    def name(self, place: int) -> str:
+        match self.of.nodes[place]:
+            case ast.Name(id=name) | ast.Attribute(attr=name):
+                return name
+            case ast.Subscript(slice=ast.Constant(value=str() as name)):
+                return name
+            case node:
+                return ast.unparse(node)
+
+    def load(self, place: int, value: Any) -> Any:
+        """What a name holds, read by operations of its own, so that this use can be edited alone."""
+        value = self.lifted(place, value)
+        if not self.edited:
+            return value
+        tape = self.tracer.tape
+        if isinstance(value, Slot):
+            return self.noted(place, tape.record, identity, value)
+        if isinstance(value, np.ndarray) and value.dtype == object:
+            if not all(isinstance(x, Slot | int | float | np.number) for x in value.flat):
+                return value
+
+            def copy() -> Any:
+                read = np.empty_like(value)
+                for k in np.ndindex(value.shape):
+                    read[k] = tape.record(identity, value[k])
+                return read
+
+            return self.noted(place, copy)
+        return value
+
+    def alias(self, place: int, value: Any) -> Any:
+        """A value that is given a name: an array by its name alone, or a part of one, stays that array."""
+        value = self.lifted(place, value)
+        if not isinstance(value, np.ndarray):
+            return self.load(place, value)
+        self.remember(place, value)
+        return value
+
+    def operate(self, place: int, op: str, *operands: Any) -> Any:
+        """An operator's result; a sequence beside an array acts as an array, as with NumPy."""
+        values = [library.arrayed(x) if isinstance(x, np.ndarray) else x for x in operands]
+        if op == "Mult" and any(isinstance(x, np.matrix) for x in values):
+            op = "MatMult" if all(isinstance(x, np.ndarray) for x in values) else op
+        return self.noted(place, OPERATORS[op], *values)
+
+    def compare(self, op: str, left: Any, right: Any) -> Any:
+        """A comparison, entry by entry where there are arrays."""
+        match op:
+            case "Is":
+                return left is right
+            case "IsNot":
+                return left is not right
+            case "In" | "NotIn":
+                found = (
+                    plain(left) if isinstance(right, dict | set | frozenset | str) else left
+                ) in right
+                return found == (op == "In")
+        numbers = (Slot, np.ndarray, int, float, np.generic)
+        if isinstance(left, numbers) and isinstance(right, numbers):
+            return library.compared(COMPARISONS[COMPARED[op]], left, right)
+        return getattr(operator, {"LtE": "le", "GtE": "ge", "NotEq": "ne"}.get(op, op.lower()))(
+            left, right
+        )
+
+    def index(self, value: Any) -> Any:
+        """An index or a key as Python's own number; one that depends on the state as it is."""
+        with contextlib.suppress(TapeError):
+            value = plain(value)
+        return int(value) if isinstance(value, float) and value.is_integer() else value
+
+    def attribute(self, place: int, base: Any, name: str) -> Any:
+        """An attribute; those of arrays that only some libraries' arrays have."""
+        if isinstance(base, np.ndarray) and name == "at":
+            return library.At(base)
+        if isinstance(base, np.matrix) and name == "I":
+            return library.inverse(base)
+        if isinstance(base, types.FunctionType | functools.partial) and name == "py_func":
+            return base
+        if getattr(base, "__module__", None) == library.__name__ and not hasattr(base, name):
+            raise library.NotUnderstood(f"{ast.unparse(self.of.nodes[place])} is not understood")
+        own = inspect.getattr_static(type(base), name, None)
+        if isinstance(own, property) and isinstance(own.fget, types.FunctionType):
+            return self.tracer.traced(own.fget)(base)
+        return getattr(base, name)
+
+    def into(self, place: int, base: Any) -> Any:
+        """What entries are set in."""
+        shown = ast.unparse(self.of.nodes[place].value)  # type: ignore[attr-defined]
+        if isinstance(base, np.ndarray):
+            if not base.flags.writeable:
+                self.refuse(place, f"changes its argument {shown!r}, a side effect; copy it first")
+            return _Entries(self, place, base)
+        return base
+
+    def update(self, place: int, op: str, old: Any, value: Any) -> Any:
+        """Update a variable, as x += y: arrays in place, for other names may hold them."""
+        target: Any = self.of.nodes[place].target  # type: ignore[attr-defined]
+        old = self.lifted(self.of.number[id(target)], old)
+        if isinstance(old, list) and op == "Add":
+            old += list(value)
+            return old
+        new = self.operate(place, op, old, value)
+        alike = isinstance(target, ast.Name) and isinstance(old, np.ndarray) and old.dtype == object
+        if not alike or np.shape(new) != old.shape or not old.flags.writeable:
+            return new
+        old[...] = new
+        return old
+
+    # --- names ------------------------------------------------------------------------------------
+
+    def named(self, place: int, value: Any) -> Any:
+        """Numbers that are given names are known by them."""
+        node: Any = self.of.nodes[place]
+        for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+            self.named_target(target, value, node.value)
+        return value
+
+    def named_target(self, target: ast.expr, value: Any, of: ast.expr | None) -> None:
+        note = self.tracer.note_parameters
+        match target:
+            case ast.Name(id=name) | ast.Attribute(attr=name):
+                note(name, value, of)
+            case ast.Subscript(slice=ast.Constant(value=str() as name)):
+                note(name, value, of)
+            case ast.Tuple(elts=parts) | ast.List(elts=parts):
+                given = of.elts if isinstance(of, ast.Tuple | ast.List) else [None] * len(parts)
+                value = list(value) if isinstance(value, ValuesView) else value
+                if isinstance(value, list | tuple) and len(value) == len(parts) == len(given):
+                    for one, entry, part in zip(parts, value, given):
+                        self.named_target(one, entry, part)
+
+    def default(self, name: str, place: int | None, value: Any) -> Any:
+        """A parameter's default is known by the parameter's name."""
+        of = None if place is None else self.of.nodes[place]
+        self.tracer.defaults.append(
+            (name, value, of)
+        )  # noted last: another value has the name before
+        return value
+
+    def literal(self, place: int, value: Any) -> Any:
+        """Numbers in a dictionary are known by their keys."""
+        self.tracer.note_parameters("", value, self.of.nodes[place])  # type: ignore[arg-type]
+        return value
+
+    def outside(self, place: int, value: Any) -> Any:
+        """Names of the module that a function sets: while the module is made, and at no other time."""
+        target = self.of.nodes[place]
+        if not self.of.pending:
+            shown = ast.unparse(target)
+            self.refuse(place, f"changes the outer variable {shown!r}, a side effect")
+        names = target.elts if isinstance(target, ast.Tuple | ast.List) else [target]
+        tracer = self.tracer
+        for name, held in zip(names, value if len(names) > 1 else [value]):
+            if isinstance(name, ast.Name) and isinstance(held, Slot):
+                index = held.index
+                while tracer.tape.operations[index] is identity:
+                    (index,) = tracer.tape.inputs[index]
+                if index in tracer.literal_of:
+                    tracer.result.parameters[name.id] = index
+                    tracer.result.origins[name.id] = ("literal", tracer.literal_of[index])
+        return value
+
+    # --- functions and classes --------------------------------------------------------------------
+
+    def call(
+        self, place: int, places: tuple[int | None, ...], function: Any, *given: Any, **named: Any
+    ) -> Any:
+        """A call's result: of the user's function, or of a library's as it acts on slots."""
+        tracer = self.tracer
+        arguments = list(given)
+        changed = (
+            _changed_parameters(function) if any(p is not None for p in places) else frozenset()
+        )
+        for k, where in enumerate(places):
+            if where is not None and k not in changed:
+                arguments[k] = self.load(where, arguments[k])
+        while isinstance(function, functools.partial) and library.known(function) is None:
+            arguments = [*(tracer.live(v, "") for v in function.args), *arguments]
+            named = {**{k: tracer.live(v, k) for k, v in function.keywords.items()}, **named}
+            function = function.func
+        if isinstance(function, Foreign):
+            return self.foreign(place, function, arguments, named)
+        act = library.known(function)
+        module = (
+            getattr(function, "__module__", None)
+            or type(getattr(function, "__self__", function)).__module__
+        )
+        if act is None:
+            function = tracer.traced(function)
+            python = isinstance(function, types.FunctionType | types.MethodType)
+            own = (python and isinstance(function.__globals__ if isinstance(function, types.FunctionType)
+                   else function.__func__.__globals__, _Namespace))  # fmt: skip
+            user = own or module == NAME or type(function).__module__ == NAME
+            if not user:
+                self.check(place, function, str(module))
+            if user:
+                return self.call_user(place, function, arguments, named)
+            if isinstance(getattr(function, "__self__", None), dict | str) and arguments:
+                arguments[0] = plain(arguments[0])
+            act = function
+        root = str(module).partition(".")[0]
+        try:
+            value = self.noted(place, act, *arguments, **named)
+        except (TypeError, ValueError, AttributeError) as error:
+            if act is function and root in ("numpy", "scipy"):
+                shown = ast.unparse(self.of.nodes[place].func)  # type: ignore[attr-defined]
+                raise library.NotUnderstood(
+                    f"calls {shown}, which is not understood ({error})"
+                ) from None
+            raise
+        if root in ("json", "tomllib"):
+            value = tracer.live(value, "")
+        elif isinstance(value, type) and value.__module__.startswith("deltac."):
+            value.__module__ = NAME  # made by namedtuple() or Enum()
+        if not isinstance(value, np.ndarray | Slot):
+            tracer.note_parameters("", value, self.of.nodes[place])  # type: ignore[arg-type]
+        return library.arrayed(value) if isinstance(value, np.ndarray) else value
+
+    def call_user(
+        self, place: int, function: Any, arguments: list[Any], named: dict[str, Any]
+    ) -> Any:
+        tracer = self.tracer
+        scope, outer, tracer.tape.node = tracer.scope, tracer.tape.node, None
+        try:
+            value = function(*arguments, **named)
+        finally:
+            tracer.scope, tracer.tape.node = scope, outer
+        node: Any = self.of.nodes[place]
+        if isinstance(function, type):
+            held = fields_of(value)
+            with contextlib.suppress(TypeError, ValueError):
+                names = list(inspect.signature(function).parameters)
+                for name, part in [
+                    *zip(names, node.args),
+                    *((k.arg, k.value) for k in node.keywords),
+                ]:
+                    if name in held:
+                        tracer.note_parameters(name, held[name], part)
+        return self.load(place, value)
+
+    def check(self, place: int, function: Any, module: str) -> None:
+        """Refuse to call what may have an effect outside, or what no package is known to have."""
+        name = getattr(function, "__name__", type(function).__name__)
+        root = module.partition(".")[0]
+        if root not in library.CALLED or name in library.FILES or ".random" in module:
+            self.refuse(place, f"calls {module}.{name}, which is not understood")
+
+    def foreign(
+        self, place: int, function: Foreign, arguments: list[Any], named: dict[str, Any]
+    ) -> Any:
+        """Decorators of compilers, which leave a function as it is; everything else is refused."""
+        top, _, last = function.name.partition(".")[0], "", function.name.rpartition(".")[2]
+        if top in ("attr", "attrs", "pydantic", "chex", "flax", "equinox"):
+            if last in ("field", "ib", "attrib", "Field"):
+                factory = named.get("default_factory", named.get("factory"))
+                if factory is not None:
+                    return dataclasses.field(default_factory=factory)
+                return named.get("default", arguments[0] if arguments else dataclasses.field())
+            return self.decorator(function) if not arguments else _dataclass(arguments[0])
+        if function.name == "numba.prange":
+            return range(*map(plain, arguments))
+        if (top in COMPILERS and last not in DERIVING) or last in ("njit", "jit", "override"):
+            if arguments and (callable(arguments[0]) and not isinstance(arguments[0], Foreign)):
+                return arguments[0]
+            return Foreign(f"{top}.identity" if top in COMPILERS else "numba.identity")
+        if top in ("logging", "warnings", "tqdm"):
+            return Foreign("logging.logger")
+        self.refuse(place, f"calls {function.name}, which is not understood")
+
+    def decorator(self, value: Any) -> Any:
+        """What is called on a function or class to decorate it."""
+        if isinstance(value, Foreign):
+            top, last = value.name.partition(".")[0], value.name.rpartition(".")[2]
+            if top in ("attr", "attrs", "pydantic", "chex", "flax", "equinox"):
+                return _dataclass
+            if (top in COMPILERS and last not in DERIVING) or last in (
+                "njit",
+                "jit",
+                "override",
+                "jitclass",
+            ):
+                return lambda decorated: decorated
+        return value
+
+    def base(self, value: Any) -> Any:
+        """A class that another derives from."""
+        if isinstance(value, Foreign):
+            kinds = ("BaseModel", "Module", "Struct")
+            return _Fields if value.name.rpartition(".")[2] in kinds else _Opaque
+        return {Float: float, Int: int}.get(value, value)
+
+    def annotation(self, text: str) -> Any:
+        """The annotation of a field: only whether it is one counts."""
+        return typing.ClassVar if "ClassVar" in text else object
+
+    def module(self, name: str, whole: bool) -> Any:
+        """What `import name` binds: with `as` that module, else the package it is in."""
+        found = self.tracer.module(self.of, name)
+        root = name.partition(".")[0]
+        return found if whole or root == name else self.tracer.module(self.of, root)
+
+    def member(self, place: int, owner: str, level: int, name: str) -> Any:
+        """What `from owner import name` binds."""
+        module = self.tracer.module(self.of, owner, level)
+        try:
+            return self.lifted_member(getattr(module, name), name)
+        except (AttributeError, KeyError):
+            dotted = f"{owner}.{name}" if owner else name
+            found = self.tracer.module(self.of, dotted, level)
+            if isinstance(found, Foreign):
+                raise ImportError(f"cannot import name {name!r} from {owner!r}") from None
+            return found
+
+    def lifted_member(self, value: Any, name: str) -> Any:
+        return self.tracer.named_constant(value, name) if type(value) is float else value
+
+
+@dataclass(frozen=True)
+class _Entries:
+    """Sets entries of an array of objects as NumPy sets those of one of numbers."""
+
+    hooks: _Hooks
+    place: int
+    array: np.ndarray[Any, Any]
+
+    def __setitem__(self, index: Any, value: Any) -> None:
+        value = library.arrayed(value)
+        if isinstance(value, np.ndarray) and not isinstance(self.array[index], np.ndarray):
+            if value.size != 1:  # NumPy refuses it too; an array could hold itself
+                self.hooks.refuse(self.place, "sets an element of an array to several numbers")
+            value = value.item()
+        self.array[index] = value
+
+
+class _Opaque:
+    """Stands for a class of a package that is not imported."""
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        pass
+
+
+class _Fields:
+    """Stands for classes whose annotations are their fields: pydantic's, equinox's, flax's."""
+
+    def __init_subclass__(cls) -> None:
+        _dataclass(cls)
+
+
+def _dataclass(cls: Any) -> Any:
+    return dataclasses.dataclass(cls)
+
+
+BUILTINS: dict[str, Any] = {
+    **vars(builtins),
+    **{name: Foreign(f"builtins.{name}") for name in library.FORBIDDEN},
+    "print": lambda *arguments, **named: None,
+    "float": Float,
+    "int": Int,
+}
+"""Python's own names as traced code sees them."""
+
+
+def _changed_parameters(function: Any) -> frozenset[int]:
+    """Places of the arguments that a callable writes into."""
+    shift = 0
+    while isinstance(function, functools.partial | types.MethodType):
+        shift += 1 if isinstance(function, types.MethodType) else len(function.args)
+        function = function.__func__ if isinstance(function, types.MethodType) else function.func
+    if isinstance(function, np.ufunc):
+        return frozenset({function.nin})  # where it is given `out`
+    if function in (np.fill_diagonal, np.copyto, np.put, np.place):
+        return frozenset({0})
+    if not isinstance(function, types.FunctionType):
+        return frozenset()
+    names = function.__globals__
+    if not isinstance(names, _Namespace):
+        return frozenset()
+    written = names.module.written(function.__code__.co_firstlineno)
+    code = function.__code__
+    parameters = code.co_varnames[: code.co_argcount]
+    return frozenset(k - shift for k, name in enumerate(parameters) if name in written)
+
+
+def _definition(tree: ast.Module, function: types.FunctionType) -> Any:
+    """The node of a function of a running session in its module's text."""
+    code = function.__code__
+    lines = [
+        n for n in ast.walk(tree)
+        if isinstance(n, ast.FunctionDef | ast.Lambda)
+        and min([n.lineno, *(d.lineno for d in getattr(n, "decorator_list", ()))]) == code.co_firstlineno
+        and getattr(n, "name", "<lambda>") == code.co_name
+    ]  # fmt: skip
+    if len(lines) > 1:
+        names = code.co_varnames[: code.co_argcount]
+        lines = [n for n in lines if tuple(a.arg for a in n.args.args) == names]
+    if lines:
+        return lines[0] if len(lines) == 1 or not isinstance(lines[0], ast.Lambda) else None
+    named = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and n.name == code.co_name]
+    return named[0] if len(named) == 1 else None

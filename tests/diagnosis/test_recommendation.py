@@ -20,9 +20,9 @@ from deltac.diagnosis.recommend.work_precision import (
     OutOfTime,
     Piece,
     Trial,
-    common,
     distance,
 )
+from deltac.diagnosis.study.curves import common_times
 
 
 def share_of_ranges(run: dc.Trajectory, exact: dc.Trajectory) -> float:
@@ -253,7 +253,7 @@ def test_a_run_is_verified_at_all_of_its_rows() -> None:
     assert pieces[-1].run().t[1] == pytest.approx(1e-9)
     for piece in (whole, *pieces):
         t = piece.run().t
-        rows, others = common(t, piece.reference().t)
+        _, (rows, others) = common_times([t, piece.reference().t])
         assert np.array_equal(rows, np.arange(len(t)))
         assert np.array_equal(others, rows)
 
@@ -313,7 +313,7 @@ def test_distance_is_by_unit_and_at_common_times() -> None:
     problem = dc.problems.load("elastic-pendulum")
     run = dc.simulate(problem.mechanism, problem.state, 1.0, 0.01)
     finer = dc.simulate(problem.mechanism, problem.state, 1.0, 0.004)
-    rows, others = common(run.t, finer.t)
+    _, (rows, others) = common_times([run.t, finer.t])
     assert np.allclose(run.t[rows], finer.t[others], atol=1e-12)
     assert len(rows) == 51  # every 0.02 s
     assert distance(problem.mechanism, run, run) == 0.0

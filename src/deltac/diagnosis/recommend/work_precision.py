@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.audit.measures import NOTHING
+from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
 from deltac.errors import DeltacError, InputError, SolverError
@@ -23,9 +23,6 @@ from deltac.mechanism.state import State
 from deltac.simulation.simulate import SimulationStoppedWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory
-
-if TYPE_CHECKING:
-    from deltac.mechanism.coordinates import Entry
 
 Made = TypeVar("Made")
 
@@ -38,9 +35,6 @@ BRIEF = 0.25
 ROUNDING = 1e-13
 """No run in double precision keeps the energy better than this, as a share of the energy exchanged.
 What moves with less than this share of it does not move: its range is rounding."""
-
-COMMON = 1e-9
-"""Times that differ by this share of a run's length are the same."""
 
 
 class Rows(Protocol):
@@ -205,7 +199,7 @@ class Trials:
         """As `distance`, what does not move measured beside what could."""
         return distance(self.mechanism, run, other, self._spans(other))
 
-    def _spans(self, run: Rows) -> list[float]:
+    def _spans(self, run: Rows) -> Array:
         """Ranges by unit; at least what a share `ROUNDING` of the energy exchanged would make of them.
 
         A body in free fall does not turn: angles of 1e-34 rad have no range to be right within.
@@ -213,12 +207,10 @@ class Trials:
         energy = ROUNDING * self.energy_exchanged
         speed = {unit: math.sqrt(2.0 * energy / m) for unit, m in self._inertia.items() if m > 0.0}
         lasting = float(run.t[-1] - run.t[0])
-        least = [
-            lasting * speed.get(f"{'rad' if unit == '1' else unit}/s", 0.0)
-            for unit in _units(self.mechanism.coordinates)
-        ]
-        least += [speed.get(unit, 0.0) for unit in _units(self.mechanism.speeds)]
-        return [max(*pair) for pair in zip(ranges(self.mechanism, run), least, strict=True)]
+        rates = [f"{'rad' if e.unit == '1' else e.unit}/s" for e in self.mechanism.coordinates]
+        least = [lasting * speed.get(rate, 0.0) for rate in rates]
+        least += [speed.get(entry.unit, 0.0) for entry in self.mechanism.speeds]
+        return np.maximum(ranges(self.mechanism, run), least)
 
     def of(self, family: Family, setting: float, tolerance: float) -> Trial:
         """A trial; the run at half the step is made only if the energy is within its tolerance.
@@ -251,7 +243,8 @@ class Trials:
 
     def verified(self, family: Family, trial: Trial) -> Trial:
         """The trial measured anew: at every row that its user may have, against much smaller steps."""
-        energy, motion, energy_exchanged, spans = 0.0, 0.0, 0.0, None
+        energy, motion, energy_exchanged = 0.0, 0.0, 0.0
+        spans: Array | None = None
         for piece in family.pieces(trial.setting):
             run = _made(piece.run)
             left = run if isinstance(run, str) else _energy_left(self.mechanism, run)
@@ -264,7 +257,7 @@ class Trials:
             reference = _made(piece.reference)
             if isinstance(reference, str):
                 return self._failed(family, trial.setting, f"at much smaller steps: {reference}")
-            spans = spans or self._spans(reference)
+            spans = self._spans(reference) if spans is None else spans
             off = distance(self.mechanism, run, reference, spans)
             motion = max(motion, off * piece.gain / (piece.gain - 1.0))
         self.energy_exchanged = energy_exchanged
@@ -366,48 +359,31 @@ def _share(energy: float, energy_exchanged: float) -> float:
     return energy / energy_exchanged if energy_exchanged else 0.0
 
 
-def distance(
-    mechanism: Mechanism, run: Rows, other: Rows, spans: Sequence[float] | None = None
-) -> float:
+def distance(mechanism: Mechanism, run: Rows, other: Rows, spans: Array | None = None) -> float:
     """Largest difference of two runs at common times, as a share of the range of its unit.
 
     Coordinates of one unit share a scale, the largest range among them; speeds likewise. The ranges are
     those of the other run, or `spans` as `ranges` gives them. Infinite without common times, and for
     values that are not finite.
     """
-    rows, others = common(run.t, other.t)
+    _, (rows, others) = common_times([run.t, other.t])
     if not rows.size:
         return math.inf
     kept = Motion(other.t[others], other.q[others], other.u[others])
-    shares = [0.0]
-    scales = ranges(mechanism, kept) if spans is None else spans
-    for a, b, scale in zip(
-        _groups(mechanism, run.q[rows], run.u[rows]), _groups(mechanism, kept.q, kept.u), scales
-    ):
-        off = float(np.abs(a - b).max())
-        if off != 0.0:
-            share = off / scale if scale > 0.0 else math.inf
-            shares.append(share if math.isfinite(share) else math.inf)
-    return max(shares)
+    q = one_sided(mechanism, np.array(run.q[rows]), kept.q)
+    off = np.abs(np.hstack([q - kept.q, run.u[rows] - kept.u])).max(axis=0)
+    with np.errstate(all="ignore"):
+        shares = off / (ranges(mechanism, kept) if spans is None else spans)
+    shares = np.where(off == 0.0, 0.0, np.where(np.isfinite(shares), shares, np.inf))
+    return float(shares.max(initial=0.0))
 
 
-def ranges(mechanism: Mechanism, run: Rows) -> list[float]:
-    """The largest range among the coordinates, and among the speeds, of each unit."""
-    return [float(np.ptp(part, axis=0).max()) for part in _groups(mechanism, run.q, run.u)]
-
-
-def _groups(mechanism: Mechanism, q: Array, u: Array) -> list[Array]:
-    """Columns of one unit together: of the coordinates, then of the speeds."""
-    pairs = ((mechanism.coordinates, q), (mechanism.speeds, u))
-    return [rows[:, places] for entries, rows in pairs for places in _by_unit(entries)]
-
-
-def common(t: Array, other: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of the times that two runs share."""
-    place = np.clip(np.searchsorted(other, t), 1, len(other) - 1)
-    nearest = place - (np.abs(other[place - 1] - t) < np.abs(other[place] - t))
-    same = np.abs(other[nearest] - t) <= COMMON * (t[-1] - t[0])
-    return np.flatnonzero(same), nearest[same].astype(np.int64)
+def ranges(mechanism: Mechanism, run: Rows) -> Array:
+    """For each coordinate and speed the largest range among those of its unit (nq + nu,)."""
+    pairs = ((mechanism.coordinates, run.q), (mechanism.speeds, run.u))
+    return np.concatenate(
+        [by_unit(np.ptp(rows, axis=0), [e.unit for e in entries]) for entries, rows in pairs]
+    )
 
 
 def _inertia_by_unit(mechanism: Mechanism, state: State) -> dict[str, float]:
@@ -416,20 +392,5 @@ def _inertia_by_unit(mechanism: Mechanism, state: State) -> dict[str, float]:
     if not len(free.u):
         return {}
     terms = equations_of_motion(mechanism).terms(state.t, state.q[free.q], state.u[free.u])
-    found: dict[str, float] = {}
-    units = [entry.unit for entry in mechanism.speeds]
-    for k, inertia in zip(free.u, np.diag(terms.M), strict=True):
-        found[units[k]] = max(found.get(units[k], 0.0), float(inertia))
-    return found
-
-
-def _units(entries: Iterable[Entry]) -> list[str]:
-    """The units of `_by_unit`, in its order."""
-    return list(dict.fromkeys(entry.unit for entry in entries))
-
-
-def _by_unit(entries: Iterable[Entry]) -> list[list[int]]:
-    groups: dict[str, list[int]] = {}
-    for entry in entries:
-        groups.setdefault(entry.unit, []).append(entry.index)
-    return list(groups.values())
+    units = [mechanism.speeds[int(k)].unit for k in free.u]
+    return dict(zip(units, map(float, by_unit(np.diag(terms.M), units))))

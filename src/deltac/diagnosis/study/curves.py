@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.study.runs import StudyRun
+from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
@@ -123,13 +123,19 @@ def _scaled(mechanism: Mechanism, runs: Sequence[Trajectory], rows: Sequence[Row
 
 def _scales(values: Array, units: Sequence[str]) -> Array:
     """For each column the largest range of a column of its unit (of rotations: 1)."""
-    ranges = np.ptp(values, axis=0) if len(values) else np.zeros(len(units))
-    scale = np.ones(len(units))
-    for unit in set(units) - {"1"}:
-        same = np.array([u == unit for u in units])
-        largest = float(ranges[same].max(initial=0.0))
-        scale[same] = largest if largest > 0.0 else max(float(np.abs(values[:, same]).max()), 1.0)
-    return scale
+    if not len(values):
+        return np.ones(len(units))
+    ranges, sizes = (
+        by_unit(x, units) for x in (np.ptp(values, axis=0), np.abs(values).max(axis=0))
+    )
+    scale = np.where(ranges > 0.0, ranges, np.maximum(sizes, 1.0))
+    return np.where(np.array(units) == "1", 1.0, scale)
+
+
+def by_unit(sizes: Array, units: Sequence[str]) -> Array:
+    """For each column the largest of its unit: what is zero but for rounding has no size of its own."""
+    same = np.equal.outer(np.array(units), np.array(units))
+    return np.asarray(np.where(same, sizes, 0.0).max(axis=1, initial=0.0))
 
 
 def one_sided(mechanism: Mechanism, q: Array, reference: Array) -> Array:
@@ -186,35 +192,29 @@ SAME_START = 1e-6
 
 def disagreements(
     mechanism: Mechanism, runs: Sequence[StudyRun]
-) -> tuple[list[int], list[Finding]]:
-    """Places of runs that are of one motion and may be compared, and what is wrong with the others.
+) -> tuple[list[BalancedRun], list[Finding]]:
+    """The runs that are of one motion and may be compared, and what is wrong with the others.
 
     The finest run is taken for the motion that was meant.
     """
-    places = [k for k, r in enumerate(runs) if r.usable]
+    usable = [entry for entry in runs if isinstance(entry, BalancedRun)]
     found = list(_failures(runs))
-    if len(places) < 2:
-        return places, found
-    finest = runs[places[-1]].run
-    assert finest is not None
-    starts = scaled_start(mechanism, [_run(runs[k]) for k in places])
+    if len(usable) < 2:
+        return usable, found
+    finest = usable[-1].run
+    starts = scaled_start(mechanism, [entry.run for entry in usable])
     span = float(finest.t[-1] - finest.t[0])
-    kept: list[int] = []
-    for k, start in zip(places, starts):
-        run = _run(runs[k])
+    kept: list[BalancedRun] = []
+    for entry, start in zip(usable, starts):
+        late = abs(entry.run.t[0] - finest.t[0]) > 1e-6 * span
         off = float(np.abs(start - starts[-1]).max(initial=0.0))
-        if abs(run.t[0] - finest.t[0]) > 1e-6 * span or off > SAME_START:
-            found.append(_other_start(runs[k], run, finest, off))
-        elif kept and _same(_run(runs[kept[-1]]), run):
-            found.append(_ignored(runs[kept[-1]], runs[k]))
+        if late or off > SAME_START:
+            found.append(_other_start(entry, finest, off, late=bool(late)))
+        elif kept and _same(kept[-1].run, entry.run):
+            found.append(_ignored(kept[-1], entry))
         else:
-            kept.append(k)
+            kept.append(entry)
     return kept, found
-
-
-def _run(entry: StudyRun) -> Trajectory:
-    assert entry.run is not None
-    return entry.run
 
 
 def _same(a: Trajectory, b: Trajectory) -> bool:
@@ -253,11 +253,12 @@ def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
             )
 
 
-def _other_start(entry: StudyRun, run: Trajectory, finest: Trajectory, off: float) -> Finding:
-    if abs(run.t[0] - finest.t[0]) > 1e-6 * float(finest.t[-1] - finest.t[0]):
-        evidence = f"it starts at t = {run.t[0]:g} s, the finest at {finest.t[0]:g} s"
-    else:
-        evidence = f"its first state is off by {off:.2g} of the range of the motion"
+def _other_start(entry: BalancedRun, finest: Trajectory, off: float, *, late: bool) -> Finding:
+    evidence = (
+        f"it starts at t = {entry.run.t[0]:g} s, the finest at {finest.t[0]:g} s"
+        if late
+        else f"its first state is off by {off:.2g} of the range of the motion"
+    )
     return Finding(
         "other-start",
         f"the run at step {entry.step:g} starts at another time or state than the finest one and is not "

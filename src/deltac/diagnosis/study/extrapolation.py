@@ -125,17 +125,25 @@ def extrapolated(
     within = compared.within
     rows = [at[:within] for at in compared.rows[-3:]]
     steps = tuple(h for h, _ in kept)
-    count = _Combination.of(steps, powers)
+    before = _weights(steps[-2:], powers[:1]) if powers[1:] else _weights(steps[:2], powers)
+    before = np.pad(before, (1, 0) if powers[1:] else (0, 1))
+    best = np.pad(_weights(steps[-len(powers) - 1 :], powers), (2 - len(powers), 0))
+
+    def combined(values: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """The extrapolated value, what the last elimination changed, and the error of the finest run."""
+        found, earlier = (np.tensordot(w, np.array(values), axes=1) for w in (best, before))
+        floor = ROUNDING * np.abs(values[-1]).max(axis=0, initial=0.0)
+        return found, np.abs(found - earlier) + floor, np.abs(found - values[-1]) + floor
 
     def column(values: Sequence[Array]) -> tuple[Array, Array, Array]:
-        return count([value[at] for value, at in zip(values, rows)])
+        return combined([value[at] for value, at in zip(values, rows)])
 
     finest = kept[-1][1]
     reference = finest.q[rows[-1]]
     sided = [
         one_sided(mechanism, np.array(run.q[at]), reference) for (_, run), at in zip(kept, rows)
     ]
-    q, q_error, off = count(sided)
+    q, q_error, off = combined(sided)
     u, u_error, _ = column([run.u for _, run in kept])
     q_error = _envelope(q_error, [c.unit for c in mechanism.coordinates])
     u_error = _envelope(u_error, [c.unit for c in mechanism.speeds])
@@ -168,32 +176,10 @@ def extrapolated(
     )
 
 
-@dataclass(frozen=True)
-class _Combination:
-    """Weights of three runs: `first` and `second` eliminations (each sums to one)."""
-
-    first: tuple[float, float, float]
-    second: tuple[float, float, float]
-
-    @staticmethod
-    def of(steps: Sequence[float], powers: Sequence[float]) -> _Combination:
-        """Neville's scheme: L of y = L + C₁ h^p + C₂ h^r from the last runs."""
-        h1, h2, h3 = steps
-        first = _pair(h2, h3, powers[0])
-        if len(powers) == 1:
-            before = _pair(h1, h2, powers[0])
-            return _Combination((before[0], before[1], 0.0), (0.0, *first))
-        A = np.array([[1.0, *(h**p for p in powers)] for h in (h1, h2, h3)])
-        weights = np.linalg.solve(A.T, np.array([1.0, 0.0, 0.0]))
-        return _Combination((0.0, *first), tuple(map(float, weights)))  # type: ignore[arg-type]
-
-    def __call__(self, values: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """The extrapolated value, what the last elimination changed, and the error of the finest run."""
-        best = sum(w * v for w, v in zip(self.second, values))
-        before = sum(w * v for w, v in zip(self.first, values))
-        floor = ROUNDING * np.abs(values[-1]).max(axis=0, initial=0.0)
-        off = np.abs(best - values[-1]) + floor
-        return np.asarray(best), np.abs(best - before) + floor, np.asarray(off)
+def _weights(steps: Sequence[float], powers: Sequence[float]) -> Array:
+    """Neville's weights w of runs at these steps: Σ w y is L of y = L + Σ C h^p, p in `powers`."""
+    A = np.array([[1.0, *(h**p for p in powers)] for h in steps])
+    return np.asarray(np.linalg.solve(A.T, np.eye(len(steps))[0]))
 
 
 def _envelope(error: Array, units: Sequence[str]) -> Array:
@@ -208,12 +194,6 @@ def _envelope(error: Array, units: Sequence[str]) -> Array:
         around = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).max(axis=1)
         found[:, same] = around[:, None]
     return found
-
-
-def _pair(coarse: float, fine: float, power: float) -> tuple[float, float]:
-    """Weights that take off a term h^power."""
-    ratio = (coarse / fine) ** power
-    return -1.0 / (ratio - 1.0), ratio / (ratio - 1.0)
 
 
 def _admissible(mechanism: Mechanism, t: Array, q: Array, u: Array) -> tuple[Array, Array]:

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from deltac.arrays import TINY, Array
+from deltac.arrays import TINY
 from deltac.diagnosis.audit.checks import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, growth
+from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, by_unit, growth
 from deltac.diagnosis.study.rules import BELOW
-from deltac.diagnosis.study.runs import StudyRun, corrections, without_corrections
+from deltac.diagnosis.study.runs import BalancedRun, corrections, without_corrections
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
@@ -37,10 +37,10 @@ STILL = 1e-3
 
 
 def of_comparison(
-    compared: Comparison, runs: Sequence[StudyRun], knob: str = "step"
+    compared: Comparison, runs: Sequence[BalancedRun], knob: str = "step"
 ) -> Iterator[Finding]:
     """Few common times; runs of different length; a horizon before the end."""
-    spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs if r.run is not None]
+    spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs]
     ends = [end for _, end in spans]
     span = max(end - start for start, end in spans)
     if max(ends) - min(ends) > 1e-6 * span:
@@ -102,10 +102,9 @@ def of_order(
 
 
 def of_growth(
-    run: StudyRun, function: str, ledger: Ledger, solver: str, floor: float
+    run: BalancedRun, function: str, ledger: Ledger, solver: str, floor: float
 ) -> Iterator[Finding]:
     """How ΔC grows in time; a drift where a symplectic method should have none."""
-    assert run.energy_error is not None
     curve = run.energy_error[function]
     if float(np.abs(curve).max()) <= 10.0 * floor:
         return
@@ -162,7 +161,7 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
 
 
 def of_constraints(
-    runs: Sequence[StudyRun], compared: Comparison, tolerance: float, *, trusted: bool
+    runs: Sequence[BalancedRun], compared: Comparison, tolerance: float, *, trusted: bool
 ) -> Iterator[Finding]:
     """Constraints, driven joints or quaternions that are violated though energy may be kept.
 
@@ -170,7 +169,6 @@ def of_constraints(
     another than the motion's. Motions that have parted say nothing of that.
     """
     finest = runs[-1]
-    assert finest.ledger is not None and finest.run is not None
     for name, values in finest.ledger.violation.items():
         what, _, element = name.partition(" ")
         column = finest.run.u if what in ("velocity", "speed") else finest.run.q
@@ -178,11 +176,10 @@ def of_constraints(
         worst = float(values.max(initial=0.0))
         if worst <= max(1e-6, tolerance * span):
             continue
-        sizes = [float(r.ledger.violation[name].max()) for r in runs if r.ledger is not None]
+        sizes = [float(r.ledger.violation[name].max()) for r in runs]
         together = [
             float(r.ledger.violation[name][rows[: compared.within]].max(initial=0.0))
             for r, rows in zip(runs, compared.rows)
-            if r.ledger is not None
         ]
         stays = (
             len(together) > 1
@@ -232,7 +229,7 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     if len(run) < 5 or any(n.kind in ("impact", "contact") for n in run.forces):
         return
     change = np.abs(np.diff(run.u, axis=0))
-    top = _by_unit(np.abs(run.u).max(axis=0), [entry.unit for entry in mechanism.speeds])
+    top = by_unit(np.abs(run.u).max(axis=0), [entry.unit for entry in mechanism.speeds])
     around = np.maximum(change[:-2], change[2:])
     # A constant speed that begins to change is no jump: compare with the changes that are usual.
     usual = np.median(change, axis=0)
@@ -249,12 +246,6 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
         "Log the work or the force of impacts (channel 'impact …'), or compare up to the first of them",
         element=run.speeds[k],
     )
-
-
-def _by_unit(sizes: Array, units: Sequence[str]) -> Array:
-    """For each column the largest of its unit: what is zero but for rounding has no size."""
-    same = np.array([[a == b for b in units] for a in units])
-    return np.asarray(np.where(same, sizes, 0.0).max(axis=1))
 
 
 def _listed(steps: Sequence[float]) -> str:

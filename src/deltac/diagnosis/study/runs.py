@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeAlias
 
@@ -78,9 +78,9 @@ class StudyRun:
     step: float
     run: Trajectory | None = None
     ledger: Ledger | None = None
-    energy_error: dict[str, Array] | None = None
-    bar: dict[str, Array] | None = None
-    momentum_bar: dict[str, Array] | None = None
+    energy_error: Mapping[str, Array] = field(default_factory=dict)
+    bar: Mapping[str, Array] = field(default_factory=dict)
+    momentum_bar: Mapping[str, Array] = field(default_factory=dict)
     blown_up: bool = False
     failure: str = ""
     findings: tuple[Finding, ...] = ()
@@ -88,10 +88,13 @@ class StudyRun:
 
     left_over = RenamedAttribute("energy_error")
 
-    @property
-    def usable(self) -> bool:
-        """Whether there is a run with a ledger."""
-        return self.ledger is not None
+
+@dataclass(frozen=True, eq=False)
+class BalancedRun(StudyRun):
+    """A run of a study that can be judged: it has a motion and a ledger."""
+
+    run: Trajectory
+    ledger: Ledger
 
 
 def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...], list[Finding]]:
@@ -275,7 +278,7 @@ def _balanced(
             for n, b in momentum_bars.items()
         }
     findings = log.findings if run is given else (*log.findings, _blown_up(given, run, step))
-    return StudyRun(
+    return BalancedRun(
         step, log.run, ledger, left, bars, momentum_bars, run is not given, findings=findings
     )
 
@@ -307,24 +310,20 @@ def unblinded(runs: Sequence[StudyRun]) -> tuple[StudyRun, ...]:
     channel "correction …". Counted as work, it shows the drift that was corrected; left out, what the
     corrections spoiled. The larger one at the finest step is the error.
     """
-    finest = next((r for r in reversed(runs) if r.ledger is not None), None)
-    if finest is None or finest.ledger is None or not corrections(finest.ledger):
+    finest = next((r.ledger for r in reversed(runs) if r.ledger is not None), None)
+    if finest is None or not corrections(finest):
         return tuple(runs)
-    counted = finest.ledger.delta_c
-    chosen = {
-        n: float(np.abs(without_corrections(finest.ledger, n)).max()) > float(np.abs(x).max())
-        for n, x in counted.items()
-    }
+    hidden = [
+        n
+        for n, x in finest.delta_c.items()
+        if float(np.abs(without_corrections(finest, n)).max()) > float(np.abs(x).max())
+    ]
 
     def taken(entry: StudyRun) -> StudyRun:
         if entry.ledger is None:
             return entry
-        ledger = entry.ledger
-        left = {
-            n: without_corrections(ledger, n) if chosen.get(n, False) else x
-            for n, x in ledger.delta_c.items()
-        }
-        return replace(entry, energy_error=left)
+        left = {n: without_corrections(entry.ledger, n) for n in hidden}
+        return replace(entry, energy_error={**entry.ledger.delta_c, **left})
 
     return tuple(taken(entry) for entry in runs)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from deltac.diagnosis.study.extrapolation import Extrapolation, extrapolated
 from deltac.diagnosis.study.measures import Residuals, StudyMeasures, residuals_of
 from deltac.diagnosis.study.rules import judge_study
 from deltac.diagnosis.study.runs import (
+    BalancedRun,
     Simulator,
     StudyRun,
     checked_steps,
@@ -125,9 +125,9 @@ class Study(
         impacts.
         """
         runs = [
-            (h, _run(entry))
-            for h, entry in ((r.step, r) for r in self.runs)
-            if entry.run is not None and h in self.measures.steps
+            (entry.step, entry.run)
+            for entry in self.runs
+            if entry.run is not None and entry.step in self.measures.steps
         ]
         state = self.observed_order["state"]
         return extrapolated(self.mechanism, self.solver, runs, self.comparison, state, self.nominal)
@@ -138,10 +138,8 @@ class Study(
         return tuple(
             {
                 "step": entry.step,
-                "delta_c": {
-                    n: float(np.abs(c).max()) for n, c in (entry.energy_error or {}).items()
-                },
-                "error_bar": {n: float(b.max()) for n, b in (entry.bar or {}).items()},
+                "delta_c": {n: float(np.abs(c).max()) for n, c in entry.energy_error.items()},
+                "error_bar": {n: float(b.max()) for n, b in entry.bar.items()},
                 "energy_exchanged": entry.ledger.energy_exchanged if entry.ledger else None,
                 "state_difference": state.get(entry.step),
                 "failure": entry.failure,
@@ -212,40 +210,50 @@ def studied(
     """From runs to the study: compare, fit, look around, judge."""
     mechanism, solver, nominal = loaded.mechanism, maker.name, maker.order
     runs = lasting(unblinded(runs))
-    places, found = disagreements(mechanism, runs)
+    kept, found = disagreements(mechanism, runs)
     findings = [*findings, *found]
-    kept = [runs[k] for k in places]
-    motions = [_run(entry) for entry in kept]
-    compared = compare(mechanism, motions)
+    finest = kept[-1]
+    ledger = finest.ledger
+    compared = compare(mechanism, [entry.run for entry in kept])
     findings += noticed.of_comparison(compared, kept, "step" if unit else "tolerance")
     function = _function(kept)
     steps = np.array([entry.step for entry in kept])
     first = _first_together(compared)
-    functions = [
-        n for n in kept[-1].energy_error or {} if all(n in (e.energy_error or {}) for e in kept)
-    ]
-    energy_exchanged = kept[-1].ledger.energy_exchanged if kept[-1].ledger else 0.0
-    energy = {
-        n: _kept(_energy(kept, compared, first, steps, n), energy_exchanged) for n in functions
-    }
-    over_all = _over_all(kept, compared, first)
-    state = _state(compared, first, steps, motions)
-    momentum = _momentum(mechanism, kept, compared, first, steps)
+    over_all = (
+        compared.within < FEWEST or first > len(kept) - 2
+    )  # maxima are all there is to compare
+    energy = {}
+    for name in finest.energy_error:
+        if all(name in entry.energy_error for entry in kept):
+            curves = [entry.energy_error[name] for entry in kept]
+            bars = [entry.bar[name] for entry in kept]
+            if over_all:
+                y = np.array([[float(np.abs(c).max())] for c in curves])
+                energy[name] = towards_zero(steps, y, np.array([float(b.max()) for b in bars]))
+            else:
+                energy[name] = _within(curves, bars, compared, first, steps)
+            energy[name] = _kept(energy[name], ledger.energy_exchanged)
+    state = _state(compared, first, steps, [len(entry.run) for entry in kept])
+    momentum = {}
+    if not mechanism.constraints and not over_all:  # whose reactions these balances leave out
+        for name in ledger.momentum:
+            curves = [entry.ledger.momentum[name] for entry in kept]
+            bars = [entry.momentum_bar[name] for entry in kept]
+            momentum[name] = _within(curves, bars, compared, first, steps)
     trusted = maker.trusted and maker.equations is None
-    if trusted and kept[-1].blown_up:  # what is left before that is no motion to have an order
+    if trusted and finest.blown_up:  # what is left before that is no motion to have an order
         energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
     residuals = None
     if not trusted:
-        by_step = [(entry.step, _run(entry)) for entry in kept]
+        by_step = [(entry.step, entry.run) for entry in kept]
         own = None if maker.equations is None else maker.equations.coordinates
         residuals = residuals_of(
             mechanism, by_step, own, until=compared.horizon, trusted=maker.trusted
         )
-    finest = kept[-1]
-    ledger = finest.ledger
-    assert ledger is not None
-    left = tuple(_largest(entry.energy_error, function) for entry in kept)
-    bars = tuple(_largest(entry.bar, function) for entry in kept)
+    left, bar = (
+        tuple(float(np.abs(sizes[function]).max()) for sizes in each)
+        for each in ([entry.energy_error for entry in kept], [entry.bar for entry in kept])
+    )
     if residuals is not None:
         findings += residuals.findings
         if residuals.stays and max(residuals.by_step) > tolerance:
@@ -253,11 +261,11 @@ def studied(
     lacking = not_simulated(loaded.import_report) if maker.trusted else []
     findings += lacking
     if not maker.trusted:
-        missing = assumed_zero(motions[-1], loaded.import_report)
+        missing = assumed_zero(finest.run, loaded.import_report)
         findings += assumed_zero_finding(missing)
-        findings += noticed.of_impacts(mechanism, motions[-1])
+        findings += noticed.of_impacts(mechanism, finest.run)
     findings += noticed.of_order(state, energy, nominal, solver)
-    findings += noticed.of_growth(finest, function, ledger, solver, bars[-1])
+    findings += noticed.of_growth(finest, function, ledger, solver, bar[-1])
     findings += unresolved_works(ledger)
     findings += noticed.of_corrections(ledger, function, tolerance * ledger.energy_exchanged)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
@@ -266,7 +274,7 @@ def studied(
     measures = StudyMeasures(
         steps=tuple(map(float, steps)),
         left=left,
-        bars=bars,
+        bars=bar,
         energy_exchanged=ledger.energy_exchanged,
         scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
         + ledger.energy_exchanged,
@@ -327,24 +335,17 @@ def _first_together(compared: Comparison) -> int:
     return first
 
 
-def _energy(
-    kept: Sequence[StudyRun], compared: Comparison, first: int, steps: Array, name: str
+def _within(
+    curves: Sequence[Array],
+    bars: Sequence[Array],
+    compared: Comparison,
+    first: int,
+    steps: Array,
 ) -> Convergence:
-    """How ΔC of a function converges within the horizon; over all of the time where that is no time."""
-    curves = [(entry.energy_error or {})[name] for entry in kept]
-    bars = [(entry.bar or {})[name] for entry in kept]
-    within = compared.within
-    if _over_all(kept, compared, first):
-        y = np.array([[float(np.abs(c).max())] for c in curves])
-        return towards_zero(steps, y, np.array([float(b.max()) for b in bars]))
-    y = compared.sampled(curves)[first:, :within]
-    floors = compared.sampled(bars)[first:, :within].max(axis=1)
+    """How curves that should be zero converge within the horizon, from the `first` run on."""
+    y = compared.sampled(curves)[first:, : compared.within]
+    floors = compared.sampled(bars)[first:, : compared.within].max(axis=1)
     return towards_zero(steps[first:], y, floors)
-
-
-def _over_all(kept: Sequence[StudyRun], compared: Comparison, first: int) -> bool:
-    """Whether maxima of all of the time are all there is to compare."""
-    return compared.within < FEWEST or first > len(kept) - 2
 
 
 def _kept(found: Convergence, scale: float) -> Convergence:
@@ -361,52 +362,21 @@ def _none(found: Convergence) -> Convergence:
     )
 
 
-def _state(
-    compared: Comparison, first: int, steps: Array, motions: Sequence[Trajectory]
-) -> Convergence:
+def _state(compared: Comparison, first: int, steps: Array, rows: Sequence[int]) -> Convergence:
     within = compared.closely
     if within < min(FEWEST, len(compared.t)) or within < 2:
         return Convergence("does not settle" if len(steps) > 1 else "one run")
     states = compared.states[first:, 1:within]
-    floors = np.array([8.0 * EPS * math.sqrt(len(run)) for run in motions])[first:]
+    floors = 8.0 * EPS * np.sqrt(rows)[first:]
     return between_runs(steps[first:], states, floors * max(1.0, float(np.abs(states).max())))
 
 
-def _momentum(
-    mechanism: Mechanism, kept: Sequence[StudyRun], compared: Comparison, first: int, steps: Array
-) -> dict[str, Convergence]:
-    within = compared.within
-    if mechanism.constraints:  # whose reactions these balances leave out
-        return {}
-    ledgers = [entry.ledger for entry in kept if entry.ledger is not None]
-    if within < FEWEST or first > len(kept) - 2:
-        return {}
-    found = {}
-    for name in ledgers[-1].momentum:
-        curves = [ledger.momentum[name] for ledger in ledgers]
-        bars = [(entry.momentum_bar or {})[name] for entry in kept]
-        y = compared.sampled(curves)[first:, :within]
-        floors = compared.sampled(bars)[first:, :within].max(axis=1)
-        found[name] = towards_zero(steps[first:], y, floors)
-    return found
-
-
-def _largest(curves: Mapping[str, Array] | None, name: str) -> float:
-    assert curves is not None
-    return float(np.abs(curves[name]).max())
-
-
-def _function(kept: Sequence[StudyRun]) -> str:
+def _function(kept: Sequence[BalancedRun]) -> str:
     """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
-    names = kept[-1].energy_error or {}
+    names = kept[-1].energy_error
     return next(
         (n for n in ("wang", "liu-huston", "kane-levinson-1990") if n in names), next(iter(names))
     )
-
-
-def _run(entry: StudyRun) -> Trajectory:
-    assert entry.run is not None
-    return entry.run
 
 
 # --- `study`: the same motion at several steps: integration error or wrong equations? ------------
@@ -501,7 +471,7 @@ def study(
         assert maker.simulator is not None
         trusted = maker.trusted
         made = simulated(loaded.mechanism, maker.simulator, values, progress, trusted=trusted)
-    if not any(entry.usable for entry in made):
+    if not any(isinstance(entry, BalancedRun) for entry in made):
         told = "; ".join(dict.fromkeys(entry.failure for entry in made))
         raise SolverError(f"no step gave a run that can be judged: {told}")
     return studied(loaded, tuple(made), maker, findings, float(tolerance), unit=unit)

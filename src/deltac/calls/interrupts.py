@@ -14,7 +14,6 @@ import _thread
 import signal
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from types import FrameType
 from typing import TypeVar
@@ -76,11 +75,21 @@ def waiting(make: Callable[[], T]) -> T:
     """
     if threading.current_thread() is not threading.main_thread():
         return make()
-    executor = ThreadPoolExecutor(1, "deltac-compile")
-    try:
-        return executor.submit(make).result()
-    finally:
-        executor.shutdown(wait=False)
+    found: list[T] = []
+    errors: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            found.append(make())
+        except BaseException as error:
+            errors.append(error)
+
+    thread = threading.Thread(target=work, name="deltac-compile")
+    thread.start()
+    thread.join()
+    if errors:
+        raise errors[0]
+    return found[0]
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -224,7 +224,7 @@ def _counted(frame: polars.DataFrame) -> dict[str, int]:
 def _exit_codes(frame: polars.DataFrame) -> tuple[int, ...]:
     if "exit_code" in frame.columns:
         return tuple(sorted(int(code) for code in frame["exit_code"].drop_nulls().unique()))
-    codes: dict[str, int] = {**EXIT_CODES, FAILED: 2}
+    codes = {FAILED: 2, **{str(verdict): code for verdict, code in EXIT_CODES.items()}}
     return tuple(sorted({codes[verdict] for verdict in _counted(frame)}))
 
 

@@ -1,8 +1,8 @@
 """Causes: the changes of a mechanism that a person would name, of one to six numbers θ.
 
 `KINDS` says what there is, in words; `candidates` where a mechanism may have it. A cause maps its numbers to
-coefficients of the columns, θ ↦ L θ + θᵀQθ: linear for almost all; a mass centre that moves changes the moments
-of inertia about the joint by squares, and a delay has f(t − τ) = f − τ ḟ + τ² f̈/2.
+coefficients of the columns, θ ↦ L θ + θᵀQθ: linear for almost all; a mass centre that moves changes the
+moments of inertia about the joint by squares, and a delay has f(t − τ) = f − τ ḟ + τ² f̈/2.
 """
 
 from __future__ import annotations

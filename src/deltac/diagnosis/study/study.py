@@ -479,7 +479,7 @@ def study(
 
 def _refined(solver: str | Options | Sequence[Options]) -> tuple[Options, tuple[float, ...]]:
     """A solver, and the tolerances at which it is run; none of them for one that takes steps."""
-    several = [solver] if isinstance(solver, str | Options) else list(solver)
+    several: list[Any] = list(solver) if isinstance(solver, list | tuple) else [solver]
     options = [solver_options(one) for one in several]
     if not options:
         raise InputError(

@@ -151,10 +151,13 @@ class Study(
         """Verdict, and the energy error at the finest step beside the tolerance."""
         m = self.measures
         runs = f"{len(self.runs)} {m.knob}s"
-        if self.energy_exchanged < STILL * m.scale:  # a share of rounding would tell nothing
+        held = self.verdict.kind == "consistent" and self.relative > self.tolerance
+        if (
+            held or self.energy_exchanged < STILL * m.scale
+        ):  # a share of rounding would tell nothing
             return (
-                f"{self.verdict.kind}: |ΔC| {m.left[-1]:.2g} J beside {m.scale:.4g} J, of which none is "
-                f"exchanged, at the finest of {runs} of {self.solver} (confidence "
+                f"{self.verdict.kind}: |ΔC| {m.left[-1]:.2g} J beside {m.scale:.4g} J, of which "
+                f"{'hardly any' if held else 'none'} is exchanged, at the finest of {runs} of {self.solver} (confidence "
                 f"{self.verdict.confidence})"
             )
         sign = ">" if self.relative > self.tolerance else "≤"

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
-import types
 import warnings
 from dataclasses import dataclass
 from inspect import currentframe, signature
 
 import pytest
 
-from deltac.calls.deprecation import RenamedAttribute, renamed_keywords, renamed_names, warn_renamed
+from deltac.calls.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
 from deltac.errors import InputError
 
 
@@ -66,26 +64,6 @@ def test_a_class_takes_its_old_keywords_and_attributes():
     with pytest.warns(DeprecationWarning, match=r"Part\.extent is now Part\.length") as told:
         assert part.extent == 3.0
     assert told[0].filename == __file__
-
-
-def test_a_module_finds_its_old_names():
-    old = types.ModuleType("old_home")
-    old.__getattr__ = renamed_names("old_home", {"join": "os.path.join"})
-    with pytest.warns(DeprecationWarning, match=r"old_home\.join is now os\.path\.join") as told:
-        join = old.join
-    assert join("a", "b") and told[0].filename == __file__
-    with pytest.raises(AttributeError, match="no attribute 'split'"):
-        old.split  # noqa: B018
-
-
-def test_from_import_blames_the_importing_line(monkeypatch):
-    old = types.ModuleType("old_home")
-    old.__path__ = []
-    old.__getattr__ = renamed_names("old_home", {"join": "os.path.join"})
-    monkeypatch.setitem(sys.modules, "old_home", old)
-    with pytest.warns(DeprecationWarning) as told:
-        from old_home import join  # noqa: F401
-    assert {w.filename for w in told} == {__file__}
 
 
 def test_a_warning_is_shown_once_for_each_line():

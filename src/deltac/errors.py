@@ -35,21 +35,22 @@ class InputError(DeltacError, ValueError):
         return self._code
 
     @classmethod
-    def codes(cls) -> dict[str, str]:
-        """All codes of errors, and what each means."""
+    def _kinds(cls) -> dict[str, type[InputError]]:
+        """The class of each code."""
         kinds = [InputError]
         for kind in kinds:  # grows as it goes
             kinds += kind.__subclasses__()
-        own = {k._code: k for k in reversed(kinds) if "_code" in vars(k)}
-        return {code: (own[code].__doc__ or "").split("\n")[0] for code in sorted(own)}
+        return {k._code: k for k in reversed(kinds) if "_code" in vars(k)}
+
+    @classmethod
+    def codes(cls) -> dict[str, str]:
+        """All codes of errors, and what each means."""
+        return {code: (k.__doc__ or "").split("\n")[0] for code, k in sorted(cls._kinds().items())}
 
     @classmethod
     def of(cls, code: str, message: str) -> InputError:
         """The error of that code, as another process tells of it."""
-        kinds = [InputError]
-        for kind in kinds:
-            kinds += kind.__subclasses__()
-        return next((k for k in reversed(kinds) if vars(k).get("_code") == code), cls)(message)
+        return cls._kinds().get(code, cls)(message)
 
 
 class UnknownName(InputError, KeyError):

@@ -422,14 +422,6 @@ class Report(Serialisable, Shown):
         """Exit code of the command line: 0 consistent, 1 not, 3 unresolved."""
         return 0
 
-    def summary(self) -> str:
-        """The outcome in one line."""
-        raise NotImplementedError
-
-    def sections(self) -> Iterator[Section]:
-        """The report for a reader: paragraphs and tables, in order."""
-        raise NotImplementedError
-
     def explain(self, width: int = WIDTH) -> str:
         """The whole report as text of at most `width` columns."""
         return as_text(self.sections(), width)

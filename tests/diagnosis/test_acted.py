@@ -122,7 +122,7 @@ def test_forces_of_time(
     assert codes == ([] if code is None else [f"F-FORCE-{code}"])
     if how.get("held") == 5 and code:  # one bound alone
         [told] = [f for f in found.verdict.findings if f.code in codes]
-        assert "up to 3 only" in told.what
+        assert "up to 3;" in told.what
 
 
 Command = Callable[[float], float]

@@ -264,3 +264,26 @@ def test_what_the_recorder_saw_not_acting_is_no_news() -> None:
     assert assumed(without(hopper_run(), "contact")) == ["contact all"]  # these acted
     floating = dc.run_mujoco(model_of(HOPPER), 0.05)
     assert floating.provenance.looked_for and assumed(floating) == []
+
+
+NOISE = np.random.default_rng(1)
+FORMS = {
+    "as it is": lambda x, deviation: x,
+    "half precision": lambda x, deviation: x.astype(np.float16).astype(float),
+    "noisy": lambda x, deviation: x + deviation * NOISE.standard_normal(x.shape),
+}
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(("name", "step"), [("bouncing-ball", 1e-2), ("struck-slider-crank", 5e-3)])
+def test_impacts_that_the_log_does_not_tell_of_accuse_nobody(
+    name: str, step: float, form: str
+) -> None:
+    """The model has them, and the rows show them: they do not contradict each other."""
+    problem = dc.problems.load(name)
+    run = dc.simulate(problem.mechanism, problem.state, 2.0, step, "ode4")
+    q, u = FORMS[form](run.q, 1e-5), FORMS[form](run.u, 1e-3)
+    log = dc.Trajectory(t=run.t, q=q, u=u, coordinates=run.coordinates, speeds=run.speeds)
+    found = audit(problem, log)
+    assert found.verdict.kind == "unresolved", found.verdict.explain()
+    assert "F-IMPACTS" in {f.code for f in found.findings}

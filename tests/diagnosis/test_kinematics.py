@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from deltac import Trajectory
+from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.measurements.kinematics import (
     accelerations,
-    cleaned,
     coordinates_against_speeds,
 )
 from tests.systems.cart_pole import SCHEMES, CartPole, log

@@ -93,6 +93,31 @@ def test_imperfect_right_logs_are_borne(form: str) -> None:
     assert float(made(run).residual.ratio.max()) < 0.5 * CLEAR
 
 
+@pytest.mark.parametrize("scheme", ["explicit-euler", "heun"])
+def test_a_motor_that_is_off_before_a_gap_may_be_logged_late_after_it(scheme: str) -> None:
+    """What an integrator may leave is asked of all stretches of a log, not of the first one alone."""
+    off, on = (
+        log(system, scheme, accelerations=False).every(2) for system in (CartPole(drive=0.0), RIGHT)
+    )
+    force = on.forces["actuator motor"]
+    later = np.vstack([force[1:], force[-1:]])
+    run = replace(
+        on,
+        t=np.concatenate([off.t, on.t + 10.0]),
+        q=np.concatenate([off.q, on.q]),
+        u=np.concatenate([off.u, on.u]),
+        forces={"actuator motor": np.vstack([np.zeros_like(force), later])},
+    )
+    assert float(made(run).residual.ratio.max()) < 0.5 * CLEAR
+
+
+@pytest.mark.parametrize("rho", [0.3, 0.85])
+def test_generalized_alpha_of_any_spectral_radius_is_identified(rho: float) -> None:
+    """Also where ρ∞ is none of the `SPECTRAL_RADII`: by a fit of its two-step relation."""
+    step = made(replace(generalized_alpha(RIGHT, rho), udot=None))
+    assert step.scheme is not None and step.scheme.name == "generalized-alpha" and step.closes
+
+
 def test_late_forces_are_told() -> None:
     run = log(RIGHT, "rk4", held=True, accelerations=False)
     force = run.forces["actuator motor"]

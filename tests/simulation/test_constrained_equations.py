@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import deltac as dc
 from deltac.energy import balance, residuals
 from deltac.errors import InputError
+from tests.systems import four_bar
 from tests.systems.linkages import ALL, disc, four_bars, worst
 
 
@@ -76,3 +78,20 @@ def test_residuals_of_a_run_are_at_rounding() -> None:
     found = residuals(mechanism, run)
     for name in (*ALL, "coordinates"):
         assert np.abs(found[name]).max() < 1e-11
+
+
+@pytest.mark.parametrize("compiled", [None, False])
+def test_parameters_of_a_coordinate_map_vary(compiled: bool | None) -> None:
+    """θ̈ = −s, s = θ − offset: compiled code that is kept for all offsets takes the one of the run."""
+    mechanism, start = replace(four_bar.mechanism(), parameters={"offset": 0.0}), four_bar.start()
+    equations = dc.Equations(
+        lambda t, q, u: np.array([-q[0]]),
+        dc.CoordinateMap(("s",), q={"crank": "q.s + offset"}),
+        compiled=compiled,
+    )
+    for offset in (0.0, 1.0):
+        model = mechanism.with_parameters(offset=offset).varying("offset")
+        run = dc.simulate(model, start, 0.1, 0.01, "ode8", equations=equations)
+        away, rate = start.q[0] - offset, start.u[0]
+        expected = offset + away * np.cos(run.t) + rate * np.sin(run.t)
+        np.testing.assert_allclose(run.q[:, 0], expected, atol=1e-12)

@@ -323,7 +323,7 @@ def test_a_folder_that_cannot_be_made_is_bad_input(whole: Reproduction, tmp_path
 
 
 def test_an_existing_result_survives_a_failed_write(tmp_path: Path) -> None:
-    from deltac.report import write_json
+    from deltac.report.files import write_json
 
     path = tmp_path / "results.json"
     write_json([1], path)

@@ -10,10 +10,9 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.evaluate import evaluate
-from deltac.arrays import ASSEMBLED, Array
+from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.states import random_states
-from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
@@ -24,10 +23,11 @@ from deltac.dynamics.independence import independence, row_names
 from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS, applicable
-from deltac.errors import InputError, StateError
+from deltac.errors import InputError
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.results import Report, Section, Table, number
+from deltac.simulation.constraints.assembly import assemble
 
 LOOKED_AT = 8
 """Random states at which what is said to be constant, and constraints to be integrable, are tested."""
@@ -148,7 +148,10 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
     found = load_model(model)
     mechanism = found.mechanism
     motion = equations_of_motion(mechanism)
-    state = _start(motion) if state is None and not found.starts else found.start(state)
+    if state is None and not found.starts:
+        state = assemble(mechanism, mechanism.state()).state
+    else:
+        state = found.start(state)
     free, rows = mechanism.free, motion.rows
     counted = independence(motion, state.t, state.q[free.q])
     drifting = _depends(ca.vertcat(rows.b, *_driven_rates(motion)))
@@ -203,24 +206,6 @@ def _driven_rates(motion: EquationsOfMotion) -> list[Any]:
     return [motion.system.u_all[place] for place in motion.system.driven_u]
 
 
-def _start(motion: EquationsOfMotion) -> State:
-    """All zero, and on the constraints."""
-    mechanism = motion.system.mechanism
-    state = mechanism.state()
-    free = mechanism.free
-    q = onto_positions(motion, state.t, state.q[free.q])
-    u = onto_speeds(motion, state.t, q, state.u[free.u])
-    phi, psi = motion.violation(state.t, q, u)
-    if not float(np.abs(np.concatenate([phi, psi])).max(initial=0.0)) < ASSEMBLED:
-        raise StateError(
-            f"the constraints of {mechanism.name!r} cannot be met near coordinates of zero; give a state, or "
-            "let deltac.assemble find one from a guess"
-        )
-    full_q, full_u = state.q.copy(), state.u.copy()
-    full_q[free.q], full_u[free.u] = q, u
-    return mechanism.state(full_q, full_u, state.t)
-
-
 def _states(motion: EquationsOfMotion, state: State) -> tuple[Array, Array, Array]:
     """Admissible states t (B,), q (nq, B), u (p, B): random ones, or the state itself where none is found."""
     mechanism = motion.system.mechanism
@@ -244,8 +229,7 @@ def _integrable(motion: EquationsOfMotion, t: Array, q: Array) -> set[int]:
         return set()
     W = motion.W
     plus = ca.solve(ca.mtimes(W.T, W), W.T)
-    still = ca.SX.zeros(s.u.shape[0])
-    moving = ca.substitute(rows.psi, s.u, still)  # ψ without free speeds, driven joints moving
+    moving = rows.at_rest(s.u)
     forms = ca.horzcat(ca.mtimes(rows.G[velocity, :], plus), moving[velocity])
     at = ca.vertcat(s.q, s.t)
     curls = [

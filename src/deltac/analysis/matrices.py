@@ -29,6 +29,7 @@ from deltac.dynamics.system import trace
 from deltac.errors import InputError, UnknownName, closest
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike
+from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
 
 ILL_CHOSEN = 1e-7
@@ -36,7 +37,7 @@ ILL_CHOSEN = 1e-7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Matrices:
+class Matrices(Serialisable):
     """The theory's matrices at one instant; along a run every array has the samples in front, (T, …).
 
     N bodies; p independent speeds u under the configuration constraints, p̂ speeds û under the motion
@@ -130,11 +131,6 @@ class Matrices:
             if isinstance(getattr(self, field.name), np.ndarray)
         )
         return f"Matrices({', '.join(self.bodies)}; {shapes})"
-
-    def to_dict(self) -> dict[str, Any]:
-        """All of it as lists and numbers, by name."""
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {n: v.tolist() if isinstance(v, np.ndarray) else v for n, v in values.items()}
 
 
 @checked

@@ -10,24 +10,19 @@ for each such line::
     class Report:
         left_over = RenamedAttribute("energy_error")  # report.left_over is now report.energy_error
 
-
-    __getattr__ = renamed_names(__name__, {"Advice": "deltac.diagnosis.Recommendation"})
-
 What is more than a new name (an argument that has become an option of something else) calls
 `warn_renamed` itself.
 """
 
 from __future__ import annotations
 
-import inspect
 import warnings
 from collections.abc import Callable, Mapping
 from functools import wraps
-from importlib import import_module
 from typing import Any
 
-from deltac.calls.arguments import Target, refuse_misfits
-from deltac.errors import ArgumentsError, InputError
+from deltac.calls.arguments import Target, checked
+from deltac.errors import ArgumentsError
 
 
 def warn_renamed(old: str, new: str, *, write: str = "", stacklevel: int = 2) -> None:
@@ -57,9 +52,9 @@ def renamed_keywords(**names: str) -> Callable[[Target], Target]:
 
 
 def _renaming(function: Target, name: str, names: Mapping[str, str]) -> Target:
-    signature = inspect.signature(function)
+    made = checked(function, name=name)
 
-    @wraps(function)
+    @wraps(made)
     def renaming(*args: Any, **kwargs: Any) -> Any:
         for old in names.keys() & kwargs.keys():
             new = names[old]
@@ -69,13 +64,7 @@ def _renaming(function: Target, name: str, names: Mapping[str, str]) -> Target:
                 )
             warn_renamed(f"{name}({old}=…)", f"{name}({new}=…)")
             kwargs[new] = kwargs.pop(old)
-        try:
-            return function(*args, **kwargs)
-        except InputError:
-            raise
-        except Exception as error:
-            refuse_misfits(name, signature, args, kwargs, error)
-            raise
+        return made(*args, **kwargs)
 
     return renaming  # type: ignore[return-value]
 
@@ -94,16 +83,3 @@ class RenamedAttribute:
             return self
         warn_renamed(f"{self.owner}.{self.old}", f"{self.owner}.{self.new}")
         return getattr(instance, self.new)
-
-
-def renamed_names(module: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """A module's ``__getattr__`` that finds its old names: `names` maps each to a full dotted one."""
-
-    def getattribute(name: str) -> Any:
-        if name not in names:
-            raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        warn_renamed(f"{module}.{name}", names[name])
-        home, _, attribute = names[name].rpartition(".")
-        return getattr(import_module(home), attribute)
-
-    return getattribute

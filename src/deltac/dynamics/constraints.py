@@ -55,6 +55,17 @@ class Rows:
             self.gamma[k],
         )
 
+    @staticmethod
+    def none(system: System) -> Rows:
+        """No rows, of a system."""
+        nothing, nu = ca.SX(0, 1), system.u_all.shape[0]
+        G = ca.SX(0, len(system.free_u))
+        return Rows((), (), nothing, nothing, ca.SX(0, nu), G, nothing, nothing)
+
+    def at_rest(self, u: SX) -> SX:
+        """ψ (nc,) where the free speeds `u` are zero; prescribed joints move."""
+        return ca.substitute(self.psi, u, ca.SX.zeros(u.shape[0]))
+
     def places(self, name: str) -> list[int]:
         """The rows of a constraint."""
         return [k for k, owner in enumerate(self.names) if owner == name]
@@ -63,8 +74,7 @@ class Rows:
 def constraint_rows(system: System) -> Rows:
     """Write out all constraints. Rows that vanish identically (out of a planar loop's plane) are left out."""
     if not system.mechanism.constraints:
-        none, free = ca.SX(0, 1), len(system.free_u)
-        return Rows((), (), none, none, ca.SX(0, system.u_all.shape[0]), ca.SX(0, free), none, none)
+        return Rows.none(system)
     twin = released(system)
     names: list[str] = []
     holonomic: list[bool] = []

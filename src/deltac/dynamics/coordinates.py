@@ -108,10 +108,7 @@ def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinate
     q = ca.vertcat(*(law(q_laws[n]) for n in q_names)) if mapped else own_q
     W = _rates_matrix(system, q)
     Jq, q_t = ca.jacobian(q, own_q), ca.jacobian(q, system.t)
-    G, psi = (
-        ca.substitute(x, system.q, q)
-        for x in (rows.G, ca.substitute(rows.psi, system.u, ca.SX.zeros(len(u_names))))
-    )
+    G, psi = (ca.substitute(x, system.q, q) for x in (rows.G, rows.at_rest(system.u)))
     removal: Callable[[SX], SX] | None = None
     if u_laws:
         places = [k for k, name in enumerate(u_names) if name in u_laws]
@@ -223,15 +220,12 @@ def trace_split(
     """
     if given is None:
         return None
-    bound = _no_rows(system) if rows is None else rows
+    bound = Rows.none(system) if rows is None else rows
     own = trace_map(system, given, bound)
     count, free = own.own_u.shape[0], own.u.shape[0] - len(bound)
     if not len(bound) or own.removal is not None or count == free:
         return own
-    G, psi = (
-        ca.substitute(x, system.q, own.q)
-        for x in (bound.G, ca.substitute(bound.psi, system.u, ca.SX.zeros(own.u.shape[0])))
-    )
+    G, psi = (ca.substitute(x, system.q, own.q) for x in (bound.G, bound.at_rest(system.u)))
     columns, rest = ca.mtimes(G, own.Y), psi + ca.mtimes(G, own.Z)
     dependent = _dependent(system, own, columns, count - free)
     kept = [k for k in range(count) if k not in dependent]
@@ -284,7 +278,7 @@ def check_split(
     if own.inverse is None or not len(rows):
         return
     Y, Z = ca.substitute([own.Y, own.Z], [own.own_q], [own.inverse])
-    psi = ca.substitute(rows.psi, system.u, ca.SX.zeros(Z.shape[0]))
+    psi = rows.at_rest(system.u)
     moved, drift = ca.mtimes(rows.G, Y), ca.mtimes(rows.G, Z)
     # A row's size by all of its entries: alone those that own speeds reach may be rounding.
     size = ca.mmax(ca.fabs(ca.horzcat(ca.densify(Y), ca.densify(Z))))
@@ -303,11 +297,6 @@ def check_split(
             f"{worst.max():.2g} of its terms), so the motion cannot be divided by them; leave laws of "
             "dependent speeds out of u=, and they are found from the constraints"
         )
-
-
-def _no_rows(system: System) -> Rows:
-    none, n = ca.SX(0, 1), system.u.shape[0]
-    return Rows((), (), none, none, ca.SX(0, system.u_all.shape[0]), ca.SX(0, n), none, none)
 
 
 def solve_tall(A: SX, b: SX) -> SX:

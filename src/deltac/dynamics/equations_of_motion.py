@@ -28,6 +28,7 @@ from deltac.dynamics.singular_inertia import regular_least_squares
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained
+from deltac.kernels.casadi_evaluator import on_arrays
 from deltac.mechanism.channels import Channel
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
@@ -257,12 +258,8 @@ def _at_one_state(function: Any, columns: list[Array]) -> list[Array]:
     dense = all(function.nnz_out(k) == size for k, size in enumerate(sizes))
     if not dense or [x.size for x in columns] != [function.nnz_in(k) for k in range(len(columns))]:
         return [np.array(x).reshape(-1) for x in function.call([ca.DM(x) for x in columns])]
-    buffer, evaluate = function.buffer()
     given, found = [np.ascontiguousarray(x) for x in columns], [np.empty(size) for size in sizes]
-    for place, arrays in ((buffer.set_arg, given), (buffer.set_res, found)):
-        for k, array in enumerate(arrays):
-            if array.size:
-                place(k, array.data)
+    _kept, evaluate = on_arrays(function, given, found)
     evaluate()
     return found
 

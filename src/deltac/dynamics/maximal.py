@@ -236,5 +236,5 @@ def _written_out(s: System) -> Maximal:
         "directions": ca.horzcat(*directions),
     }
     columns = [ca.densify(column) for column in found.values()]
-    f = ca.Function("maximal", [s.t, s.q, s.u, s.inputs], columns, {"cse": True})
+    f = ca.Function("maximal", [s.t, s.q, s.u, s.inputs], columns)
     return Maximal(rows, tuple(found), f)

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 
 import casadi
 
-from deltac.kernels.lowering import Algebra, arithmetic, cosine, lower, sine
+from deltac.kernels.lowering import Algebra, arithmetic, choices, cosine, lower, sine
 
 Function: TypeAlias = Any  # casadi.Function
 Node: TypeAlias = tuple[str, tuple[Any, ...]]
@@ -147,26 +147,13 @@ class Value:
 
 
 def _algebra(tape: Tape) -> Algebra:
-    def choose(how: str) -> Any:  # a + b is reached by a NaN only
-        def chosen(a: Value, b: Value) -> Value:
-            other = tape.select(
-                tape.compare("ole", *((b, a) if how == "min" else (a, b))), b, a + b
-            )
-            return tape.select(tape.compare("olt", *((a, b) if how == "min" else (b, a))), a, other)
-
-        return chosen
-
-    def sign(a: Value) -> Value:  # the last branch keeps 0 and NaN
-        below = tape.select(tape.compare("olt", a, 0.0), -1.0, a)
-        return tape.select(tape.compare("olt", 0.0, a), 1.0, below)
-
     def both(a: Value, b: Value) -> Value:
         return tape.select(a, tape.compare("une", b, 0.0), 0.0)
 
     def either(a: Value, b: Value) -> Value:
         return tape.select(a, 1.0, tape.compare("une", b, 0.0))
 
-    def less(a: Value, b: Value | float) -> Value:
+    def less(a: Value | float, b: Value | float) -> Value:
         return tape.compare("olt", a, b)
 
     def named(name: str) -> Any:
@@ -177,6 +164,7 @@ def _algebra(tape: Tape) -> Algebra:
         "machine code",
         tape.number,
         arithmetic()
+        | choices(tape.select, less, lambda a, b: tape.compare("ole", a, b))
         | functions
         | {
             casadi.OP_SQRT: named("sqrt"),
@@ -184,17 +172,11 @@ def _algebra(tape: Tape) -> Algebra:
             casadi.OP_SIN: lambda x: sine(x, tape.select, less),
             casadi.OP_COS: lambda x: cosine(x, tape.select, less),
             casadi.OP_HYPOT: lambda a, b: tape.call("sqrt", a * a + b * b),
-            casadi.OP_SIGN: sign,
-            casadi.OP_FMIN: choose("min"),
-            casadi.OP_FMAX: choose("max"),
-            casadi.OP_LT: less,
-            casadi.OP_LE: lambda a, b: tape.compare("ole", a, b),
             casadi.OP_EQ: lambda a, b: tape.compare("oeq", a, b),
             casadi.OP_NE: lambda a, b: tape.compare("une", a, b),
             casadi.OP_NOT: lambda a: tape.compare("oeq", a, 0.0),
             casadi.OP_AND: both,
             casadi.OP_OR: either,
-            casadi.OP_IF_ELSE_ZERO: lambda a, b: tape.select(a, b, 0.0),
         },
     )
 

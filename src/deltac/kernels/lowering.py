@@ -239,6 +239,28 @@ def arithmetic() -> dict[int, Operation]:
     }
 
 
+def choices(select: Operation, less: Operation, least: Operation) -> dict[int, Operation]:
+    """What comparisons ``a < b`` and ``a <= b`` and `select(condition, a, b)` of an algebra express."""
+
+    def sign(a: Scalar) -> Scalar:  # the last branch keeps 0 and NaN
+        return select(less(0.0, a), 1.0, select(less(a, 0.0), -1.0, a))
+
+    def smaller(a: Scalar, b: Scalar) -> Scalar:  # a + b is reached by a NaN only
+        return select(less(a, b), a, select(least(b, a), b, a + b))
+
+    def larger(a: Scalar, b: Scalar) -> Scalar:
+        return select(less(b, a), a, select(least(a, b), b, a + b))
+
+    return {
+        casadi.OP_SIGN: sign,
+        casadi.OP_FMIN: smaller,
+        casadi.OP_FMAX: larger,
+        casadi.OP_LT: less,
+        casadi.OP_LE: least,
+        casadi.OP_IF_ELSE_ZERO: lambda a, b: select(a, b, 0.0),
+    }
+
+
 _FUNCTIONS = """
     exp log sqrt sin cos tan asin acos atan sinh cosh tanh asinh acosh atanh atan2 erf
 """.split()
@@ -253,39 +275,22 @@ def _named_functions(module: Any) -> dict[int, Operation]:
 def _heyoka() -> Algebra:
     import heyoka as hy
 
-    def fabs(a: Scalar) -> Scalar:
-        return hy.select(hy.lt(a, 0.0), -a, a)
-
-    def sign(a: Scalar) -> Scalar:  # the last branch keeps 0 and NaN
-        return hy.select(hy.gt(a, 0.0), 1.0, hy.select(hy.lt(a, 0.0), -1.0, a))
-
-    def fmin(a: Scalar, b: Scalar) -> Scalar:  # a + b is reached by a NaN only
-        return hy.select(hy.lt(a, b), a, hy.select(hy.lte(b, a), b, a + b))
-
-    def fmax(a: Scalar, b: Scalar) -> Scalar:
-        return hy.select(hy.gt(a, b), a, hy.select(hy.gte(b, a), b, a + b))
-
     return Algebra(
         "heyoka",
         hy.expression,
         arithmetic()
+        | choices(hy.select, hy.lt, hy.lte)
         | _named_functions(hy)
         | {
             casadi.OP_LOG1P: hy.log1p,
             casadi.OP_EXPM1: hy.expm1,
             casadi.OP_HYPOT: lambda a, b: hy.sqrt(a * a + b * b),
-            casadi.OP_FABS: fabs,
-            casadi.OP_SIGN: sign,
-            casadi.OP_FMIN: fmin,
-            casadi.OP_FMAX: fmax,
-            casadi.OP_LT: hy.lt,
-            casadi.OP_LE: hy.lte,
+            casadi.OP_FABS: lambda a: hy.select(hy.lt(a, 0.0), -a, a),
             casadi.OP_EQ: hy.eq,
             casadi.OP_NE: hy.neq,
             casadi.OP_NOT: lambda a: hy.eq(a, 0.0),
             casadi.OP_AND: lambda a, b: hy.logical_and([a, b]),
             casadi.OP_OR: lambda a, b: hy.logical_or([a, b]),
-            casadi.OP_IF_ELSE_ZERO: lambda a, b: hy.select(a, b, 0.0),
         },
     )
 

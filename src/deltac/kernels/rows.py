@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.kernels.casadi_evaluator import on_arrays
 from deltac.kernels.evaluators import evaluator_name
 from deltac.kernels.kernel import SX, Kernel
 
@@ -83,13 +84,7 @@ def at_rows(function: ca.Function, columns: Sequence[Array]) -> list[Array]:
     made = [np.empty((count, function.numel_out(k))) for k in range(function.n_out())]
     read = [np.zeros(c.shape[1]) for c in given]
     written = [np.zeros(m.shape[1]) for m in made]
-    buffer, evaluate = function.buffer()
-    for k, row in enumerate(read):
-        if row.size:
-            buffer.set_arg(k, row.data)
-    for k, row in enumerate(written):
-        if row.size:
-            buffer.set_res(k, row.data)
+    _kept, evaluate = on_arrays(function, read, written)
     arguments = [(row, c) for row, c in zip(read, given) if row.size]
     results = [(m, row) for m, row in zip(made, written) if row.size]
     for t in range(count):

@@ -1,6 +1,5 @@
 from deltac.recorders.batch_recorder import BatchRecorder as BatchRecorder
 from deltac.recorders.batch_recorder import record_batch as record_batch
-from deltac.recorders.builder import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders.drake_recorder import DrakeRecorder as DrakeRecorder
 from deltac.recorders.drake_recorder import record_drake as record_drake
 from deltac.recorders.environments import dm_control as dm_control
@@ -22,5 +21,6 @@ from deltac.recorders.pinocchio_recorder import PinocchioRecorder as PinocchioRe
 from deltac.recorders.pinocchio_recorder import record_pinocchio as record_pinocchio
 from deltac.recorders.pybullet_recorder import PybulletRecorder as PybulletRecorder
 from deltac.recorders.pybullet_recorder import record_pybullet as record_pybullet
+from deltac.recorders.recorder import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders.replay import Replay as Replay
 from deltac.recorders.replay import replay_mujoco as replay_mujoco

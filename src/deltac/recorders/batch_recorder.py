@@ -11,9 +11,8 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, RecordingError
 from deltac.importers.names import coordinate_names, speed_names
-from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_recorder import IMPLICIT, integrator_names
-from deltac.recorders.recorder import HELD, OCCASIONAL, Forces
+from deltac.recorders.recorder import HELD, OCCASIONAL, Forces, TrajectoryBuilder, simulator
 from deltac.trajectories import Provenance, Trajectory
 
 Model: TypeAlias = Any

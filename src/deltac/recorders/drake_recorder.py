@@ -18,7 +18,6 @@ from deltac.arrays import SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, RecordingError
 from deltac.models import ModelLike
-from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import Monitor
 from deltac.recorders.recorder import (
     HELD,
@@ -28,6 +27,7 @@ from deltac.recorders.recorder import (
     Forces,
     JointColumns,
     Recorder,
+    simulator,
 )
 from deltac.trajectories import Provenance, Trajectory
 
@@ -212,16 +212,10 @@ class DrakeRecorder(Recorder):
                 elements = elements - damping
         size = np.abs(gravity).max(initial=0.0) + np.abs(total).max(initial=0.0)
         size += max((np.abs(f).max(initial=0.0) for f in forces.values()), default=0.0)
+        rest = total - gravity - np.sum([np.zeros_like(v), elements, *forces.values()], axis=0)
         if np.abs(elements).max(initial=0.0) > SUM_OF_FORCES * size:
             forces["spring elements"] = elements
-        rest = (
-            total - gravity - np.sum([np.zeros_like(v), elements, *self._of_logged(forces)], axis=0)
-        )
         return float(size), rest
-
-    @staticmethod
-    def _of_logged(forces: Forces) -> Iterator[Array]:
-        return (f for name, f in forces.items() if name != "spring elements")
 
     def _of_the_step(self, rest: Array, change: Array, size: float) -> Iterator[tuple[str, Array]]:
         """What is left of a discrete step, sorted: dampers taken at its end, joint limits, the rest."""
@@ -284,13 +278,10 @@ class DrakeRecorder(Recorder):
         d/dt (Rᵀω) = Rᵀω̇, since ω × ω = 0; and turning is orthogonal, so that forces turn alike.
         """
 
-        def turned(joint: JointColumns) -> Array:
-            own = values[joint.v]
-            if joint.kind != "free":
-                return own
+        def in_body(own: Array, joint: JointColumns) -> Array:
             return np.concatenate([own[3:], rotations.matrices(q[joint.q][:4]).T @ own[:3]])
 
-        return self._columns.joined(turned)
+        return self._columns.turned(values, in_body)
 
 
 record_drake = checked(DrakeRecorder, name="record_drake")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from deltac.errors import RecordingError, WrongType
@@ -15,17 +16,15 @@ class _Recording:
     `episodes` are the recorded ones that have ended; `trajectory()` is the present one.
     """
 
-    def __init__(self, env: Any, channels: str) -> None:
+    def __init__(self, env: Any, channels: str, simulation: Callable[[], tuple[Any, Any]]) -> None:
+        """`simulation` gives the present model and data of MuJoCo: a reset may make new ones."""
         self.env = env
         self.episodes: list[Trajectory] = []
-        self._channels = channels
+        self._channels, self._simulation = channels, simulation
         self._recorder: MujocoRecorder | None = None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.env, name)
-
-    def _model_and_data(self) -> tuple[Any, Any]:
-        raise NotImplementedError
 
     def reset(self, *arguments: Any, **keywords: Any) -> Any:
         """Reset the environment; what was recorded since the last reset becomes an episode."""
@@ -33,7 +32,7 @@ class _Recording:
             self.episodes.append(self._recorder.trajectory())
         self._recorder = None
         found = self.env.reset(*arguments, **keywords)
-        self._recorder = record_mujoco(*self._model_and_data(), self._channels)
+        self._recorder = record_mujoco(*self._simulation(), self._channels)
         return found
 
     def step(self, action: Any) -> Any:
@@ -49,23 +48,6 @@ class _Recording:
         if self._recorder is None:
             raise RecordingError("nothing is recorded yet: reset the environment, and step it")
         return self._recorder.trajectory()
-
-
-class _Gymnasium(_Recording):
-    def _model_and_data(self) -> tuple[Any, Any]:
-        bare = self.env.unwrapped
-        return bare.model, bare.data
-
-    @property
-    def unwrapped(self) -> Any:
-        """The bare environment."""
-        return self.env.unwrapped
-
-
-class _DmControl(_Recording):
-    def _model_and_data(self) -> tuple[Any, Any]:
-        physics = self.env.physics
-        return physics.model.ptr, physics.data.ptr
 
 
 def gymnasium(env: Any, channels: str = "all") -> Any:
@@ -90,7 +72,7 @@ def gymnasium(env: Any, channels: str = "all") -> Any:
             f"gymnasium: found {type(bare).__name__}, expected an environment on MuJoCo, with .model and "
             f".data"
         )
-    return _Gymnasium(env, channels)
+    return _Recording(env, channels, lambda: (bare.model, bare.data))
 
 
 def dm_control(env: Any, channels: str = "all") -> Any:
@@ -107,4 +89,8 @@ def dm_control(env: Any, channels: str = "all") -> Any:
         raise WrongType(
             f"dm_control: found {type(env).__name__}, expected an environment with .physics"
         )
-    return _DmControl(env, channels)
+
+    def simulation() -> tuple[Any, Any]:
+        return env.physics.model.ptr, env.physics.data.ptr
+
+    return _Recording(env, channels, simulation)

@@ -12,9 +12,8 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError
 from deltac.mechanism.channels import ChannelName
-from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import Monitor
-from deltac.recorders.recorder import INSTANT, Recorder
+from deltac.recorders.recorder import INSTANT, Recorder, simulator
 from deltac.trajectories import Provenance, Trajectory
 
 System: TypeAlias = Any

@@ -33,7 +33,7 @@ from deltac.errors import (
 )
 from deltac.mechanism.channels import ChannelName
 from deltac.models import ModelLike, load_model
-from deltac.recorders.builder import simulator
+from deltac.recorders.recorder import simulator, sized
 
 if TYPE_CHECKING:
     from deltac.recorders.gymnasium_monitor import MonitoredEnv
@@ -211,9 +211,9 @@ class Monitor:
                 )
         mechanism, rated = self.mechanism, udot is not None
         nu = len(mechanism.speeds)
-        parts = [_sized("q", q, len(mechanism.coordinates)), _sized("u", u, nu)]
-        parts += [_sized("udot", udot, nu)] if udot is not None else []
-        acting = {name: _sized(name, f, nu) for name, f in (*forces.items(), *held.items())}
+        parts = [sized("q", q, len(mechanism.coordinates)), sized("u", u, nu)]
+        parts += [sized("udot", udot, nu)] if udot is not None else []
+        acting = {name: sized(name, f, nu) for name, f in (*forces.items(), *held.items())}
         first = not self._begun
         if not isfinite(t) or (not first and t < self.t):
             raise RecordingError(
@@ -462,10 +462,3 @@ class _Side:
 _STEPS, _APART = SUMS.index("steps"), SUMS.index("apart")
 _JUMPED, _APART_BEFORE = PAIR.index("jumped"), PAIR.index("apart")
 _SKIPPED = SETTINGS.index("skipped")
-
-
-def _sized(what: str, values: Any, size: int) -> Array:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != (size,):
-        raise InputError(f"{what}: found shape {array.shape}, expected ({size},)")
-    return array

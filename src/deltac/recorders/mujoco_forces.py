@@ -24,7 +24,7 @@ from deltac.importers.names import (
     joint_names,
     tendon_names,
 )
-from deltac.recorders.builder import simulator
+from deltac.recorders.recorder import simulator
 
 Model: TypeAlias = Any
 Data: TypeAlias = Any

@@ -18,9 +18,9 @@ from deltac.energy.live import Given, Memory
 from deltac.errors import ModelError, RecordingError, WrongType
 from deltac.importers.names import coordinate_names, joint_names, speed_names, tendon_names
 from deltac.mechanism.channels import ChannelName
-from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import BoundExceeded, Monitor
 from deltac.recorders.mujoco_forces import Elements, passive_forces, plastic_state
+from deltac.recorders.recorder import simulator
 
 Model: TypeAlias = Any
 Data: TypeAlias = Any

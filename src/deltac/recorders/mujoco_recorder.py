@@ -33,7 +33,6 @@ from deltac.errors import (
 from deltac.importers.mujoco import simulated_model
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
 from deltac.mechanism.state import State
-from deltac.recorders.builder import TrajectoryBuilder, simulator
 from deltac.recorders.mujoco_forces import (
     Elements,
     Forces,
@@ -42,7 +41,7 @@ from deltac.recorders.mujoco_forces import (
     mass_times,
     plastic_state,
 )
-from deltac.recorders.recorder import OCCASIONAL, Recorder
+from deltac.recorders.recorder import OCCASIONAL, Recorder, TrajectoryBuilder, simulator
 from deltac.trajectories import Provenance, Trajectory
 
 Model: TypeAlias = Any

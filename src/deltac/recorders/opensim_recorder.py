@@ -11,7 +11,7 @@ record, write the trajectory, and audit the file in another process.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -140,10 +140,12 @@ class OpensimRecorder(Recorder):
                 rows.append(_value(joint.get_coordinates(0), state))
                 turns.append(np.eye(1))
         ours = {
-            name: _joined(T @ f[self._places[c.name]] for T, c in zip(turns, self._columns.joints))
+            name: np.concatenate(
+                [T @ f[self._places[c.name]] for T, c in zip(turns, self._columns.joints)]
+            )
             for name, f in found.items()
         }
-        q, u, udot = (_joined(parts) for parts in zip(*rows))
+        q, u, udot = (np.concatenate(parts) for parts in zip(*rows))
         self._instant(state.getTime(), q, u, udot, ours)
 
     def states(self, table: Any) -> None:
@@ -229,10 +231,6 @@ def _motion(joint: Joint, state: State) -> tuple[Array, Array, Array]:
         for pair in (frame.getVelocityInGround(state), frame.getAccelerationInGround(state))
     ]
     return np.concatenate([place.p().to_numpy(), rotations.quaternion(R)]), rates[0], rates[1]
-
-
-def _joined(parts: Iterable[Array]) -> Array:
-    return np.concatenate([np.zeros(0), *parts])
 
 
 def _each(of_opensim: Any) -> list[Any]:

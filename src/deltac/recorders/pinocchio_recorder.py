@@ -12,9 +12,16 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, ModelError
 from deltac.models import ModelLike
-from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import Monitor
-from deltac.recorders.recorder import INSTANT, Columns, Forces, JointColumns, Recorder
+from deltac.recorders.recorder import (
+    INSTANT,
+    Columns,
+    Forces,
+    JointColumns,
+    Recorder,
+    simulator,
+    sized,
+)
 from deltac.trajectories import Provenance, Trajectory
 
 Model: TypeAlias = Any
@@ -112,10 +119,10 @@ class PinocchioRecorder(Recorder):
             InputError: an array of the wrong size.
         """
         pin, model, data = self._pin, self._model, self._data
-        q, v = self._sized("q", q, model.nq), self._sized("v", v, model.nv)
-        acting = {name: self._sized(name, f, model.nv) for name, f in (forces or {}).items()}
+        q, v = sized("q", q, model.nq), sized("v", v, model.nv)
+        acting = {name: sized(name, f, model.nv) for name, f in (forces or {}).items()}
         if tau is not None:
-            tau = self._sized("tau", tau, model.nv)
+            tau = sized("tau", tau, model.nv)
             for joint in self._columns.joints:
                 part = np.zeros(model.nv)
                 part[joint.v] = tau[joint.v]
@@ -126,7 +133,7 @@ class PinocchioRecorder(Recorder):
         if a is None:
             total = np.sum([*acting.values(), np.zeros(model.nv)], axis=0)
             a = np.array(pin.aba(model, data, q, v, total))
-        a = self._sized("a", a, model.nv)
+        a = sized("a", a, model.nv)
         ours: Forces = {name: self._turned(f, q) for name, f in acting.items()}
         self._instant(t, self._coordinates(q), self._turned(v, q), self._rates(a, v, q), ours)
 
@@ -181,15 +188,11 @@ class PinocchioRecorder(Recorder):
     def _turned(self, values: Array, q: Array) -> Array:
         """Velocities or forces; linear components of free joints in the world. Turning is orthogonal."""
 
-        def turned(joint: JointColumns) -> Array:
-            own = values[joint.v]
-            if joint.kind != "free":
-                return own
-            return np.concatenate(
-                [rotations.matrices(np.roll(q[joint.q][3:], 1)) @ own[:3], own[3:]]
-            )
+        def in_world(own: Array, joint: JointColumns) -> Array:
+            R = rotations.matrices(np.roll(q[joint.q][3:], 1))
+            return np.concatenate([R @ own[:3], own[3:]])
 
-        return self._columns.joined(turned)
+        return self._columns.turned(values, in_world)
 
     def _rates(self, a: Array, v: Array, q: Array) -> Array:
         """d/dt (R v_B) = R (v̇_B + ω × v_B) of free flyers."""
@@ -198,13 +201,6 @@ class PinocchioRecorder(Recorder):
             if joint.kind == "free":
                 inertial[joint.v][:3] += np.cross(v[joint.v][3:], v[joint.v][:3])
         return self._turned(inertial, q)
-
-    @staticmethod
-    def _sized(what: str, values: Any, size: int) -> Array:
-        array = np.asarray(values, dtype=np.float64)
-        if array.shape != (size,):
-            raise InputError(f"{what}: found shape {array.shape}, expected ({size},)")
-        return array
 
 
 record_pinocchio = checked(PinocchioRecorder, name="record_pinocchio")

@@ -17,7 +17,6 @@ from deltac.arrays import SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, RecordingError, UnknownName
 from deltac.models import ModelLike
-from deltac.recorders.builder import simulator
 from deltac.recorders.monitor import Monitor
 from deltac.recorders.recorder import (
     HELD,
@@ -26,6 +25,7 @@ from deltac.recorders.recorder import (
     Forces,
     JointColumns,
     Recorder,
+    simulator,
 )
 from deltac.trajectories import Provenance, Trajectory
 
@@ -261,36 +261,27 @@ class PybulletRecorder(Recorder):
             R, r = self._arm(state)
             return np.concatenate([state.centre - r, rotations.quaternion(R)])
 
-        def moved(joint: JointColumns) -> Array:
-            if joint.kind != "free":
-                return state.v[joint.v]
+        def moved(own: Array, _: JointColumns) -> Array:
             R, r = self._arm(state)
-            omega = state.v[3:6]
-            return np.concatenate([state.v[:3] - np.cross(omega, r), R.T @ omega])
+            return np.concatenate([own[:3] - np.cross(own[3:], r), R.T @ own[3:]])
 
-        return self._columns.joined(placed), self._columns.joined(moved)
+        return self._columns.joined(placed), self._columns.turned(state.v, moved)
 
     def _acceleration(self, a: Array, state: _State) -> Array:
-        def moved(joint: JointColumns) -> Array:
-            own = a[joint.v]
-            if joint.kind != "free":
-                return own
+        def moved(own: Array, _: JointColumns) -> Array:
             R, r = self._arm(state)
             omega, alpha = state.v[3:6], own[3:6]
             origin = own[:3] - np.cross(alpha, r) - np.cross(omega, np.cross(omega, r))
             return np.concatenate([origin, R.T @ alpha])
 
-        return self._columns.joined(moved)
+        return self._columns.turned(a, moved)
 
     def _force(self, f: Array, state: _State) -> Array:
-        def moved(joint: JointColumns) -> Array:
-            own = f[joint.v]
-            if joint.kind != "free":
-                return own
+        def moved(own: Array, _: JointColumns) -> Array:
             R, r = self._arm(state)
             return np.concatenate([own[:3], R.T @ (own[3:6] + np.cross(r, own[:3]))])
 
-        return self._columns.joined(moved)
+        return self._columns.turned(f, moved)
 
 
 @dataclass(frozen=True)

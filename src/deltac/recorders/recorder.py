@@ -1,20 +1,21 @@
-"""What recorders share: rows for a trajectory or a monitor, and columns in a mechanism's conventions."""
+"""What recorders share: simulators, rows of a log or for a monitor, columns in our conventions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import LogError, RecordingError, UnknownName, closest
+from deltac.calls.arguments import checked
+from deltac.errors import InputError, LogError, PackageError, RecordingError, UnknownName, closest
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.joints import KINDS
 from deltac.models import ModelLike, load_model
-from deltac.recorders.builder import TrajectoryBuilder
 from deltac.trajectories import Provenance, Trajectory
 
 if TYPE_CHECKING:
@@ -30,6 +31,110 @@ HELD = (
     "step's (u_{k+1} - u_k)/h; the last state, from which no step was made, is not a row"
 )
 INSTANT = "state, accelerations and forces of the same instant"
+
+
+def simulator(module: str, extra: str) -> Any:
+    """Import a simulator's module; InputError with the remedy where it is missing."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise PackageError(
+            f"recording {extra} runs needs the Python module {module!r}, which is not installed "
+            f'({error}); run: pip install "deltac[{extra}]"'
+        ) from None
+
+
+def sized(what: str, values: Any, size: int, entries: str = "") -> Array:
+    """A copy of the values as floats; InputError unless there are so many."""
+    array = np.array(values, dtype=np.float64)
+    if array.shape != (size,):
+        raise InputError(f"{what}: found shape {array.shape}, expected ({size},){entries}")
+    return array
+
+
+@checked
+class TrajectoryBuilder:
+    """Rows of a log, one `add` a sample: the state and, of the same instant, accelerations and forces.
+
+    `coordinates` and `speeds` name the entries of q and u in the conventions of a mechanism: SI
+    units, radians, quaternions scalar first; a free joint's speeds are its velocity in world
+    components, then its angular velocity in body components.
+    """
+
+    def __init__(self, coordinates: Iterable[str], speeds: Iterable[str]) -> None:
+        self._coordinates = tuple(coordinates)
+        self._speeds = tuple(speeds)
+        self._rows: list[tuple[float, Array, Array, Array | None]] = []
+        self._forces: dict[str, dict[int, Array]] = {}
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that acted so far."""
+        return tuple(self._forces)
+
+    def add(
+        self,
+        t: float,
+        q: Sequence[float] | Array,
+        u: Sequence[float] | Array,
+        udot: Sequence[float] | Array | None = None,
+        forces: Mapping[str, Sequence[float] | Array] | None = None,
+    ) -> None:
+        """Add a sample. The arrays are copied: a simulator may go on and overwrite its own.
+
+        Args:
+            t: time, s.
+            q: coordinates (nq,).
+            u: speeds (nu,).
+            udot: their rates at the same instant (nu,), or None; given always or never.
+            forces: channel ``"<kind> <element>"`` -> generalized force (nu,) at the same instant, N
+                or N·m; its product with u is positive when it adds energy. A channel that is left
+                out of a row did not act then.
+
+        Raises:
+            InputError: an array of the wrong size, or accelerations in some rows only.
+        """
+        if self._rows and (udot is None) != (self._rows[0][3] is None):
+            raise RecordingError(
+                f"row {len(self)}, t = {t:g} s: accelerations must be given in every row or in none"
+            )
+        row = len(self._rows)
+        self._rows.append(
+            (
+                float(t),
+                self._sized("q", q, t),
+                self._sized("u", u, t),
+                None if udot is None else self._sized("udot", udot, t),
+            )
+        )
+        for channel, force in (forces or {}).items():
+            self._forces.setdefault(channel, {})[row] = self._sized(channel, force, t)
+
+    def trajectory(self, provenance: Provenance) -> Trajectory:
+        """The samples so far. Raises InputError for what a Trajectory refuses."""
+        t, q, u, udot = zip(*self._rows) if self._rows else ((), (), (), ())
+        forces = {}
+        for channel, rows in self._forces.items():
+            forces[channel] = np.zeros((len(t), len(self._speeds)))
+            forces[channel][list(rows)] = list(rows.values())
+        return Trajectory(
+            t=np.array(t),
+            q=np.array(q),
+            u=np.array(u),
+            udot=None if not udot or udot[0] is None else np.array(udot),
+            coordinates=self._coordinates,
+            speeds=self._speeds,
+            forces=forces,
+            provenance=provenance,
+        )
+
+    def _sized(self, what: str, values: Any, t: float) -> Array:
+        names = self._coordinates if what == "q" else self._speeds
+        entries = f": one entry for each of {', '.join(names) or 'no names'}"
+        return sized(f"{what} at t = {t:g} s", values, len(names), entries)
 
 
 @dataclass(frozen=True)
@@ -83,6 +188,10 @@ class Columns:
     def joined(self, part: Callable[[JointColumns], Array]) -> Array:
         """What each joint contributes, one after the other."""
         return np.concatenate([np.zeros(0), *map(part, self.joints)])
+
+    def turned(self, v: Array, free: Callable[[Array, JointColumns], Array]) -> Array:
+        """Velocities, accelerations or forces in our conventions; `free` turns those of free joints."""
+        return self.joined(lambda j: free(v[j.v], j) if j.kind == "free" else v[j.v])
 
     @property
     def coordinates(self) -> tuple[str, ...]:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import LogError
-from deltac.recorders.builder import simulator
 from deltac.recorders.mujoco_recorder import MujocoRecorder, compiled_model
+from deltac.recorders.recorder import simulator
 from deltac.trajectories import Trajectory
 
 REPRODUCED = 1e-4

@@ -13,7 +13,7 @@ import numpy as np
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.results import number
+from deltac.results import Serialisable, number
 
 if TYPE_CHECKING:
     from deltac.diagnosis.audit.audit import Audit
@@ -54,7 +54,7 @@ class Guide:
     value: float
 
 
-class Panel:
+class Panel(Serialisable, also=("kind",)):
     """A part of a page; its fields make its JSON, under the name of its kind."""
 
     kind: ClassVar[str]

@@ -6,7 +6,7 @@ What is drawn is the scene that pages show moving; every shape is its outline as
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from deltac.arrays import Array
 from deltac.errors import ModelError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.report.page.geometry import Form
+from deltac.report.page.geometry import Form, unit
 from deltac.report.page.scene import Scene, scene, turned
 from deltac.report.style import BLUE, GREEN, ORANGE, PINK, VERMILION, blank, styled
 from deltac.trajectories import Trajectory
@@ -84,11 +84,7 @@ def _standing(mechanism: Mechanism, state: State) -> Trajectory:
 
 def draw(panel: Axes, found: Scene, frames: Sequence[int], trail: bool = True) -> None:
     """Draw a scene at some of its frames, the last one full, into axes that fit it."""
-    eye = np.array(found.view)
-    up = np.array(found.up)
-    right = np.cross(up, eye)
-    right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0, 0])
-    seen = np.column_stack([right, np.cross(eye, right)])
+    eye, up, seen = np.array(found.view), np.array(found.up), _seen(found)
     run = found.runs[0]
     poses = np.asarray(run.poses.values)
     centre = np.array(found.centre) @ seen
@@ -115,6 +111,47 @@ def draw(panel: Axes, found: Scene, frames: Sequence[int], trail: bool = True) -
         share = (k + 1) / len(frames)
         opacity = 1.0 if k == len(frames) - 1 else PALEST + 0.35 * share**2
         _frame(panel, found, poses[frame], seen, eye, opacity, 2.0 + k, per_point)
+
+
+def _seen(found: Scene) -> Array:
+    """The directions (3, 2) to the right and upward, as the eye sees the scene."""
+    eye = np.array(found.view)
+    right = np.cross(found.up, eye)
+    right = unit(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    return np.column_stack([right, np.cross(eye, right)])
+
+
+SKETCH, MARGIN = np.array([230.0, 130.0]), 12.0
+"""Width and height of a sketch, and what stays free at its sides."""
+
+
+def sketch(found: Scene, at: float = 0.35) -> tuple[str, str]:
+    """The outlines of the bodies at a share `at` of the run, and the paths of their ends: SVG path data."""
+    poses = np.asarray(found.runs[0].poses.values)
+    frame = int(at * (len(poses) - 1))
+    now, seen = poses[frame], _seen(found) * [1.0, -1.0]  # upward is less in SVG
+    lines = []
+    for i, body in enumerate(found.bodies):
+        shapes = (corners for form in body.forms if len(corners := _corners(form)))
+        hulls = (_hull(turned(now[i], corners) @ seen) for corners in shapes)
+        lines += [np.concatenate([hull, hull[:1]]) for hull in hulls]
+    bodies = [tie for tie in found.ties if tie.kind != "loop"]
+    lines += [
+        np.array([turned(now[i], np.array(p)) for i, p in tie.points]) @ seen for tie in bodies
+    ]
+    before = poses[max(0, frame - len(poses) // 4) : frame + 1 : max(1, len(poses) // 200)]
+    trails = [turned(before[:, i], np.array(point)) @ seen for i, point in found.trails]
+    if not lines + trails:
+        return "", ""
+    every = np.concatenate(lines + trails)
+    low, high = every.min(axis=0), every.max(axis=0)
+    scale = ((SKETCH - 2 * MARGIN) / np.maximum(high - low, 1e-9 + 0.05 * found.size)).min()
+
+    def path(some: Sequence[Array]) -> str:
+        placed = ((line - (low + high) / 2) * scale + SKETCH / 2 for line in some if len(line) > 1)
+        return "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in line) for line in placed)
+
+    return path(lines), path(trails)
 
 
 def _frame(
@@ -176,13 +213,10 @@ def _corners(form: Form) -> Array:
     """Points whose hull is the shape (n, 3), in the body's frame; none of what has no end."""
     turn = np.linspace(0.0, 2.0 * math.pi, AROUND, endpoint=False)
     circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(AROUND)])
-    if form.kind == "sphere":
-        points = form.size[0] * _ball()
-    elif form.kind == "ellipsoid":
+    if form.kind in ("sphere", "ellipsoid"):  # one radius or three
         points = np.array(form.size) * _ball()
     elif form.kind == "box":
-        points = 0.5 * np.array(form.size) * np.array(list(np.ndindex(2, 2, 2))) * 2.0
-        points = points - 0.5 * np.array(form.size)
+        points = np.array(form.size) * (np.array(list(np.ndindex(2, 2, 2))) - 0.5)
     elif form.kind in ("capsule", "cylinder"):
         radius, length = form.size
         ring = radius * (_ball() if form.kind == "capsule" else circle)
@@ -198,17 +232,9 @@ def _corners(form: Form) -> Array:
 def _ball() -> Array:
     """Points on the unit sphere."""
     turn = np.linspace(0.0, 2.0 * math.pi, AROUND, endpoint=False)
-    rings: Iterator[Array] = (
-        np.column_stack(
-            [
-                np.cos(level) * np.cos(turn),
-                np.cos(level) * np.sin(turn),
-                np.full(AROUND, np.sin(level)),
-            ]
-        )
-        for level in np.linspace(-math.pi / 2, math.pi / 2, 13)
-    )
-    return np.concatenate(list(rings))
+    level = np.linspace(-math.pi / 2, math.pi / 2, 13)[:, None]
+    x, y = np.cos(level) * np.cos(turn), np.cos(level) * np.sin(turn)
+    return np.stack([x, y, np.broadcast_to(np.sin(level), x.shape)], axis=-1).reshape(-1, 3)
 
 
 def _hull(points: Array) -> Array:
@@ -221,6 +247,3 @@ def _hull(points: Array) -> Array:
     except QhullError:
         along = points @ (points[-1] - points[0])
         return points[[int(np.argmin(along)), int(np.argmax(along))]]
-
-
-__all__ = ["draw", "still"]

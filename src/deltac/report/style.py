@@ -7,7 +7,6 @@ that a figure can be put into a paper at its own size with its 9 pt and 7.5 pt l
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
@@ -106,19 +105,6 @@ def entitle(figure: Figure, title: str) -> None:
     figure.texts[0].set_text(title if len(title) <= most else f"{title[: most - 2].rstrip()} …")
 
 
-def stacked(figure: Figure, heights: Sequence[float], gaps: Sequence[float]) -> list[Axes]:
-    """Panels below one another on the same time axis, with relative heights and gaps."""
-    ratios = [heights[0]]
-    for gap, height in zip(gaps, heights[1:], strict=True):
-        ratios += [gap, height]
-    grid = figure.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.0)
-    panels = [figure.add_subplot(grid[0])]
-    panels += [figure.add_subplot(grid[row], sharex=panels[0]) for row in range(2, len(ratios), 2)]
-    for panel in panels[:-1]:
-        panel.tick_params(labelbottom=False)
-    return panels
-
-
 def legend_beside(panel: Axes) -> None:
     """The legend, right of the axes, where it covers nothing; long labels are wrapped."""
     handles, labels = panel.get_legend_handles_labels()
@@ -160,11 +146,3 @@ def thinned(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
         rows += [start + int(np.argmin(y[start:end])), start + int(np.argmax(y[start:end]))]
     kept = np.unique(rows)
     return t[kept], y[kept]
-
-
-def shades(count: int) -> list[tuple[float, float, float, float]]:
-    """Colours of an ordered or long list, told apart by brightness too."""
-    from matplotlib import colormaps
-
-    scale = colormaps["viridis"]
-    return [scale(0.92 * k / max(1, count - 1)) for k in range(count)]

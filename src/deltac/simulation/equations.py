@@ -16,7 +16,7 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
-from deltac.dynamics.equations_of_motion import equations_of, evaluate_at
+from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.errors import (
@@ -313,17 +313,13 @@ def motor_values(controller: Controller, system: System, t: float, q: Array, u: 
 class ByHand:
     """Hand-written equations as they are now: what the function reads, its constants too, is in `udot`.
 
-    `q`, `u`, `qdot` are the coordinates, speeds and rates that the equations are written in, those of `own`
-    where they have a map; `udot` is None for a function that is called from Python. `key` tells what may
-    be kept: two calls of `simulate` share compiled code if and only if their expressions are the same, not
-    because they were given the same function, whose constants may have changed in between.
+    `state` is what they are written in; `udot` is None for a function that is called from Python. `key` tells
+    what may be kept: two calls of `simulate` share compiled code if and only if their expressions are the
+    same, not because they were given the same function, whose constants may have changed in between.
     """
 
     equations: Equations
-    own: OwnCoordinates | None
-    q: SX
-    u: SX
-    qdot: SX
+    state: StateSymbols
     udot: SX | None
     key: Hashable
 
@@ -333,29 +329,14 @@ def by_hand(system: System, equations: Equations, rows: Rows | None = None) -> B
     key: Hashable = equations  # called anew at every stage: nothing of it is baked in
     equations = explicit(system, equations)
     state = state_symbols(system, equations.coordinates, rows)
-    q, u, own = state.q, state.u, state.own
-    if own is not None and own.told is not None:
-        equations = replace(equations, rhs=_of_state(equations.rhs, system, own.told))
-    udot = trace_rhs(equations, system.t, q, u)
+    y = state.q if state.told is state.q else ca.SX.sym("y", state.told.shape[0])
+    udot = trace_rhs(equations, system.t, y, state.u)
     if udot is not None:
-        expression = ca.Function("rhs", [system.t, q, u], [udot]).serialize()
+        expression = ca.Function("rhs", [system.t, y, state.u], [udot]).serialize()
         digest = hashlib.sha256(expression.encode()).digest()
         key = (digest, equations.coordinates, equations.name)
-    return ByHand(equations, state.own, q, u, state.qdot, udot, key)
-
-
-def _of_state(rhs: Callable[..., Any], system: System, told: SX) -> Callable[..., Any]:
-    """A function of own coordinates as one of the mechanism's, which are functions `told` of (t, q)."""
-    p = [system.mechanism.parameters[name] for name in system.vary]
-    numbers = ca.Function("told", [system.t, system.q, system.p], [ca.densify(told)])
-
-    def of_state(t: Any, q: Any, u: Any) -> Any:
-        if np.asarray(q).dtype != object:
-            return rhs(t, evaluate_at(numbers, t, q, p)[0], u)
-        place = [t, ca.vertcat(*q)]
-        return rhs(t, _objects(*ca.substitute([told], [system.t, system.q], place)), u)
-
-    return of_state
+        udot = ca.substitute(udot, y, state.told)
+    return ByHand(equations, state, udot, key)
 
 
 def trace_rhs(equations: Equations, t: SX, q: SX, u: SX) -> SX | None:

@@ -17,10 +17,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
-from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
+from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at, quaternions
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import (
@@ -103,7 +104,8 @@ class Flow(Once):
     """ẋ in symbols, and what is observed of a motion.
 
     Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
-    accelerations of a hand-written function that could not be traced (else empty). `q_size`, `u_size`
+    accelerations of a hand-written function that could not be traced (else empty), which takes the
+    coordinates `told` if these are not those of x. `q_size`, `u_size`
     divide x; `works`, then `integrals` name what follows. The outputs `q_all`, `u_all`, `udot_all`, the
     `driving` forces and the constraints' `reactions` are full vectors of the mechanism. `bound` holds the
     constraints that the equations are built on, `energies` the testing functions' E, K and V of (t, x);
@@ -116,6 +118,7 @@ class Flow(Once):
     works: tuple[ChannelName, ...]
     integrals: tuple[str, ...]
     equations: Equations | None
+    told: SX | None
     own: OwnCoordinates | None
     split: OwnCoordinates | None
     bound: Constrained | None
@@ -181,6 +184,18 @@ class Flow(Once):
     def energy(self) -> Any:
         """(t, x, p) -> the testing functions' E, K and V, as a CasADi function."""
         return ca.Function("E", [self.t, self.x, self.p], [self.energies])
+
+    @cached_property
+    def _told(self) -> Any:
+        """(t, x, p) -> the coordinates that equations by hand take, as a CasADi function."""
+        return ca.Function("told", [self.t, self.x, self.p], [ca.densify(self.told)])
+
+    def by_hand(self, t: float, x: Array, p: Array) -> Array:
+        """The accelerations that equations by hand, called from Python, give at a state."""
+        assert self.equations is not None
+        q, u, _ = self.parts
+        told = x[q].copy() if self.told is None else evaluate_at(self._told, t, x, p)[0]
+        return self.equations(t, told, x[u].copy())
 
     def kernel(self, name: str, outputs: Mapping[str, SX], **further: SX) -> Kernel:
         """Compiled: (t, x, p, …) -> outputs."""
@@ -255,13 +270,15 @@ def build_flow(
     damping = (0.0, 0.0)
     if isinstance(constraints, Baumgarte):
         damping = (constraints.alpha, constraints.beta)
-    given = ca.SX(0, 1)
+    given, told = ca.SX(0, 1), None
     if written is None:
         motion = forward(system, parts, bound, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
         q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u]
     else:
-        own, q, u, qdot = written.own, written.q, written.u, written.qdot
+        state = written.state
+        own, q, u, qdot = state.own, state.q, state.u, state.qdot
+        told = None if state.told is q else state.told
         if written.udot is None:
             given = ca.SX.sym("given", u.shape[0])
         udot = given if written.udot is None else written.udot
@@ -307,6 +324,7 @@ def build_flow(
         works=tuple(working),
         integrals=integrals,
         equations=None if written is None else written.equations,
+        told=told,
         own=own,
         split=split_own,
         bound=bound,

@@ -84,18 +84,12 @@ def observer(flow: Flow) -> Kernel:
 
 def observed(flow: Flow, observe: Kernel, motion: Motion, p: Array) -> dict[str, Array]:
     """What the observer sees of the samples of a motion, time first; p (np,), or (T, np) where it varies."""
-    q_part, u_part, _ = flow.parts
     arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
     if flow.inputs.shape[0]:
         arrays["inputs"] = motion.inputs
     if flow.given.shape[0]:
-        assert flow.equations is not None
-        arrays["given"] = np.array(
-            [
-                flow.equations(t, x[q_part].copy(), x[u_part].copy())
-                for t, x in zip(motion.t, motion.x)
-            ]
-        )
+        values = np.broadcast_to(p, (len(motion.t), p.shape[-1]))
+        arrays["given"] = np.array([flow.by_hand(*at) for at in zip(motion.t, motion.x, values)])
     return observe(parameters=p, **arrays)
 
 

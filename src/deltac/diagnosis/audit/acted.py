@@ -8,7 +8,7 @@ wrong parameter of the model is no such function of the logged force.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -104,6 +104,8 @@ def _required(mechanism: Mechanism, run: Trajectory) -> Array:
 
 def _compared(name: ChannelName, logged: Array, missing: Array) -> list[Acted]:
     """The delay or limit that takes off nearly all that is missing (T − 1,) beside one logged force (T,)."""
+    from scipy.optimize import brute
+
     required = logged[:-1] + missing
 
     def left(acted: Array, rows: slice = slice(None)) -> float:
@@ -119,11 +121,19 @@ def _compared(name: ChannelName, logged: Array, missing: Array) -> list[Acted]:
     if delays[k] < LEFT * delays[0]:
         return [Acted(name, rows=k)]
     low, high = float(logged.min()), float(logged.max())
-    least, most = low, high
-    for _ in range(3):  # one bound after the other
-        most = _best(lambda x, low: left(np.clip(logged, low, x)), least, (0.0, high))
-        least = _best(lambda x, high: left(np.clip(logged, x, high)), most, (low, 0.0))
-    limited = left(np.clip(logged, least, most))
+    ranges = (low, max(low, 0.0)), (min(high, 0.0), high)
+
+    def leaves(bounds: Sequence[float]) -> float:
+        return left(np.clip(logged, bounds[0], bounds[1]))
+
+    found = brute(leaves, ranges)
+    limits = [[float(f"{x:.{digits}g}") for x in found] for digits in (1, 2, 3, 4)]
+    limits.append(found.tolist())
+    left_by = [leaves(bounds) for bounds in limits]
+    # Limits are round numbers: the roundest that leave hardly more are the ones.
+    limited, (least, most) = next(
+        (x, bounds) for x, bounds in zip(left_by, limits) if x <= ALIKE * left_by[-1]
+    )
     # Of a force of few values a wrong factor or offset is a limit as well: then nothing is told.
     line = np.column_stack([logged, np.ones_like(logged)])
     fitted = np.linalg.lstsq(line[:-1], required)[0]
@@ -137,25 +147,6 @@ def _compared(name: ChannelName, logged: Array, missing: Array) -> list[Acted]:
     return [Acted(name, least=least, most=most)]
 
 
-def _best(
-    left: Callable[[float, float], float], other: float, between: tuple[float, float]
-) -> float:
-    """The bound that leaves least beside the other one; it may have several minima."""
-    from scipy.optimize import minimize_scalar
-
-    if between[1] <= between[0]:
-        return between[0]
-    grid = np.linspace(*between, 41)
-    best = int(np.argmin([left(x, other) for x in grid]))
-    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
-    near = {"xatol": 1e-6 * (bounds[1] - bounds[0])}
-    found = minimize_scalar(left, bounds=bounds, args=(other,), method="bounded", options=near)
-    # Limits are round numbers: the roundest that leaves hardly more is the one.
-    rounded = [float(f"{found.x:.{digits}g}") for digits in (1, 2, 3, 4)]
-    good = [x for x in rounded if left(x, other) <= ALIKE * found.fun]
-    return good[0] if good else float(found.x)
-
-
 def _told(a: Acted, step: float | None) -> Finding:
     if a.rows:
         when = "later" if a.rows > 0 else "earlier"
@@ -164,8 +155,8 @@ def _told(a: Acted, step: float | None) -> Finding:
         return Finding(
             "force-delayed",
             f"the force of {a.channel!r} acted {many}{time} {when} than the log says",
-            "moved by that, it leaves less than a fiftieth of what was missing",
-            "It was moved. Log the force that acts, behind the delay of the actuator or of the communication",
+            "shifted by that, it leaves less than 2 % of the residual",
+            "It was shifted. Log the force that acts, after all delays of actuators and communication",
             element=a.channel,
             factor=None if step is None else a.rows * step,
         )
@@ -176,8 +167,8 @@ def _told(a: Acted, step: float | None) -> Finding:
         within = f"from {a.least:.3g} up"
     return Finding(
         "force-limited",
-        f"the force of {a.channel!r} acted {within} only; the log has values beyond",
-        "limited to that, it leaves less than a fiftieth of what was missing",
-        "It was limited. Log the force that acts, behind the limits of the actuator, not the command",
+        f"the force of {a.channel!r} acted only {within}; the logged force exceeds that",
+        "clipped to that, it leaves less than 2 % of the residual",
+        "It was clipped. Log the force that acts, after the limits of the actuator, not the command",
         element=a.channel,
     )

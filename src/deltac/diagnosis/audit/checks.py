@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.codes import FINDINGS
 from deltac.diagnosis.measurements.digits import scatter
 from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.verdict import Finding, Weight
 from deltac.energy import Ledger
+from deltac.errors import listed
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.laws import at_times
 from deltac.mechanism.mechanism import Mechanism
@@ -23,25 +25,6 @@ if TYPE_CHECKING:
     from deltac.importers import ImportReport
 
 
-def _by_law(
-    mechanism: Mechanism,
-    run: Trajectory,
-    what: str,
-    element: str,
-    own: Array,
-    allowed: float,
-) -> bool:
-    """Whether a prescribed joint follows its law by times that are counted from the first row."""
-    entries = mechanism.coordinates if what == "coordinate" else mechanism.speeds
-    kind = "q" if what == "coordinate" else "u"
-    laws = MechanismNames.of(mechanism).laws
-    names = [f"{kind}.{entry.name}" for entry in entries[entries.of(element)]]
-    told = [at_times(laws[name], run.t - run.t[0]) for name in names if name in laws]
-    return len(told) == own.shape[1] and bool(
-        np.all(np.abs(np.column_stack(told) - own) <= allowed)
-    )
-
-
 def violations(
     mechanism: Mechanism, run: Trajectory, ledger: Ledger, tolerance: float
 ) -> list[Finding]:
@@ -49,38 +32,27 @@ def violations(
     found: list[Finding] = []
     for name, values in ledger.violation.items():
         what, _, element = name.partition(" ")
-        worst, when = float(values.max()), float(ledger.t[int(values.argmax())])
-        evidence = f"by up to {worst:.3g}, at t = {when:.4g} s"
+        k = int(values.argmax())
+        worst, evidence = float(values[k]), f"by up to {values[k]:.3g}, at t = {ledger.t[k]:.4g} s"
         if what in ("coordinate", "speed"):
-            column = run.q if what == "coordinate" else run.u
-            entries = mechanism.coordinates if what == "coordinate" else mechanism.speeds
-            own = column[:, entries.of(element)]
-            span = float(np.abs(own).max(initial=0.0))
-            digits = 2.0 * float(scatter(own).max(initial=0.0))  # which the log may depart by
-            if worst > 1e-9 * max(span, 1.0) + digits:
-                allowed = tolerance * span + 4.0 * digits
-                grave: Weight = "cause" if worst > allowed else "note"
-                remedy = "Give the model the motion that was actually imposed"
-                start = float(run.t[0])
-                if (
-                    grave == "cause"
-                    and start
-                    and _by_law(mechanism, run, what, element, own, allowed)
-                ):
-                    evidence += f"; it follows it at t − {start:.9g} s"
-                    remedy = (
-                        f"The times of the log are not those of the model: subtract {start:.9g} s"
-                    )
-                found.append(
-                    Finding(
-                        "prescribed-departs",
-                        f"the {what} of prescribed joint {element!r} departs from its law",
-                        evidence,
-                        remedy,
-                        grave,
-                        element,
-                    )
-                )
+            found += _departure(mechanism, run, what, element, worst, evidence, tolerance)
+        elif what in ("position", "velocity") and worst > 1e-6 + (digits := _digits(run, what)):
+            along = _follows(run, ledger.t, values) if what == "position" else ""
+            moved = np.ptp(run.q, axis=0) if what == "position" else np.abs(run.u)
+            large = worst > tolerance * float(moved.max(initial=0.0)) + 4.0 * digits
+            drifted = float(values[0]) < 0.5 * worst and not along
+            how = "; it grows along the log" if drifted else "; it is there from the start"
+            if along:
+                how = f"; in proportion to {along!r}, as with a wrong ratio and unlike drift"
+            remedy = (
+                "Check the constraint's geometry in the model, and offsets of logged coordinates"
+            )
+            if drifted:
+                remedy = "Use a projection or a smaller step, or log the constraint's force if it is soft"
+            kind = "constraint-drift" if drifted else "constraint-violation"
+            told = f"constraint {element!r} is violated at {what} level"
+            weight: Weight = "cause" if large else "note"
+            found.append(Finding(kind, told, evidence + how, remedy, weight, element))
         elif what == "quaternion" and worst > 1e-6:
             found.append(
                 Finding(
@@ -92,37 +64,53 @@ def violations(
                     element,
                 )
             )
-        elif what in ("position", "velocity") and worst > 1e-6 + _digits(run, what):
-            moved = np.ptp(run.q, axis=0) if what == "position" else np.abs(run.u)
-            large = worst > tolerance * float(moved.max(initial=0.0)) + 4.0 * _digits(run, what)
-            along = _follows(run, ledger.t, values) if what == "position" else ""
-            drifted = float(values[0]) < 0.5 * worst and not along
-            how = ", increasingly" if drifted else ", from the start"
-            if along:
-                evidence += f"; in proportion to {along!r}, as with a wrong ratio and unlike drift"
-            found.append(
-                Finding(
-                    "constraint-drift" if drifted else "constraint-violation",
-                    f"constraint {element!r} is violated at {what} level{'' if along else how}",
-                    evidence,
-                    "Use a projection or a smaller step, or log the constraint's force if it is soft"
-                    if drifted
-                    else "Check the constraint's geometry in the model, and offsets of logged coordinates",
-                    "cause" if large else "note",
-                    element,
-                )
-            )
     return found
+
+
+def _departure(
+    mechanism: Mechanism,
+    run: Trajectory,
+    what: str,
+    element: str,
+    worst: float,
+    evidence: str,
+    tolerance: float,
+) -> list[Finding]:
+    """A prescribed joint that departs from its law; it may follow it by times counted from the first row."""
+    position = what == "coordinate"
+    entries = mechanism.coordinates if position else mechanism.speeds
+    places = entries.of(element)
+    own = (run.q if position else run.u)[:, places]
+    span = float(np.abs(own).max(initial=0.0))
+    digits = 2.0 * float(scatter(own).max(initial=0.0))  # which the log may depart by
+    allowed = tolerance * span + 4.0 * digits
+    if worst <= 1e-9 * max(span, 1.0) + digits:
+        return []
+    remedy, start = "Give the model the motion that was actually imposed", float(run.t[0])
+    if worst > allowed and start:
+        laws = MechanismNames.of(mechanism).laws
+        names = [f"{'q' if position else 'u'}.{entry.name}" for entry in entries[places]]
+        told = [at_times(laws[name], run.t - start) for name in names if name in laws]
+        if len(told) == own.shape[1] and np.abs(np.column_stack(told) - own).max() <= allowed:
+            evidence += f"; it follows the law at t − {start:.9g} s"
+            remedy = f"The times of the log are not those of the model: subtract {start:.9g} s"
+    return [
+        Finding(
+            "prescribed-departs",
+            f"the {what} of prescribed joint {element!r} departs from its law",
+            evidence,
+            remedy,
+            "cause" if worst > allowed else "note",
+            element,
+        )
+    ]
 
 
 def _digits(run: Trajectory, what: str) -> float:
     """What digits and noise of the log may violate a constraint by, about; m, rad or per second."""
-    of_q = float(scatter(run.q).max(initial=0.0))
-    if what == "position":
-        return 4.0 * of_q
-    return 4.0 * (
-        float(scatter(run.u).max(initial=0.0)) + of_q * float(np.abs(run.u).max(initial=0.0))
-    )
+    of_q, of_u = (float(scatter(x).max(initial=0.0)) for x in (run.q, run.u))
+    fastest = float(np.abs(run.u).max(initial=0.0))
+    return 4.0 * (of_q if what == "position" else of_u + of_q * fastest)
 
 
 def _follows(run: Trajectory, t: Array, values: Array) -> str:
@@ -157,23 +145,16 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
     looked_for, acted = run.provenance.looked_for, run.provenance.acted
     missing: list[str] = []
     for name in dict.fromkeys(channels):
-        generic = name.partition("<")[0]
-        if ChannelName.parse(name).kind in looked_for and not any(
-            a.startswith(generic) for a in acted
-        ):
-            continue
-        if _by_speeds(run, ChannelName.parse(name).kind):
-            continue
-        if name not in run.forces and not (
-            "<" in name and any(f.startswith(generic) for f in run.forces)
-        ):
+        generic, all_of_kind = name.partition("<")[0], "<" in name
+        kind = ChannelName.parse(name).kind
+        at_rest = kind in looked_for and not any(a.startswith(generic) for a in acted)
+        on_each_speed = all(f"{kind} {speed}" in run.forces for speed in run.speeds)
+        held = name in run.forces or (
+            all_of_kind and any(f.startswith(generic) for f in run.forces)
+        )
+        if not (at_rest or on_each_speed or held):
             missing.append("contact all" if name.startswith("contact <") else name)
     return missing
-
-
-def _by_speeds(run: Trajectory, kind: str) -> bool:
-    """Whether the log has the forces of a kind on each speed: then nothing of that kind is missing."""
-    return all(f"{kind} {speed}" in run.forces for speed in run.speeds)
 
 
 def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
@@ -191,10 +172,10 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
     return [
         Finding(
             "assumed-zero",
-            f"the log has no force for {number} of the model's file; taken as zero",
-            ", ".join(map(repr, missing[:6])) + (", …" if len(missing) > 6 else ""),
-            "If one of them acted, log it"
-            + ("; of a MuJoCo model `replay` finds it from the controls" if motors else ""),
+            f"the log has no force for {number} of the model's file; it is assumed to be zero",
+            listed(map(repr, missing)),
+            "If one of them acted, log its force"
+            + ("; for a MuJoCo model, `replay` computes it from the controls" if motors else ""),
             "note",
             next(iter([*motors, *equalities]), ""),
             equals=tuple(("assumed-zero", name) for name in [*motors, *equalities][1:]),
@@ -214,10 +195,9 @@ def unresolved_works(ledger: Ledger) -> list[Finding]:
         Finding(
             "work-unresolved",
             f"the work of {number} not resolved by the samples",
-            ", ".join(f"{name!r} ± {errors[name]:.2g} J" for name in unknown[:6])
-            + (", …" if len(unknown) > 6 else ""),
-            "Log more samples; runs of deltac integrate the works together with the testing functions "
-            "that they record (simulate(..., record=...))",
+            listed(f"{name!r} ± {errors[name]:.2g} J" for name in unknown),
+            "Log more samples; deltac's own runs integrate works together with the testing functions that "
+            "they record (simulate(..., record=...))",
             "note",
             element=worst,
             error=errors[worst],
@@ -242,50 +222,28 @@ def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     ]
 
 
-def suspicious_conventions(
-    mechanism: Mechanism, run: Trajectory, known: list[Finding]
-) -> list[Finding]:
-    """What the log betrays of units and conventions: degrees, the order of quaternions, gaps.
-
-    Of runs whose origin is known only what is certain is told. What a unit explains is taken out of
-    `known`, and what `known` tells already is not told again.
-    """
-    found: list[Finding] = []
-    told = {f.kind for f in known}
-    for s in suspicions(run, mechanism):
-        if s.kind == "rate" or (trusted(run) and not s.certain):
-            continue
-        if told & {"swapped-columns", "clipped-column"} and s.kind != "gap":
-            continue
-        doubtful = s.certain and s.kind != "gap"
-        if doubtful:
-            known[:] = [f for f in known if f.kind not in OF_RATES]
-        found.append(
-            Finding(
-                s.kind.replace(" ", "-"),
-                f"the log seems to contain {_SLIPS.get(s.kind, 'a slip: ' + s.kind)}",
-                s.evidence,
-                s.remedy[:1].upper() + s.remedy[1:],
-                "doubt" if doubtful else "note",
-            )
-        )
-    return found
-
-
 OF_RATES = ("clock-scale", "gear-between-q-and-u", "speed-not-rate", "late-rows")
 """Findings of the kinematic test that a wrong unit or order makes too."""
 
-_SLIPS = {
-    "degrees": "degrees in place of radians",
-    "turns": "turns in place of radians",
-    "rpm": "turns per minute in place of radians per second",
-    "millimetres": "millimetres in place of metres",
-    "centimetres": "centimetres in place of metres",
-    "time": "times in another unit than seconds",
-    "sign": "a coordinate and its speed of opposite signs",
-    "quaternion order": "quaternions stored scalar last (xyzw); scalar first (wxyz) is expected",
-    "quaternion conjugate": "conjugated quaternions",
-    "angular velocity frame": "an angular velocity in the parent's components",
-    "velocity frame": "a velocity in body components",
-    "gap": "a gap in time",
-}
+
+def with_conventions(
+    mechanism: Mechanism, run: Trajectory, known: Sequence[Finding]
+) -> list[Finding]:
+    """What is known of a log, and what it betrays of units and conventions: degrees, quaternions, gaps.
+
+    Of runs whose origin is known only what is certain is told. What a unit explains is taken out, and what
+    is known already is not told again.
+    """
+    told, found = {f.kind for f in known}, list(known)
+    for s in suspicions(run, mechanism):
+        gap = s.kind == "gap"
+        explained = not gap and told & {"swapped-columns", "clipped-column"}
+        if s.kind == "rate" or (trusted(run) and not s.certain) or explained:
+            continue
+        doubtful = s.certain and not gap
+        if doubtful:
+            found = [f for f in found if f.kind not in OF_RATES]
+        kind, remedy = s.kind.replace(" ", "-"), s.remedy[:1].upper() + s.remedy[1:]
+        weight: Weight = "doubt" if doubtful else "note"
+        found.append(Finding(kind, FINDINGS[kind], s.evidence, remedy, weight))
+    return found

@@ -173,9 +173,9 @@ def axes(mechanism: Mechanism, run: Trajectory, deadline: Deadline) -> Finding |
         return None
     return Finding(
         "joint-axis",
-        f"joint {joint.name!r} moves along {name} of its frame in the run, and not along "
+        f"in the run, joint {joint.name!r} moves along the {name} axis of its frame, not along "
         f"({', '.join(f'{x:.4g}' for x in joint.axes[0])})",
-        f"so, the equations leave {percent(left)} of the accelerations, else {percent(was)}",
+        f"with that axis, the equations leave {percent(left)} of the accelerations, else {percent(was)}",
         "Give the model the axis that the simulator used",
         "cause",
         joint.name,
@@ -187,7 +187,7 @@ def _told(reading: Reading, alike: list[Reading], was: float, left: float) -> Fi
     return Finding(
         reading.kind,
         f"in the log, {reading.what}{others}",
-        f"read so, the equations leave {percent(left)} of the accelerations, else {percent(was)}",
+        f"read that way, the equations leave {percent(left)} of the accelerations; as logged, {percent(was)}",
         reading.remedy,
         "doubt",
         reading.element,

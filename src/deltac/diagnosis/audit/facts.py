@@ -37,18 +37,29 @@ class Facts:
     evidence: Evidence
     findings: tuple[Finding, ...]
 
-    def of(self, *kinds: str) -> Finding | None:
-        """The first finding of some kinds."""
-        return next((f for f in self.findings if f.kind in kinds), None)
+    def of(self, kind: str) -> Finding | None:
+        """The first finding of a kind."""
+        return next((f for f in self.findings if f.kind == kind), None)
 
-    def weighing(self, weight: str) -> list[Finding]:
-        """The findings of a weight."""
-        return [f for f in self.findings if f.weight == weight]
+    @property
+    def doubts(self) -> list[Finding]:
+        """What the log contradicts itself in."""
+        return [f for f in self.findings if f.weight == "doubt"]
 
     @cached_property
     def causes(self) -> set[str]:
         """Kinds of the causes that were found."""
-        return {f.kind for f in self.weighing("cause")}
+        return {f.kind for f in self.findings if f.weight == "cause"}
+
+    @property
+    def impacts(self) -> Finding | None:
+        """Impacts of the model of which the run does not tell."""
+        return self.of("impacts")
+
+    @property
+    def lacking(self) -> Finding | None:
+        """Forces of the model's file that the log lacks."""
+        return self.of("assumed-zero")
 
     @property
     def step(self) -> OneStep | None:
@@ -101,9 +112,14 @@ class Facts:
         far = (r.ratio > BEYOND) & (r.relative > FAR * self.energy.tolerance)
         return bool((self.step.significant & far).any())
 
+    @property
+    def off(self) -> bool:
+        """Whether the equations leave something, at the samples or beyond the tolerance across steps."""
+        return self.left_at_samples or self.beyond_by_steps
+
     @cached_property
-    def off_at_samples(self) -> bool:
-        """Whether the samples accuse the equations without a known cause: by its size, or by its energy."""
+    def accused_at_samples(self) -> bool:
+        """Whether what the samples leave accuses the equations without a name: by its size or its energy."""
         terms, energy = self.terms, self.energy
         if terms is None or not self.left_at_samples or self.of("not-reproducible"):
             return False
@@ -121,7 +137,7 @@ class Facts:
         return self.of("small-but-real") is not None
 
     @cached_property
-    def matters_though_small(self) -> bool:
+    def matters(self) -> bool:
         """Whether the one-step test leaves less than the tolerance beside an energy error beyond it."""
         there = self.step is not None and self.small and not self.beyond_by_steps
         return there and self.energy.left > self.energy.allowed + self.energy.bar
@@ -143,19 +159,14 @@ class Facts:
     # --- what the log lacks ---
 
     @cached_property
-    def unlogged(self) -> Finding | None:
-        """Forces of actuators and equalities that the log lacks."""
-        lacking = self.of("assumed-zero")
-        return lacking if lacking is not None and lacking.element else None
-
-    @cached_property
     def like_actuators(self) -> bool:
         """Whether the causes may be what unlogged actuators did: no more directions than there are of these.
 
         Controllers look like springs and dampers, or compensate gravity. That an equality's own force is the
         one that is lacking is no excuse of another kind.
         """
-        if self.unlogged is None or self.causes <= {*OF_INERTIA, "missing-equality"}:
+        lacking = self.lacking
+        if not lacking or not lacking.element or self.causes <= {*OF_INERTIA, "missing-equality"}:
             return False
         step, terms, left = self.step, self.terms, list[Array]()
         if step is not None and self.left_by_steps:
@@ -165,7 +176,7 @@ class Facts:
             left.append(forces / np.maximum(step.residual.scale, 1e-300))
         if terms is not None and self.left_at_samples:
             left.append(terms.residual / np.maximum(CLEAR * terms.precision, 1e-300))
-        count = 1 + len(self.unlogged.equals)
+        count = 1 + len(lacking.equals)
         sizes = (np.linalg.svd(x, compute_uv=False) / np.sqrt(len(x)) for x in left)
         return all(np.sum(size > 1.0) <= count for size in sizes)
 
@@ -181,14 +192,14 @@ class Facts:
         """Whether all parts between gaps may balance, and nothing is known of what happened in these."""
         if not self.energy.gaps:
             return False
-        m = self.judged
-        return m.left <= m.allowed + m.bar or (not m.fine and not m.clear)
+        return self.judged.may_be_within or not (self.judged.fine or self.judged.clear)
 
     @cached_property
     def unsure(self) -> bool:
-        """Whether ΔC is beyond the tolerance by less than its bar, or the bar hides the tolerance."""
+        """Whether ΔC may be within the tolerance, or its bar hides that; rows may tell more than it does."""
         m = self.judged
-        return (not m.fine and not m.clear) or m.left <= m.allowed + m.bar
+        unknown = m.may_be_within or not (m.fine or m.clear)
+        return unknown and (not self.known_by_steps or m.left <= m.bar)
 
     @cached_property
     def hidden(self) -> float:
@@ -202,6 +213,11 @@ class Facts:
     def known_by_steps(self) -> bool:
         """Whether rows tell more than the balance: no mistake as large as its bar can hide behind them."""
         return self.borne_out and self.hidden <= self.judged.allowed + self.judged.bar
+
+    @property
+    def ruled_out(self) -> bool:
+        """Whether no mistake can have made half of the energy error."""
+        return self.hidden <= HALF * self.judged.left
 
     @cached_property
     def single_steps(self) -> Left | None:

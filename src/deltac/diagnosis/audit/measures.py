@@ -97,6 +97,11 @@ class Measures:
         return self.left <= self.allowed
 
     @property
+    def may_be_within(self) -> bool:
+        """Whether it would be accepted if it were less by its bar."""
+        return self.left <= self.allowed + self.bar
+
+    @property
     def fine(self) -> bool:
         """Whether the samples tell the energy to the tolerance; their error grows with what is exchanged."""
         return self.bar <= self.tolerance * self.energy_exchanged

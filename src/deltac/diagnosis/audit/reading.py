@@ -79,8 +79,7 @@ def read(
     """Read and balance a log, and check its columns; `findings` are known already."""
     mechanism = reference.mechanism
     log = read_log(mechanism, source, reference.work, mapping, keep=KEPT, progress=progress)
-    found = [*findings, *log.findings]
-    found += checks.suspicious_conventions(mechanism, log.consecutive, found)
+    found = checks.with_conventions(mechanism, log.consecutive, [*findings, *log.findings])
     found += checks.violations(mechanism, log.run, log.ledger, reference.tolerance)
     found += checks.impacts_not_held(mechanism, log.run)
     return Known(log, tuple(found))

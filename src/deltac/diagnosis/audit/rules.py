@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from deltac.diagnosis.audit import sentences as say
-from deltac.diagnosis.audit.facts import HALF, Facts, of_model
+from deltac.diagnosis.audit.facts import Facts, of_model
 from deltac.diagnosis.audit.measures import BEYOND
 from deltac.diagnosis.residuals.one_step import NAMED
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict
@@ -21,16 +21,19 @@ LOWERED: dict[Confidence, Confidence] = {"high": "medium", "medium": "low", "low
 
 @dataclass(frozen=True)
 class Rule:
-    """What follows where a condition holds.
+    """A verdict, and when it applies.
 
-    `says` are the sentences that follow those on the balance and on the equations, or all of them, where the
-    rule is `alone`. `changes` gives causes another weight.
+    Attributes:
+        kind, confidence: of the verdict.
+        when: whether it applies, where no rule before does.
+        says: the sentences that follow those on the balance and on the equations, or all, where `alone`.
+        changes: gives causes another weight.
     """
 
-    when: Callable[[Facts], bool]
     kind: Kind
     confidence: Confidence | Callable[[Facts], Confidence]
-    says: Callable[[Facts], tuple[str, ...] | str] = lambda f: ()
+    when: Callable[[Facts], object]
+    says: Callable[[Facts], str | tuple[str, ...]] = lambda _: ()
     alone: bool = False
     changes: Callable[[tuple[Finding, ...]], tuple[Finding, ...]] = lambda findings: findings
 
@@ -59,79 +62,57 @@ def _tested(f: Facts) -> Confidence:
 
 
 RULES = (
-    # the log cannot be judged as it is
-    Rule(lambda f: bool(f.weighing("doubt")), "unresolved", "high", say.contradiction, alone=True),
-    # a cause is known, or what looks like one may be a force that the log lacks
+    # The log cannot be judged as it is.
+    Rule("unresolved", "high", lambda f: f.doubts, say.contradiction, alone=True),
+    # A cause is known, or what looks like one may be a force that the log lacks.
     Rule(
-        lambda f: f.causes == {"missing-contact"} and f.of("impacts") is not None,
-        "unresolved", "high", say.impacts,
+        "unresolved", "high", lambda f: f.causes == {"missing-contact"} and f.impacts, say.impacts
     ),
-    Rule(lambda f: f.like_actuators, "unresolved", "high", say.may_be_unlogged, changes=excused),
+    Rule("unresolved", "high", lambda f: f.like_actuators, say.may_be_unlogged, changes=excused),
     Rule(
-        lambda f: f.causes == {"constraint-drift"},
-        "integration-error", "medium", say.smaller_step,
+        "integration-error", "medium", lambda f: f.causes == {"constraint-drift"}, say.smaller_step
     ),
-    Rule(lambda f: bool(f.causes), "equation-error", _sure, say.named, alone=True),
-    # the equations leave something that has no name
+    Rule("equation-error", _sure, lambda f: f.causes, say.named, alone=True),
+    # The equations leave something that has no name; across steps it may be impulses, which the model has.
+    Rule("unresolved", "high", lambda f: f.lacking and f.off, say.unlogged),
     Rule(
-        lambda f: f.of("assumed-zero") is not None and (f.left_at_samples or f.beyond_by_steps),
-        "unresolved", "high", say.unlogged,
+        "equation-error", "medium", lambda f: f.accused_at_samples, say.accounted, changes=accused
     ),
-    Rule(lambda f: f.off_at_samples, "equation-error", "medium", say.accounted, changes=accused),
+    Rule("unresolved", "high", lambda f: f.far_off and f.impacts, say.impacts),
+    Rule("equation-error", "medium", lambda f: f.far_off),
     Rule(
-        # equations that hold at every row and not across steps: impulses, which the model has
-        lambda f: f.far_off and f.closed_at_samples and f.of("impacts") is not None,
-        "unresolved", "high", say.impacts,
-    ),
-    Rule(lambda f: f.far_off, "equation-error", "medium"),
-    Rule(
+        "unresolved",
+        "medium",
         lambda f: f.beyond_by_steps and not f.energy.within,
-        "unresolved", "medium", say.no_known_cause,
+        say.no_known_cause,
     ),
-    # a residual within the tolerance beside an energy error that is not
+    # They leave less than the tolerance, beside an energy error that is beyond it.
+    Rule("equation-error", "medium", lambda f: f.matters and f.explained, changes=accused),
     Rule(
-        lambda f: f.matters_though_small and f.explained,
-        "equation-error", "medium", changes=accused,
+        "integration-error",
+        "medium",
+        lambda f: f.matters and f.known_but_for_causes,
+        say.smaller_step,
     ),
+    Rule("unresolved", "medium", lambda f: f.matters, say.no_known_cause),
+    # Hardly any energy flows.
+    Rule("consistent", _tested, lambda f: f.energy.idles, say.idle, alone=True),
+    Rule("unresolved", "high", lambda f: f.energy.nothing_moves, say.nothing_moves, alone=True),
+    # The balance, between gaps where rows are missing.
+    Rule("unresolved", "high", lambda f: f.lost_in_gaps and not f.borne_out, say.missing_rows),
+    Rule("consistent", _tested, lambda f: f.judged.within and f.judged.fine),
+    Rule("consistent", "medium", lambda f: f.judged.within and f.borne_out),
     Rule(
-        lambda f: f.matters_though_small and f.known_but_for_causes,
-        "integration-error", "medium", say.smaller_step,
+        "consistent", "medium", lambda f: f.judged.may_be_within and f.known_by_steps, say.by_steps
     ),
-    Rule(lambda f: f.matters_though_small, "unresolved", "medium", say.no_known_cause),
-    # hardly any energy flows
-    Rule(lambda f: f.energy.idles, "consistent", _tested, say.idle, alone=True),
-    Rule(lambda f: f.energy.nothing_moves, "unresolved", "high", say.nothing_moves, alone=True),
-    # the balance
-    Rule(
-        lambda f: f.lost_in_gaps and not f.borne_out,
-        "unresolved", "high", say.missing_rows,
-    ),
-    Rule(
-        lambda f: f.judged.within and f.judged.fine,
-        "consistent", _tested,
-    ),
-    Rule(lambda f: f.judged.within and f.borne_out, "consistent", "medium"),
-    Rule(
-        lambda f: f.unsure and f.known_by_steps and f.judged.left <= f.judged.allowed + f.judged.bar,
-        "consistent", "medium", say.by_steps,
-    ),
-    Rule(
-        lambda f: f.unsure and (not f.known_by_steps or f.judged.left <= f.judged.bar),
-        "unresolved", "high", say.sampling,
-    ),
-    # the energy error is real: is it the integrator's?
-    Rule(
-        lambda f: not f.tested and not f.hidden <= HALF * f.judged.left,
-        "unresolved", "medium", say.untested,
-    ),
-    Rule(lambda f: f.of("impacts") is not None, "unresolved", "high", say.impacts),
-    Rule(lambda f: f.single_steps is not None, "unresolved", "medium", say.single_steps),
-    Rule(
-        lambda f: f.of("forces-not-of-this-row") is not None,
-        "unresolved", "medium", say.other_rows,
-    ),
-    Rule(lambda f: True, "integration-error", _tested, say.smaller_step),
-)  # fmt: skip
+    Rule("unresolved", "high", lambda f: f.unsure, say.sampling),
+    # The energy error is real: is it the integrator's?
+    Rule("unresolved", "medium", lambda f: not (f.tested or f.ruled_out), say.untested),
+    Rule("unresolved", "high", lambda f: f.impacts, say.impacts),
+    Rule("unresolved", "medium", lambda f: f.single_steps, say.single_steps),
+    Rule("unresolved", "medium", lambda f: f.of("forces-not-of-this-row"), say.other_rows),
+    Rule("integration-error", _tested, lambda _: True, say.smaller_step),
+)
 
 
 def judge(facts: Facts) -> Verdict:
@@ -144,6 +125,6 @@ def judge(facts: Facts) -> Verdict:
     return Verdict(
         rule.kind,
         LOWERED[confidence] if facts.small or violated else confidence,
-        tuple(x for x in (said if rule.alone else (*say.numbers(facts), *said)) if x),
+        said if rule.alone else (*say.numbers(facts), *said),
         rule.changes(facts.findings),
     )

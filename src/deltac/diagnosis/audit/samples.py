@@ -35,7 +35,7 @@ from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.residuals.rows import ramped, trimmed
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.errors import InputError
+from deltac.errors import InputError, listed
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scene import Constraint
@@ -73,6 +73,11 @@ LEFT = 1e-6
 
 RANK = 1e-9
 """Smallest singular value of these rows that counts, as a share of the largest."""
+
+MISSING_NOW_AND_THEN = (
+    "a force that acts from time to time, such as a contact, a joint limit or an impact, is missing from the "
+    "log"
+)
 
 # --- which accelerations are believed --------------------------------------------------------------------
 
@@ -133,7 +138,7 @@ def _not_of_this_row(terms: EquationTerms, told: Accelerations, disagreement: Ar
     return Finding(
         "udot-not-of-this-row",
         "the logged accelerations are not the rates of the logged speeds in the same rows",
-        f"the difference means {percent(share)} of the terms of {terms.speeds[k]!r}"
+        f"the difference amounts to {percent(share)} of the terms of {terms.speeds[k]!r}"
         + (late if abs(told.late) > 0.05 else ""),
         "The speeds are used instead to test the equations. Log accelerations of the same state, unfiltered",
         element=terms.speeds[k],
@@ -334,20 +339,16 @@ def intermittent(terms: EquationTerms, run: Trajectory, tolerance: float) -> lis
     if (share > 0.95 or (~active).sum() < 5) and not upward:
         return []
     when = _intervals(terms.t, active)
-    logged = [name for name in run.forces if name.kind in ("contact", "limit")]
+    logged = listed(repr(name) for name in run.forces if name.kind in ("contact", "limit"))
     return [
         Finding(
             "missing-contact",
-            (
-                "a force is missing from time to time, such as that of a contact, a joint limit or an impact,"
-                if share <= 0.95
-                else "a force that only pushes against gravity is missing, such as that of a contact,"
-            )
-            + " which is not in the log",
+            MISSING_NOW_AND_THEN
+            if share <= 0.95
+            else "a force that only pushes against gravity, such as a contact, is missing from the log",
             f"the equations of motion do not hold in {100 * share:.3g} % of the samples ({when})"
             + ("; what is missing pushes upward on the floating base" if upward else ""),
-            "Log the forces of all contacts and limits"
-            + (f"; the log has {', '.join(map(repr, logged[:5]))}" if logged else "; it has none"),
+            f"Log the forces of all contacts and limits; the log has {logged or 'none'}",
             "cause" if float(terms.relative.max()) > tolerance else "note",
         )
     ]

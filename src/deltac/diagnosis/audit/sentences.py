@@ -54,9 +54,10 @@ def _equations(f: Facts) -> tuple[str, ...]:
 def _by_steps(step: OneStep) -> str:
     """What the one-step test says."""
     scheme = step.scheme
-    by = "" if scheme is None else f"a step of {scheme.name}"
-    if scheme is not None and not scheme.name:
-        by = f"one step of several methods ({', '.join(scheme.among[:FEW])})"
+    by = "a step of an integrator"
+    if scheme is not None and (scheme.name or scheme.among):
+        several = f"one step of several methods ({', '.join(scheme.among[:FEW])})"
+        by = f"a step of {scheme.name}" if scheme.name else several
     if step.closes and scheme is not None:
         left = step.by_scheme()
         out = 0 if left is None else int(left.unclosed.sum())
@@ -104,32 +105,36 @@ def _at_samples(terms: EquationTerms) -> str:
 
 def contradiction(f: Facts) -> str:
     """Doubts."""
-    named = ", ".join(dict.fromkeys(x.kind for x in f.weighing("doubt")))
+    named = ", ".join(dict.fromkeys(x.kind for x in f.doubts))
     return f"The log contradicts itself ({named}); correct it first"
 
 
 def impacts(f: Facts) -> str:
     """Impacts that the run does not tell of."""
-    return str(f.of("impacts"))
+    return str(f.impacts)
 
 
 def may_be_unlogged(f: Facts) -> str:
     """A cause, or a force that the log lacks."""
-    alike = "; ".join(x.what for x in f.weighing("cause"))
-    return f"It may be {alike}; or a force that the log lacks: {f.of('assumed-zero').evidence}"  # type: ignore[union-attr]
+    alike = "; ".join(x.what for x in f.findings if x.weight == "cause")
+    return f"It may be {alike}; or a force that the log lacks: {_lacking(f)}"
 
 
 def unlogged(f: Facts) -> str:
     """No cause, and a force that the log lacks."""
-    return f"What is missing may be forces that the log lacks: {f.of('assumed-zero').evidence}"  # type: ignore[union-attr]
+    return f"What is missing may be forces that the log lacks: {_lacking(f)}"
+
+
+def _lacking(f: Facts) -> str:
+    return f.lacking.evidence if f.lacking else ""
 
 
 def named(f: Facts) -> tuple[str, ...]:
     """The numbers beside a cause; equations closed by forces as logged do not speak for the model."""
     if f.closed_at_samples:
         return (_balance(f),)
-    slight = "The resulting energy error is within the tolerance" if f.energy.within else ""
-    return (*numbers(f), slight)
+    slight = ("The resulting energy error is within the tolerance",) if f.energy.within else ()
+    return (*numbers(f), *slight)
 
 
 def accounted(f: Facts) -> str:

@@ -12,7 +12,12 @@ from numpy.typing import NDArray
 from deltac.calls.progress import Deadline, Parts, Progress, untold
 from deltac.diagnosis.audit.corrections import lateness
 from deltac.diagnosis.audit.reading import Known, Reference
-from deltac.diagnosis.audit.samples import FIRST, not_reproducible, upward_push
+from deltac.diagnosis.audit.samples import (
+    FIRST,
+    MISSING_NOW_AND_THEN,
+    not_reproducible,
+    upward_push,
+)
 from deltac.diagnosis.explain.by_integrator import known_but_for_one
 from deltac.diagnosis.explain.causes import PREFERENCE
 from deltac.diagnosis.explain.explain import EXPLAINS, explanation
@@ -283,8 +288,7 @@ def _missing(step: OneStep, share: float) -> list[Finding]:
     return [
         Finding(
             "missing-contact",
-            "a force is missing from time to time, such as that of a contact, a joint limit or an impact, "
-            "which is not in the log",
+            MISSING_NOW_AND_THEN,
             f"in {percent(share)} of the steps the next row does not follow from the previous one (near t = "
             f"{when} s): up to {worst[k]:.3g} at {step.speeds[k]!r} are missing",
             "Log the forces of all contacts and limits",

@@ -20,6 +20,7 @@ from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.system import Link
 from deltac.mechanism.coordinates import Entry
 from deltac.mechanism.forces import JointDamper, JointSpring
+from deltac.mechanism.mechanism import Mechanism
 
 Sign = Literal["any", "positive", "factor", "slip"]
 
@@ -567,11 +568,11 @@ def _on_a_speed(
     mechanism, log = evaluator.mechanism, evaluator.log.places
     joint = mechanism.joint(entry.joint)
     row = entry.index - mechanism.speeds.of(joint.name).start
-    damper, spring = (
-        next((e for e in reversed(mechanism.elements) if isinstance(e, of) and e.joint == joint.name
-              and f"{kind} {e.name}" in acting), None)
-        for kind, of in (("damper", JointDamper), ("spring", JointSpring))
-    )  # fmt: skip
+    own = [
+        e for name, e in _of_joints(mechanism).items() if e.joint == joint.name and name in acting
+    ]
+    damper = next((e for e in own if isinstance(e, JointDamper)), None)
+    spring = next((e for e in own if isinstance(e, JointSpring)), None)
 
     def one(kind: str, what: What, weight: float = 1.0, base: float = 0.0) -> Iterator[Candidate]:
         at = places(Column(what, entry.name))
@@ -579,7 +580,7 @@ def _on_a_speed(
 
     if len(joint.speeds) > 1 or (damper is None and f"damper {joint.name}" not in acting):
         yield from one("missing-damper", "damper")
-    elif isinstance(damper, JointDamper) and f"damper {damper.name}" not in log:
+    elif damper is not None and f"damper {damper.name}" not in log:
         law = damper.damping[0]
         if isinstance(law, float):
             yield from one("damping", "damper", base=law)
@@ -614,12 +615,19 @@ def _on_a_speed(
                 kind, entry.name, both, np.eye(2), names=names, units=units, sign="any", words=words,
                 touching=touching,
             )  # fmt: skip
-    elif isinstance(spring, JointSpring) and row < len(spring.stiffness):
+    elif spring is not None and row < len(spring.stiffness):
         k, rest = spring.stiffness[row], spring.rest[row]
         if isinstance(k, float) and isinstance(rest, float) and k:
             yield from one("rest-angle", "constant", k, rest)
             return  # a constant force would be the same
     yield from one("constant-force", "constant")
+
+
+def _of_joints(mechanism: Mechanism) -> dict[str, JointDamper | JointSpring]:
+    """Dampers and springs of joints by their channels."""
+    of = {JointDamper: "damper", JointSpring: "spring"}
+    found = (e for e in mechanism.elements if isinstance(e, JointDamper | JointSpring))
+    return {f"{of[type(e)]} {e.name}": e for e in found}
 
 
 def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iterator[Candidate]:
@@ -646,30 +654,19 @@ def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iter
 
 def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     mechanism = evaluator.mechanism
-    constant = {
-        f"damper {e.name}"
-        for e in mechanism.elements
-        if isinstance(e, JointDamper)
-        and len(mechanism.joint(e.joint).speeds) == 1
-        and isinstance(e.damping[0], float)
-    }
-    linear = {
-        f"spring {e.name}": e
-        for e in mechanism.elements
-        if isinstance(e, JointSpring) and len(e.stiffness) == 1
-    }
+    of_joints = _of_joints(mechanism)
     for part in evaluator.symbols.parts:
         name = part.name
         at = places(Column("channel", name))
         logged = name in evaluator.log.places
-        if not at or (name in constant and not logged):
+        own = None if logged else of_joints.get(name)
+        law = own.stiffness if isinstance(own, JointSpring) else own.damping if own else ()
+        if own is not None and len(law) == 1 and isinstance(k := next(iter(law)), float):
+            if isinstance(own, JointSpring):  # dampers: `_on_a_speed`
+                entry = mechanism.speeds[mechanism.speeds.of(own.joint)][0]
+                yield from cause("stiffness", own.joint, at, [1.0 / k], k, entry=entry)
             continue
         origin = "logged" if logged else "computed"
-        spring = linear.get(name)
-        if spring is not None and not logged and isinstance(k := spring.stiffness[0], float):
-            entry = mechanism.speeds[mechanism.speeds.of(spring.joint)][0]
-            yield from cause("stiffness", spring.joint, at, [1.0 / k], k, entry=entry)
-            continue
         kind = "actuator-gear" if name.kind == "actuator" else "channel-factor"
         yield from cause(kind, name, at, [1.0], 1.0, origin=origin)
         delay = places(*(Column("delay", name, k) for k in range(2)))

@@ -432,7 +432,10 @@ def _over_steps(kernels: ColumnKernels, run: Trajectory, left: Residual, sliding
     weight = 1.0 / np.hypot(left.bar, LEAST * left.scale)
     moving = _where_it_moves(intervals.slowest, sliding)
     counts = (weight * moving)[..., None]
-    flat, scheme = (x.reshape(-1, x.shape[2]) for x in (matrix * counts, intervals.scheme * counts))
+    flat, scheme = (
+        x.reshape(x.shape[0] * x.shape[1], x.shape[2])
+        for x in (matrix * counts, intervals.scheme * counts)
+    )
     U, size, _ = np.linalg.svd(scheme, full_matrices=False)
     kept = 1.0 / np.sqrt(1.0 + size**2)
     flat = flat - U @ ((1.0 - kept)[:, None] * (U.T @ flat))

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.diagnosis.explain.causes import KINDS
 from deltac.diagnosis.explain.result import Cause, Explanation
 from deltac.mechanism.forces import JointDamper, JointTorque
 from deltac.mechanism.friction import JointFriction
@@ -72,7 +73,7 @@ def _zero(mechanism: Mechanism, cause: Cause) -> Cause | None:
     speed = mechanism.speeds[mechanism.speeds.of(joint.name).start].name
     return Cause(
         "zero-offset", speed, (angle,), (bar,), ("offset",), ("rad",), (0.0,), cause.share,
-        f"the zero of joint `{speed}` is off: it is logged {angle:.6g} rad too large",
+        KINDS["zero-offset"].words.format(element=f"`{speed}`", shown=f"{angle:.6g}", unit="rad"),
     )  # fmt: skip
 
 

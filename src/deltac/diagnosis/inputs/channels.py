@@ -12,6 +12,7 @@ from deltac.diagnosis.verdict import Finding, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.energy.terms import LoggedForces
+from deltac.errors import listed
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -26,12 +27,11 @@ def not_simulated(import_report: ImportReport | None) -> list[Finding]:
         return []
     kinds = Counter(remark.what.partition(",")[0] for remark in acting)
     shown = ", ".join(f"{count} {what}" for what, count in kinds.items())
-    names = ", ".join(repr(remark.element) for remark in acting[:6])
     return [
         Finding(
             "not-simulated",
             f"parts of the model's file are not simulated here: {shown}",
-            names + (", …" if len(acting) > 6 else ""),
+            listed(repr(remark.element) for remark in acting),
             "Let MuJoCo simulate it, --solver mujoco:rk4, or audit a log of the simulator that has them",
             "note",
             acting[0].element,
@@ -83,7 +83,7 @@ def foreign_notes(works: dict[str, float], energy_exchanged: float) -> list[Find
             "channel-not-in-model",
             foreign_words(name, work),
             share(work),
-            "Add it to the model if the model shall move so by itself",
+            "Add it to the model if the model is to be simulated on its own",
             "note",
             name,
         )
@@ -176,9 +176,9 @@ def limits(run: Trajectory, import_report: ImportReport | None) -> tuple[str, ..
     unknown = [n for n in run.forces if n.kind == "actuator" and n.element not in compared]
     if not unknown or import_report is None:
         return ()
-    shown = ", ".join(map(repr, unknown[:3])) + (", …" if len(unknown) > 3 else "")
     return (
-        f"a wrong gear, gain or control in the model: forces of {shown} are taken from the log",
+        f"a wrong gear, gain or control in the model: forces of {listed(map(repr, unknown))} are taken from "
+        "the log",
     )
 
 

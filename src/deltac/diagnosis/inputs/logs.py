@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from deltac.calls.progress import Progress, untold
-from deltac.diagnosis.measurements.kinematics import Comparison, cleaned
+from deltac.diagnosis.measurements.cleaning import cleaned
+from deltac.diagnosis.measurements.kinematics import Comparison
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import OVERLAP, balance_chunks
-from deltac.errors import ArgumentsError, LogError, closest
+from deltac.errors import ArgumentsError, LogError, closest, listed
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
@@ -54,7 +56,7 @@ def in_model_order(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, l
     finding = Finding(
         "order",
         "the log's columns are in a different order from the model's and were reordered by name",
-        f"log: {_shown(theirs)}; model: {_shown(ours)}",
+        f"log: {listed(theirs)}; model: {listed(ours)}",
         "If the log's names are right, nothing needs to be done",
     )
     return moved, [finding]
@@ -81,10 +83,6 @@ def _places(what: str, model: str, ours: Entries, theirs: Sequence[str]) -> np.n
 
 def _more(names: Sequence[str]) -> str:
     return f" and {len(names) - 4} more" if len(names) > 4 else ""
-
-
-def _shown(names: Sequence[str]) -> str:
-    return ", ".join(names[:6]) + (", …" if len(names) > 6 else "")
 
 
 # --- what a user calls a log ---------------------------------------------------------------------
@@ -139,27 +137,47 @@ def read_log(
     if isinstance(source, Trajectory):
         if mapping is not None:
             raise ArgumentsError("mapping= is for log files; this log is a Trajectory already")
-        return _whole(mechanism, source, work, measured=measured, keep=keep)
-    if is_table(source):
-        return _whole(mechanism, read_trajectory(source, mapping, mechanism), work, keep=keep)
-    if not isinstance(source, str | Path):
-        return _whole(
-            mechanism, Trajectory.from_scipy(source, mechanism), work, measured=measured, keep=keep
-        )
-    path = Path(source)
-    if path.suffix.lower() == ".parquet" and os.path.isfile(path):
+        run = source
+    elif is_table(source):
+        run = read_trajectory(source, mapping, mechanism)
+    elif isinstance(source, str | Path):
+        path = Path(source)
         rows, columns = _size(path)
         if rows * columns > LARGE:
             part = max(4, PART // columns // 4 * 4)
             return _in_parts(mechanism, path, work, mapping, part, progress)
-    return _whole(mechanism, read_trajectory(path, mapping, mechanism), work, keep=keep)
+        run = read_trajectory(path, mapping, mechanism)
+    else:
+        run = Trajectory.from_scipy(source, mechanism)
+    return _whole(mechanism, run, work, measured=measured, keep=keep)
 
 
 def _size(path: Path) -> tuple[int, int]:
-    try:
-        return parquet_facts(path)[1:]
-    except Exception:  # damaged: reading it says how
-        return 0, 1
+    """Rows and columns of a Parquet file; others are read as a whole."""
+    with suppress(Exception):  # damaged: reading it says how
+        if path.suffix.lower() == ".parquet" and os.path.isfile(path):
+            return parquet_facts(path)[1:]
+    return 0, 1
+
+
+NOTES = {
+    "left-out": (
+        LEFT_OUT,
+        "rows in which a value is missing were left out",
+        "Nothing, if samples were lost",
+    ),
+    "frames": (
+        FRAMES,
+        "velocities of a floating body are in other components than deltac's, and were transformed",
+        "Nothing, if these are the components of the log",
+    ),
+    "by-law": (
+        BY_LAW,
+        "columns that the log lacks are computed from the laws of prescribed joints at its times",
+        "Nothing, if the time of the first row, t = {t:.9g} s, is the time of the model",
+    ),
+}
+"""Kind of finding -> the reader's note that it tells of, what it is, what to do."""
 
 
 def _whole(
@@ -171,20 +189,12 @@ def _whole(
     keep: int | None = None,
 ) -> Log:
     run, findings = in_model_order(mechanism, given)
-    if told := given.provenance.notes.get(LEFT_OUT):
-        what = "rows in which a value is missing were left out"
-        findings.append(Finding("left-out", what, told, "Nothing, if samples were lost"))
-    if told := given.provenance.notes.get(FRAMES):
-        what = (
-            "velocities of a floating body are in other components than deltac's, and were turned"
-        )
-        findings.append(Finding("frames", what, told, "Nothing, if the log is meant so"))
-    if told := given.provenance.notes.get(BY_LAW):
-        what = "columns that the log lacks are those of the laws of prescribed joints at its times"
-        remedy = (
-            f"Nothing, if t = {float(run.t[0]):.9g} s in the first row is the time of the model"
-        )
-        findings.append(Finding("by-law", what, told, remedy))
+    notes = given.provenance.notes
+    findings += [
+        Finding(kind, what, notes[note], remedy.format(t=run.t[0]))
+        for kind, (note, what, remedy) in NOTES.items()
+        if notes.get(note)
+    ]
     _refuse_garbage(run)
     numbers = len(run) * (run.q.shape[1] + (2 + len(run.forces)) * run.u.shape[1])
     keep = keep if numbers > LARGE else None
@@ -225,7 +235,7 @@ def _in_parts(
     _refuse_undefined(ledger)
     note = Finding(
         "read-in-parts",
-        "the log is large and was balanced in parts; statistics other than works and ΔC are of some rows",
+        "the log is large and was balanced in parts; only works and ΔC are of all its rows",
         f"{len(kept)} rows were kept",
         "",
     )

@@ -13,7 +13,7 @@ defect, row by row: copies, spikes, clipped and wrapped columns show there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias
 
@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.measurements.digits import Chosen, digits_of, medians
-from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.energy.sampling.splines import spline_integrals, spline_rates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -44,12 +43,6 @@ SURE = 8.0
 LEAST_RATIO = 2e-4
 """Relative differences of r from one below this are not told: quadratures of simulators reach that far."""
 
-LEAST_GEAR = 2e-3
-"""The same of one coordinate alone: clocks drift by less, gears and units do not."""
-
-DIGIT = 1e-5
-"""How exactly columns tell one clock at best."""
-
 BLOCKS = 8
 """Parts of a log of which most must say the same factor."""
 
@@ -59,32 +52,8 @@ QUADRATURE = 0.25
 PROJECTION = 1 / 3
 """The same of a straight step that is put back onto a circle: its angle θ becomes atan θ ≈ θ − θ³/3."""
 
-LATE = 0.8
-"""Rows by which a column must be late to be called so: schemes leave a half at most."""
-
-FEW = 0.1
-"""Share of the intervals up to which defects are few, and each is looked at."""
-
 FAR = 30.0
 """A defect of so many times its error bar, and the scatter of the others, is no error of quadrature."""
-
-RESOLVED = 5e-3
-"""Share of the movement that quadrature may miss in a log that is fine enough to be doubted."""
-
-ROUNDED = 1e-6
-"""Share of an interval by which time stamps of an even clock differ without being said to scatter."""
-
-CLEARLY = 0.3
-"""An even clock is believed where it leaves this share of the unsteadiness, or less."""
-
-JUMP = 3.0
-"""How many times farther than by the fastest speed of the log a coordinate must move to have jumped."""
-
-JUMPS = 0.01
-"""Share of the intervals that jumps may be: episodes have some rows."""
-
-DEPARTS = 0.05
-"""Share of a column's movement that its rate may miss before the log is doubted."""
 
 
 ARRAYS = ("defect", "bar", "moved", "told", "h", "outliers")
@@ -540,43 +509,7 @@ def _difference(run: Trajectory) -> str:
     return ""
 
 
-# --- what a kinematic test finds ------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Cleaned:
-    """A run whose evident slips were undone, and what was found."""
-
-    run: Trajectory
-    findings: tuple[Finding, ...]
-    comparisons: dict[str, Comparison]
-
-
-def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
-    """Test q against u, and undo what is safe to undo: copies of rows, turns of 2π, single spikes.
-
-    Runs whose speeds were derived from the coordinates are taken as they are.
-    """
-    derived = "u" in run.provenance.derived
-    if derived or len(run) < LEAST_ROWS:
-        return Cleaned(run, (), {})
-    found: list[Finding] = []
-    for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
-        run, more = step(mechanism, run)
-        found += more
-    comparisons = coordinates_against_speeds(mechanism, run)
-    run, more = _without_spikes(run, comparisons)
-    if more:
-        found += more
-        comparisons = coordinates_against_speeds(mechanism, run)
-    even = _evenly_timed(run)
-    if even is not None:
-        other = coordinates_against_speeds(mechanism, even)
-        if unsteadiness(other) < CLEARLY * unsteadiness(comparisons):
-            found.append(_jitter(run, even))
-            run, comparisons = even, other
-    found += [*_jumps(run, comparisons), *_wrong_rates(mechanism, run, comparisons)]
-    return Cleaned(run, tuple(found), comparisons)
+# --- what all columns have in common ----------------------------------------------------------------------
 
 
 def unsteadiness(comparisons: Mapping[str, Comparison]) -> float:
@@ -587,352 +520,13 @@ def unsteadiness(comparisons: Mapping[str, Comparison]) -> float:
     return float(np.median([c.unsteady for c in comparisons.values()])) if comparisons else 0.0
 
 
-def _evenly_timed(run: Trajectory) -> Trajectory | None:
-    """The run on an even clock, rows whole numbers of steps apart, if its stamps scatter about one."""
-    h = np.diff(run.t)
-    step = float(np.median(h))
-    if run.integrals or run.events or float(np.ptp(h)) <= ROUNDED * step:
-        return None
-    # However much single steps vary: no row is lost where each is nearest to its own place.
-    rows = np.arange(float(len(run)))
-    even = np.polyval(np.polyfit(rows, run.t, 1), rows)
-    if np.abs(run.t - even).max() >= 0.5 * step:
-        even = run.t
-        for _ in range(3):  # the median of rounded stamps is not their mean
-            rows = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(h / step), 1.0))])
-            step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
-            even = start + step * rows
-    scatter = float(np.abs(run.t - even).max())
-    return replace(run, t=even) if ROUNDED * step < scatter < 0.5 * step else None
-
-
-def _jitter(run: Trajectory, even: Trajectory) -> Finding:
-    scatter = float(np.std(run.t - even.t))
-    step = float(np.median(np.diff(even.t)))
-    return Finding(
-        "clock-jitter",
-        f"the time stamps scatter by {scatter:.2g} s about an even clock",
-        f"by their coordinates and speeds the rows are {step:.6g} s apart",
-        "They were put back on that clock. Log the simulator's own time, with all its digits",
-    )
-
-
 def trusted(run: Trajectory) -> bool:
     """Whether it is known how the rows came about: our own runs, and those of our MuJoCo recorder."""
     return run.provenance.simulator == "deltac" or bool(run.provenance.stage)
 
 
-def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
-    """Rows that repeat the one before though its speeds say that it moves on."""
-    same = _repeated(run.q) & _repeated(run.u)
-    if not same.any():
-        return run, []
-    told = np.abs(run.u[:-1]) * np.diff(run.t)[:, None]
-    moving = np.any(
-        told > 4.0 * digits_of(run)["q"].half().max(axis=0, initial=0.0).max(initial=0.0), axis=1
-    )
-    copies = np.flatnonzero(same & moving) + 1
-    if not len(copies) or run.integrals or run.events:
-        return run, []
-    keep = np.ones(len(run), dtype=np.bool_)
-    keep[copies] = False
-    finding = Finding(
-        "duplicated-rows",
-        f"{len(copies)} rows repeat the previous row, although time and speeds advance",
-        f"the first is row {copies[0]}, t = {run.t[copies[0]]:.6g} s",
-        "They were left out. Write each state once, at its own time",
-        "note" if len(copies) <= 0.34 * len(run) else "doubt",
-    )
-    return run.take(keep), [finding]
-
-
-def _repeated(values: Array, columns: Sequence[int] | NDArray[np.intp] | None = None) -> Mask:
-    """Which rows after the first have the same numbers as the row before (T − 1,).
-
-    Column by column, at the rows that may still be such: of most logs the first column tells all.
-    """
-    rows = np.arange(len(values) - 1)
-    for k in range(values.shape[1]) if columns is None else columns:
-        rows = rows[values[rows + 1, k] == values[rows, k]]
-    found = np.zeros(len(values) - 1, dtype=np.bool_)
-    found[rows] = True
-    return found
-
-
-def _at_the_pace_of_the_slower(
-    mechanism: Mechanism, run: Trajectory
-) -> tuple[Trajectory, list[Finding]]:
-    """Rows in which coordinates or speeds are new, where a slower sensor repeats them for some rows."""
-    free = mechanism.free
-    if not (len(free.q) and len(free.u)) or run.integrals or run.events:
-        return run, []
-    old = {"coordinates": _repeated(run.q, free.q), "speeds": _repeated(run.u, free.u)}
-    for (what, repeated), other in zip(old.items(), reversed(old.values())):
-        new = np.append(0, np.flatnonzero(~repeated) + 1)
-        if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < FEW:
-            continue
-        pace = np.diff(new)
-        every = int(np.median(pace))
-        if every < 2 or np.mean(pace == every) < 1.0 - FEW:
-            continue
-        keep = np.zeros(len(run), dtype=np.bool_)
-        keep[new] = True
-        keep[: int(new[1] if new[1] < every else 0)] = (
-            False  # of which it is not known how old they are
-        )
-        finding = Finding(
-            "held-columns",
-            f"the {what} are those of a slower clock: they are repeated for {every} rows while others go on",
-            f"{int(keep.sum())} of {len(run)} rows hold new ones",
-            "The others were left out. Log all columns of a row at one instant",
-        )
-        return run.take(keep), [finding]
-    return run, []
-
-
-def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
-    """Angles that jump by whole turns, as those reduced to (−π, π] do."""
-    pairs = [
-        (i, j)
-        for i, j in Kinematics.of(run.coordinates, run.speeds).rates
-        if mechanism.coordinates[i].unit == "rad"
-    ]
-    if not pairs:
-        return run, []
-    turn = 2.0 * np.pi
-    places, rates = (list(of) for of in zip(*pairs))
-
-    def beyond(rows: slice) -> Array:
-        """What coordinates change by from each row to the next beyond what their speeds say."""
-        t, q, u = run.t[rows], run.q[rows][:, places], run.u[rows][:, rates]
-        return np.asarray(np.diff(q, axis=0) - 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1]))
-
-    few = max(1, AT_ONCE // len(pairs))
-    parts = (beyond(slice(k, k + few + 1)) for k in range(0, len(run), few))
-    if not any(np.abs(part).max(initial=0.0) > 0.5 * turn for part in parts):
-        return run, []
-    excess = beyond(slice(None))
-    q, found = np.array(run.q), []
-    turns = np.round(excess / turn)
-    jumping = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)
-    for i, turned, jumps in zip(places, turns.T, jumping.T):
-        within = np.abs(np.ptp(q[:, i]) - turn) < 0.6 or np.ptp(q[:, i]) < turn
-        # Of another clock, or of a coarse one, the speeds alone tell of turns.
-        jumped = np.abs(np.diff(run.q[:, i])).max() > 0.5 * turn
-        if jumps.any() and within and jumped:
-            q[1:, i] -= turn * np.cumsum(np.where(jumps, turned, 0.0))
-            found.append(
-                Finding(
-                    "wrapped-angle",
-                    f"coordinate {run.coordinates[i]!r} is wrapped to one turn",
-                    f"it jumps by 2π {int(jumps.sum())} times while its speed is steady",
-                    "It was unwrapped. Log the angle as the simulator has it",
-                    element=run.coordinates[i],
-                )
-            )
-    return (replace(run, q=q), found) if found else (run, found)
-
-
-def _without_spikes(
-    run: Trajectory, comparisons: dict[str, Comparison]
-) -> tuple[Trajectory, list[Finding]]:
-    """Single rows of which a column lies far off its neighbours; only a few are taken out."""
-    rows: dict[int, str] = {}
-    for name, made in comparisons.items():
-        if not made.outliers.any():
-            continue
-        j = run.speeds.index(name)
-        starts = made.start[made.outliers].tolist()
-        ends = {row for k in starts for row in (k, k + 1)}
-        for row in ends:
-            if not 2 <= row < len(run) - 2:
-                continue
-            around = run.u[[row - 2, row - 1, row + 1, row + 2], j]
-            if abs(run.u[row, j] - np.median(around)) > 5.0 * float(np.ptp(around)):
-                rows[row] = name
-            else:
-                i = np.flatnonzero([c == name for c in run.coordinates])
-                near = run.q[[row - 2, row - 1, row + 1, row + 2]][:, i]
-                if i.size and abs(float(run.q[row, i[0]] - np.median(near))) > 5.0 * float(
-                    np.ptp(near)
-                ):
-                    rows[row] = name
-    if not rows or len(rows) > FEW * len(run) or run.integrals or run.events:
-        return run, []
-    keep = np.ones(len(run), dtype=np.bool_)
-    keep[list(rows)] = False
-    first = min(rows)
-    finding = Finding(
-        "spikes",
-        f"{len(rows)} rows have a value far from those before and after",
-        f"the first is {rows[first]!r} in row {first}, t = {run.t[first]:.6g} s",
-        "They were left out. Look for what wrote them",
-        element=rows[first],
-    )
-    return run.take(keep), [finding]
-
-
-def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
-    """Single intervals over which coordinates move farther than any speed in the log would take them."""
-    jumped: dict[int, str] = {}
-    for name, made in comparisons.items():
-        farthest = float(np.abs(made.told).max(initial=0.0))
-        far = made.outliers & (np.abs(made.defect) > JUMP * farthest)
-        jumped |= dict.fromkeys(made.start[far].tolist(), name)
-    rows = np.array(sorted(jumped), dtype=np.intp)
-    if not len(rows) or len(rows) > JUMPS * len(run) or np.diff(rows).min(initial=2) < 2:
-        return
-    first = int(rows[0])
-    times = ", ".join(f"{run.t[k]:.6g}" for k in rows[:3]) + (", …" if len(rows) > 3 else "")
-    yield Finding(
-        "jump",
-        "the state jumps from one row to the next, as where an episode begins anew or a state was set",
-        f"{'once' if len(rows) == 1 else f'{len(rows)} times'}, after t = {times} s: {jumped[first]!r} moves "
-        f"{JUMP:g} times as far as its largest speed would take it, or farther",
-        "Audit what is before and after each jump by itself, or log a column `episode`",
-        "doubt",
-        jumped[first],
-    )
-
-
-def _wrong_rates(
-    mechanism: Mechanism, run: Trajectory, comparisons: dict[str, Comparison]
-) -> Iterator[Finding]:
-    """Clock, gears, late rows, clipped and swapped columns, and speeds that are no rates at all."""
-    swapped = dict(_swapped(run, comparisons))
-    for name, other in swapped.items():
-        if name < other:
-            yield Finding(
-                "swapped-columns",
-                f"the speeds {name!r} and {other!r} seem to be swapped",
-                "each coordinate moves with the other's speed",
-                "Correct the names of the columns",
-                "doubt",
-                name,
-            )
-    rest = {n: c for n, c in comparisons.items() if n not in swapped}
-    size = np.abs(run.u)
-    worst = size.max(axis=0, initial=0.0)
-    at = np.count_nonzero(size >= worst * (1.0 - 1e-12), axis=0)
-    several = {run.speeds[k] for k in np.flatnonzero((at >= 6) & (worst > 0.0))}
-    clipped = [n for n, c in rest.items() if n in several and _is_clipped(run, n, c)]
-    for name in clipped:
-        yield Finding(
-            "clipped-column",
-            f"the speed {name!r} stays at its extreme while the coordinate moves faster",
-            f"at most {np.abs(run.speed(name)).max():.6g} was written",
-            "Widen the range of the sensor or format that wrote the column",
-            "doubt",
-            name,
-        )
-    rest = {n: c for n, c in rest.items() if n not in clipped}
-    late = {
-        n: c
-        for n, c in rest.items()
-        if abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1 and _tells(c)
-    }
-    if late:
-        rows = float(np.median([c.late for c in late.values()]))
-        yield Finding(
-            "late-rows",
-            f"coordinates are {abs(rows):.3g} rows {'older' if rows < 0 else 'newer'} than the speeds beside "
-            "them",
-            f"shown by {', '.join(map(repr, list(late)[:4]))}",
-            "Write coordinates and speeds of the same instant into one row",
-            "doubt",
-            next(iter(late)),
-        )
-    rest = {n: c for n, c in rest.items() if n not in late}
-    off = {n: c for n, c in rest.items() if c.scaled and c.off < DEPARTS}
-    if off:
-        yield from _scaled(off, rest)
-    for name, c in rest.items():
-        if name not in off and c.significant and c.off > 1e-3:
-            resolved = _size(c.bar) < RESOLVED * _size(c.moved) and len(run) > 30
-            weight: Weight = "doubt" if c.off > DEPARTS and resolved else "note"
-            yield Finding(
-                "speed-not-rate",
-                f"the speed {name!r} is not the rate of its coordinate",
-                f"it misses {percent(c.off)} of the movement, where digits, noise and quadrature explain "
-                f"{percent(_size(c.bar) / max(_size(c.moved), 1e-300))}",
-                "Log the speed of the same state, unfiltered and with the same clock",
-                weight,
-                name,
-            )
-
-
-def _tells(c: Comparison) -> bool:
-    """Whether the rate changes enough from row to row to tell an instant."""
-    return c.instant and c.off < 0.2 and not (c.significant and c.off > DEPARTS)
-
-
-def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:
-    """One factor in all columns is a clock's; else gears between coordinates and speeds."""
-    ratios = np.array([c.ratio for c in off.values()])
-    errors = np.array([max(c.ratio_error, LEAST_RATIO) for c in off.values()])
-    weights = errors**-2
-    common = float(np.sum(ratios * weights) / np.sum(weights))
-    agree = np.all(np.abs(ratios - common) < 3.0 * errors + 1e-3 * abs(common - 1.0))
-    others = [c for n, c in every.items() if n not in off]
-    dissent = any(abs(c.ratio - common) > c.ratio_error + DIGIT for c in others)
-    if agree and not dissent and (len(every) > 1 or abs(common - 1.0) < 0.05):
-        yield Finding(
-            "clock-scale",
-            f"all coordinates move by {common:.6g} times as far as their speeds say: the clock is wrong",
-            f"of {len(off)} coordinates, each ± {float(errors.min()):.1g}",
-            f"Multiply the times by {common:.6g}, or log the simulator's own time",
-            "doubt",
-            factor=common,
-            error=float(errors.min()),
-        )
-        return
-    for name, c in off.items():
-        if abs(c.ratio - 1.0) < LEAST_GEAR:
-            continue
-        yield Finding(
-            "gear-between-q-and-u",
-            f"coordinate {name!r} moves by {c.ratio:.6g} times what its speed says",
-            f"± {max(c.ratio_error, LEAST_RATIO):.1g}",
-            "Log both on the same side of the gear, in the same units",
-            "doubt",
-            name,
-            c.ratio,
-            c.ratio_error,
-        )
-
-
-def _swapped(run: Trajectory, comparisons: dict[str, Comparison]) -> Iterator[tuple[str, str]]:
-    """Pairs of speeds that fit each other's coordinates and not their own."""
-
-    def fits(a: Comparison, b: Comparison) -> float:
-        if len(a.moved) != len(b.told):
-            return 0.0
-        size = float(np.linalg.norm(a.moved) * np.linalg.norm(b.told))
-        return abs(float(a.moved @ b.told)) / size if size else 0.0
-
-    poor = {n: c for n, c in comparisons.items() if c.alike < 0.95}
-    for a, x in poor.items():
-        for b, y in poor.items():
-            if a != b and fits(x, y) > 0.99 and fits(y, x) > 0.99:
-                yield a, b
-
-
-def _is_clipped(run: Trajectory, name: str, c: Comparison) -> bool:
-    u = run.speed(name)
-    worst = float(np.abs(u).max())
-    at = np.abs(u) >= worst * (1.0 - 1e-12)
-    inside = at[c.start] & at[c.start + 1]
-    if inside.sum() < 4 or not (~inside).any():
-        return False
-    beyond = np.abs(c.moved[inside]) - np.abs(c.told[inside])
-    return bool(
-        np.median(beyond)
-        > 10.0 * (np.median(c.bar) + 1e-3 * _size(c.moved)) * 0.1 + 4 * np.median(c.bar)
-    )
-
-
-def _size(x: Array) -> float:
-    """Root mean square without the largest tenth."""
+def size_of(x: Array) -> float:
+    """Root mean square of numbers without the largest tenth."""
     return float(_sizes(x))
 
 

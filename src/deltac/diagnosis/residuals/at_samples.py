@@ -183,6 +183,11 @@ class Sampled:
         """All of them, in the order of `Evaluator`'s inputs."""
         return self.t, self.q, self.u, self.udot, self.logged
 
+    def moved(self, size: Mapping[str, Array], rng: np.random.Generator) -> Sampled:
+        """The same with every number of some columns moved at random by its size."""
+        there = {n: getattr(self, n) + rng.uniform(-1, 1, x.shape) * x for n, x in size.items()}
+        return replace(self, **there)
+
     def take(self, rows: NDArray[np.intp]) -> Sampled:
         """Some of the samples."""
         return Sampled(self.t[rows], self.q[rows], self.u[rows], self.udot[rows], self.logged[rows])
@@ -272,22 +277,14 @@ def _precision(
     scale: Array,
 ) -> Array:
     """How much the residual moves when every number of the log moves by half its last digit."""
-    rng = np.random.default_rng(0)
     of_run, free = digits_of(run), evaluator.mechanism.free
     places = {"q": free.q, "u": free.u, "udot": free.u}
     digits = {name: of_run[name].half(rows)[:, at] for name, at in places.items()}
     forces = (of_run[f"force {name}"].half(rows) for name in run.forces)
     digits["logged"] = np.concatenate([exact.logged[:, :0], *forces], axis=1)
-    squares = np.zeros(residual.shape[1])
-    for _ in range(PERTURBATIONS):
-        moved = {
-            name: getattr(exact, name) + rng.uniform(-1, 1, half.shape) * half
-            for name, half in digits.items()
-        }
-        difference = total(evaluator(replace(exact, **moved))) - residual
-        squares += np.mean(difference**2, axis=0)
-    rounding = 4.0 * EPS * scale
-    return np.asarray(np.sqrt(squares / PERTURBATIONS) + rounding)
+    rng = np.random.default_rng(0)
+    moved = [total(evaluator(exact.moved(digits, rng))) - residual for _ in range(PERTURBATIONS)]
+    return _rms(np.concatenate(moved)) + 4.0 * EPS * scale
 
 
 # --- constraints on acceleration level, ψ̇ = G u̇ + γ = 0, at the samples of a log ---------------
@@ -299,46 +296,16 @@ STIFFEST = 3.0
 """Largest rate of decay, times the step, that a stabilisation may have: explicit methods stand no more."""
 
 
-@dataclass(frozen=True, eq=False)
-class ConstraintRates:
-    """What accelerations leave of ψ̇ = G u̇ + γ = 0, in m/s² or rad/s²: the n independent rows (n,).
+def constraint_rates(terms: EquationTerms, run: Trajectory) -> dict[str, float]:
+    """ψ̇ = G u̇ + γ of each constraint at the samples of a run with u̇, as a share of its terms.
 
-    Attributes:
-        names: the constraint of each row.
-        size: root mean square of ψ̇ over the samples.
-        scale: the same of the sum of its absolute terms.
-        precision: what of it the digits of the log explain.
-        restoring: what a stabilisation may have asked for.
-    """
-
-    names: tuple[str, ...]
-    size: Array
-    scale: Array
-    precision: Array
-    restoring: Array
-
-    @property
-    def relative(self) -> dict[str, float]:
-        """ψ̇ of each constraint as a share of its terms; 0 where digits or a stabilisation explain it."""
-        clear = (self.size > CLEAR * self.precision + self.restoring) & (
-            self.size > LEAST * self.scale
-        )
-        share = np.divide(self.size, self.scale, out=np.zeros_like(self.size), where=clear)
-        return {
-            name: max(float(x) for x, owner in zip(share, self.names) if owner == name)
-            for name in dict.fromkeys(self.names)
-        }
-
-
-def constraint_rates(terms: EquationTerms, run: Trajectory) -> ConstraintRates | None:
-    """ψ̇ at the samples of a run with u̇, of which `terms` are the equations; None without constraints.
-
-    Baumgarte's stabilisation asks for ψ̇ = −2αψ − β²φ in place of zero, and soft constraints likewise. Their
-    α and β are not known, but at a step h they are `STIFFEST`/h at most.
+    `terms` are the equations of the run. It is 0 where digits of the log or a stabilisation explain ψ̇.
+    Baumgarte's asks for ψ̇ = −2αψ − β²φ in place of zero, and soft constraints likewise. Their α and β are
+    not known, but at a step h they are `STIFFEST`/h at most.
     """
     bound = terms.evaluator.symbols.constrained
     if bound is None or len(run) < 2:
-        return None
+        return {}
     rows, evaluator = bound.rows, terms.evaluator
     udot, u = evaluator.symbols.system.udot, evaluator.symbols.system.u
     outputs = {
@@ -354,25 +321,19 @@ def constraint_rates(terms: EquationTerms, run: Trajectory) -> ConstraintRates |
     scale = _rms(size) + _rms(moved) / float(np.ptp(run.t))
     # What a row has no terms of, such as the height of a ball on a table, has no size of its own.
     scale = np.maximum(scale, LEAST * scale.max())
-    rate_of_decay = STIFFEST / (run.provenance.step or float(np.median(np.diff(run.t))))
-    return ConstraintRates(
-        rows.names,
-        _rms(rate),
-        scale,
-        _digits(evaluator, outputs["rate"], samples, rate) + 4.0 * EPS * scale,
-        _rms(2.0 * rate_of_decay * np.abs(psi) + rate_of_decay**2 * np.abs(phi)),
-    )
-
-
-def _digits(evaluator: Evaluator, rate: SX, samples: Sampled, known: Array) -> Array:
-    """How much ψ̇ moves when every number of the log moves by half its last digit."""
-    rng = np.random.default_rng(0)
-    moved = {}
-    for name in ("q", "u", "udot"):
-        values = getattr(samples, name)
-        moved[name] = values + rng.uniform(-1, 1, values.shape) * resolution(values)
-    (other,) = evaluator.evaluate({"rate": rate}, replace(samples, **moved))
-    return _rms(other - known)
+    digits = {name: resolution(getattr(samples, name)) for name in ("q", "u", "udot")}
+    other = samples.moved(digits, np.random.default_rng(0))
+    precision = _rms(evaluator.evaluate({"rate": outputs["rate"]}, other)[0] - rate)
+    precision += 4.0 * EPS * scale
+    decay = STIFFEST / (run.provenance.step or float(np.median(np.diff(run.t))))
+    restoring = _rms(2.0 * decay * np.abs(psi) + decay**2 * np.abs(phi))
+    left = _rms(rate)
+    clear = (left > CLEAR * precision + restoring) & (left > LEAST * scale)
+    shares = np.divide(left, scale, out=np.zeros_like(left), where=clear)
+    found = dict.fromkeys(rows.names, 0.0)
+    for name, share in zip(rows.names, shares):
+        found[name] = max(found[name], float(share))
+    return found
 
 
 def _rms(values: Array) -> Array:

@@ -227,11 +227,11 @@ class EquationTest:
 
     def powers(self, udot: Array) -> dict[str, Array]:
         """ε = Ė − P (B,), W, of each testing function that applies."""
-        return {name: known.at(udot) for name, known in self._powers.items()}
+        return {name: known.at(udot) for name, known in self._scalars[0].items()}
 
     def momenta(self, udot: Array) -> dict[str, Array]:
         """Rate of each momentum less the forces that change it (B,), N or N·m."""
-        return {name: known.at(udot) for name, known in self._momenta.items()}
+        return {name: known.at(udot) for name, known in self._scalars[1].items()}
 
     def violation(self, udot: Array) -> Array:
         """ψ̇ = G u̇ + γ of each constraint row (nc, B)."""
@@ -250,7 +250,7 @@ class EquationTest:
         pull = np.abs(self.gamma) + times(np.abs(self.G), np.abs(udot) + LEAST * self._natural)
         typical_watts = _typical(watts)
         newtons = {
-            n: known.size(np.abs(udot) + self._natural) for n, known in self._momenta.items()
+            n: known.size(np.abs(udot) + self._natural) for n, known in self._scalars[1].items()
         }
         return Residuals(
             coordinates=coordinates,
@@ -298,14 +298,6 @@ class EquationTest:
         powers = dict(zip(names, found))
         momenta = dict(zip((balance.name for balance in balances), found[len(names) :]))
         return powers, momenta
-
-    @property
-    def _powers(self) -> dict[str, Affine]:
-        return self._scalars[0]
-
-    @property
-    def _momenta(self) -> dict[str, Affine]:
-        return self._scalars[1]
 
     def _bound(self) -> Constrained | None:
         """The constraints; only independent ones where the motion at u = 0 must be found from them."""

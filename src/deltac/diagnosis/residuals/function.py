@@ -18,7 +18,7 @@ from deltac.arrays import EPS, Array
 from deltac.calls.progress import Progress, counted, untold
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.diagnosis.residuals.states import States, told
+from deltac.diagnosis.residuals.states import States, some_rows, told
 from deltac.errors import NO_NUMBER, InputError, SourceError
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest, matching
@@ -73,7 +73,7 @@ class Caller:
         if candidates == [PLAIN]:
             return
         right = test.rates, test.acceleration
-        places = np.unique(np.linspace(0, len(test.states) - 1, SAMPLED).astype(int))
+        places = some_rows(test.states, SAMPLED)
         some = test.states.take(places)
 
         def evaluate(form: StateForm) -> tuple[Array, Array]:
@@ -208,7 +208,7 @@ class Caller:
 
     def _examine(self, states: States) -> None:
         """Find out about batches, memory and writing."""
-        some = states.take(np.unique(np.linspace(0, len(states) - 1, SAMPLED).astype(int)))
+        some = states.take(some_rows(states, SAMPLED))
         first = self._singly(some)
         backwards = slice(None, None, -1)
         second = self._singly(some.take(backwards))[:, backwards]
@@ -311,7 +311,7 @@ def noise(caller: Caller, test: EquationTest, scales: Array, among: int) -> Arra
     are taken from the first `among`, for slow slip bends within a short line.
     """
     states, kane = test.states, test.kane
-    some = states.take(np.unique(np.linspace(0, among - 1, SAMPLED).astype(int)))
+    some = states.take(some_rows(range(among), SAMPLED))
     rng = np.random.default_rng(1)
     count = len(some)
     shift = STEP * np.repeat(np.arange(NODES) - NODES // 2, count)

@@ -259,12 +259,8 @@ class Steps:
             return ""
         return _euler(self.late) if relation.name == "euler" else relation.name
 
-    def off(self, relation: Relation) -> Array:
-        """What a relation leaves of each step (I,), in the mass metric."""
-        return mass_norm(self.N, self.D - relation.a)
-
     def offs(self, places: Sequence[int]) -> Array:
-        """The same of relations at some places of the dictionary (I, number of them)."""
+        """What relations at some places of the dictionary leave of each step (I, number of them)."""
         return _offs(self.D, self.N, [self.relations[k] for k in places])
 
     @property
@@ -575,7 +571,7 @@ def _identified(
         left = np.median(offs, axis=0)
         half = relations[places[int(np.argmin(left))]]
         typical_left = float(left.min()) / typical
-        if typical_left > CLOSED or float(np.median(steps.off(relations[-1]))) < left.min():
+        if typical_left > CLOSED or float(np.median(steps.offs([-1]))) < left.min():
             return None, min(best, two_step.left), steps, _nothing
         name = steps.named(half)  # it closes but for what happens now and then
         found = Scheme(name, METHODS[name].order, best, digits, half.forces, typical_left)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sized
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -166,14 +166,7 @@ def draw(
             f"only {total} of {count} random states of {kane.mechanism.name!r} are admissible: the others "
             "do not meet the constraints, or the coordinate map is singular there; hand over states="
         )
-    joined = States(
-        np.concatenate([s.t for s in found]),
-        np.concatenate([s.q for s in found], axis=1),
-        np.concatenate([s.u for s in found], axis=1),
-        kane.coordinate_names,
-        kane.speed_names,
-    )
-    return joined.take(slice(0, count))
+    return joined(found).take(slice(0, count))
 
 
 def told(kane: Kane, states: States) -> States:
@@ -260,8 +253,8 @@ def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
     return States(t, own_q, own_u, kane.coordinate_names, kane.speed_names)
 
 
-def some_rows(run: Trajectory, most: int) -> NDArray[np.intp]:
-    """At most so many rows, evenly over a run."""
+def some_rows(run: Sized, most: int) -> NDArray[np.intp]:
+    """At most so many rows or states, evenly over a run or over states."""
     return np.unique(np.linspace(0, len(run) - 1, min(len(run), most)).astype(np.intp))
 
 

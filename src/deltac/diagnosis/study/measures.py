@@ -128,8 +128,7 @@ def residuals_of(
     finest = known[-1][1]
     terms = equation_terms(mechanism, finest)
     names, relative = _in_own(mechanism, finest, terms, own)
-    rates = constraint_rates(terms, finest)
-    constraints = rates.relative if rates is not None else {}
+    constraints = constraint_rates(terms, finest)
     worst = [max(_worst(terms), *constraints.values(), 0.0)]
     findings: list[Finding] = []
     if worst[0] > 0.0:
@@ -163,8 +162,7 @@ def _falling(mechanism: Mechanism, runs: Sequence[tuple[float, Trajectory]], unt
 
 def _worst_of(mechanism: Mechanism, run: Trajectory) -> float:
     terms = equation_terms(mechanism, run)
-    rates = constraint_rates(terms, run)
-    return max(_worst(terms), *(rates.relative.values() if rates is not None else ()), 0.0)
+    return max(_worst(terms), *constraint_rates(terms, run).values(), 0.0)
 
 
 def _worst(terms: EquationTerms) -> float:

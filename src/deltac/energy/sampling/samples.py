@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -70,7 +70,7 @@ class Samples:
         return clock(self.t, even=self.even)
 
     def rows(self, rows: slice) -> Samples:
-        """Neighbouring samples of a smooth piece."""
+        """Some samples of a smooth piece, with the rates that they have among all."""
 
         def cut(column: Smooth) -> Smooth:
             return Smooth(column.values[rows], lambda: column.rates[rows])
@@ -85,21 +85,11 @@ class Samples:
 
     def every(self, n: int) -> Samples:
         """Every n-th sample; what was derived is derived from these alone."""
-        t = self.t[::n]
-
-        def thinned(name: str, column: Smooth) -> Smooth:
-            values = column.values[::n]
-            if name in self.derived:
-                return Smooth(values, lambda: spline_rate(t, values))
-            return Smooth(values, lambda: column.rates[::n])
-
-        return Samples(
-            t,
-            {name: thinned(name, column) for name, column in self.smooth.items()},
-            {name: y[::n] for name, y in self.plain.items()},
-            {name: y[::n] for name, y in self.held.items()},
-            self.derived,
-        )
+        thin = self.rows(slice(None, None, n))
+        for name in self.derived:
+            values = thin.smooth[name].values
+            thin.smooth[name] = Smooth(values, partial(spline_rate, thin.t, values))
+        return thin
 
     def at(self, rows: slice, held: slice, rated: Collection[str]) -> tuple[Array, Between]:
         """Times and quantities at `rows`; what is held is that of other rows."""

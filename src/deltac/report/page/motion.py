@@ -22,8 +22,8 @@ from deltac.report.page.content import ROWS, made, moving
 from deltac.report.page.document import write_page
 from deltac.report.page.parts import Chapter, Link, Page
 from deltac.report.page.scene import Scene
-from deltac.report.page.sketch import sketch
 from deltac.report.panels import by_name, energy_plots, motions
+from deltac.report.still import sketch
 from deltac.results import number
 from deltac.simulation.arguments import positive
 from deltac.simulation.simulate import simulate

@@ -8,16 +8,15 @@ the largest value of each of many stretches, so that no peak is lost.
 from __future__ import annotations
 
 import base64
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.report.panels import Bars, Flows, LogPlot, Panel, TimePlot
-from deltac.results import Finding, Table
+from deltac.results import Finding, Serialisable, Table, plain
 
 NUMBERS = 900_000
 """Numbers of time histories that a page holds, about 5 MB; all plots together share them."""
@@ -30,13 +29,13 @@ Tone = Literal["good", "bad", "doubt", "plain"]
 
 
 @dataclass(frozen=True, eq=False)
-class Numbers:
+class Numbers(Serialisable):
     """An array as the page holds it; float32 unless `exact`."""
 
     values: Any
     exact: bool = False
 
-    def packed(self) -> dict[str, str]:
+    def contents(self) -> dict[str, Any]:
         """Base64 of its little-endian bytes, under the type of its numbers."""
         kind = "f8" if self.exact else "f4"
         with np.errstate(over="ignore"):
@@ -194,7 +193,12 @@ class Page:
         stretches = STRETCHES
         while stretches > 250 and sum(_numbers(plot, stretches) for plot in plots) > NUMBERS:
             stretches //= 2
-        packed: dict[str, Any] = _packed(self, lambda plot: _cut(plot, stretches))
+
+        def cut(chapter: Chapter) -> dict[str, Any]:
+            parts = [_cut(p, stretches) if isinstance(p, TimePlot) else p for p in chapter.parts]
+            return {**vars(chapter), "parts": parts}
+
+        packed: dict[str, Any] = plain({**vars(self), "chapters": [*map(cut, self.chapters)]})
         return packed
 
 
@@ -222,40 +226,5 @@ def _cut(plot: TimePlot, stretches: int) -> dict[str, Any]:
             if not plot.log:
                 entry["low"] = Numbers(cut.smallest(y - line.bar))
         lines.append(entry)
-    return {
-        "kind": plot.kind,
-        "title": plot.title,
-        "t": Numbers(cut.t, exact=True),
-        "lines": lines,
-        "unit": plot.unit,
-        "log": plot.log,
-        "guides": plot.guides,
-        "note": plot.note,
-        "tall": plot.tall,
-        "rows": len(plot.t),
-        "whole": cut.whole,
-    }
-
-
-def _packed(value: Any, plot: Callable[[TimePlot], Any]) -> Any:
-    """A part in terms of JSON; what is not finite is None."""
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    if isinstance(value, Numbers):
-        return value.packed()
-    if isinstance(value, TimePlot):
-        return _packed(plot(value), plot)
-    if isinstance(value, Finding):
-        return value.contents()
-    if isinstance(value, Mapping):
-        return {str(k): _packed(v, plot) for k, v in value.items()}
-    if isinstance(value, Sequence | Iterator):
-        return [_packed(v, plot) for v in value]
-    if isinstance(value, np.generic | np.ndarray):
-        return _packed(value.tolist(), plot)
-    if is_dataclass(value):
-        named: dict[str, Any] = {"kind": value.kind} if isinstance(value, Panel) else {}
-        return named | {f.name: _packed(getattr(value, f.name), plot) for f in fields(value)}
-    raise TypeError(f"{type(value).__name__} has no place in a page")
+    made: Any = {"t": Numbers(cut.t, exact=True), "lines": tuple(lines)}
+    return replace(plot, **made).contents() | {"rows": len(plot.t), "whole": cut.whole}

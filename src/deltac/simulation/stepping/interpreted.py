@@ -127,9 +127,7 @@ class StageRate:
             asked = self._controller is not None and not self._controller.hold
             given[places["inputs"]] = self._asked(t, x) if asked else self.held
         if "given" in places:
-            assert flow.equations is not None
-            q, u, _ = flow.parts
-            given[places["given"]] = flow.equations(t, x[q].copy(), x[u].copy())
+            given[places["given"]] = flow.by_hand(t, x, self.parameters)
         p = self.parameters if len(self.parameters) else None
         return self._rate.single(given, self._out, p).copy()
 

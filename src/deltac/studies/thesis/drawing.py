@@ -10,17 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.problems.triple_pendulum import LENGTHS, START
-from deltac.report import (
+from deltac.report.files import output_folder, write_figure, write_json
+from deltac.studies.thesis.experiments import Experiment
+from deltac.studies.thesis.figures import (
     Curve,
     angles_figure,
     chain_figure,
-    output_folder,
     testing_figure,
     torque_figure,
-    write_figure,
-    write_json,
 )
-from deltac.studies.thesis.experiments import Experiment
 from deltac.studies.thesis.reproduction import Reproduction
 from deltac.studies.thesis.runs import PRESCRIBED, Outcome, absolute_angles
 

@@ -124,28 +124,32 @@ def _labels(frame: polars.DataFrame) -> polars.DataFrame:
 
 
 def _long(frame: polars.DataFrame) -> polars.DataFrame:
-    """A row for each joint at each instant ("long", "tidy"): a column for each joint."""
+    """A row for each number, or joint, at each instant ("long", "tidy"): a column for each of them.
+
+    Texts say what a row is of; the index is the column that has each of its values as often.
+    """
     import polars
 
-    for key in (s for s in frame.get_columns() if _is_text(s)):
-        count = key.n_unique()
-        if key.null_count() or not 1 < count <= _MOST_KEYS or frame.height % count:
-            continue
-        names = set(key[:count])
-        if len(names) != count or not (key[-count:].is_in(list(names))).all():
-            continue
-        rest = [s for s in frame.get_columns() if s.name != key.name and not _is_text(s)]
-        index = next((s.name for s in rest if s.n_unique() * count == frame.height), None)
-        if index is None or len(rest) < 2:
-            continue
-        if frame.select(index, key.name).is_duplicated().any():
-            continue
-        values = [s.name for s in rest if s.name != index]
-        wide = frame.pivot(on=key.name, index=index, values=values)
-        if len(values) == 1:
-            wide = wide.rename({str(k): f"{k}.{values[0]}" for k in names})
-        return wide.with_columns(polars.all())
-    return frame
+    texts = [s.name for s in frame.get_columns() if _is_text(s) and s.n_unique() > 1]
+    rest = [s.name for s in frame.get_columns() if not _is_text(s)]
+    if not texts or frame.select(texts).null_count().sum_horizontal().item():
+        return frame
+    of = polars.concat_str([polars.col(name).str.strip_chars() for name in texts], separator=".")
+    key = frame.select(of.alias("key"))["key"]
+    count = key.n_unique()
+    if not 1 < count <= _MOST_KEYS or frame.height % count:
+        return frame
+    index = next((n for n in rest if frame[n].n_unique() * count == frame.height), None)
+    if index is None or len(rest) < 2:
+        return frame
+    table = frame.select(*rest).with_columns(key)
+    values = [name for name in rest if name != index]
+    if table.select(index, "key").is_duplicated().any():
+        return frame
+    wide = table.pivot(on="key", index=index, values=values)
+    if len(values) == 1 and len(texts) == 1:
+        wide = wide.rename({name: f"{name}.{values[0]}" for name in key.unique()})
+    return wide
 
 
 def _stamps(frame: polars.DataFrame) -> polars.DataFrame:

@@ -50,6 +50,8 @@ def read_csv(path: Path) -> RawLog:
     units.
     """
     data = _in_utf8(read_bytes(path))
+    if b"\r" in data and b"\n" not in data:  # as of old on the Macintosh
+        data = data.replace(b"\r", b"\n")
     own = data.removeprefix(_BYTE_ORDER_MARK).startswith(_CSV_HEADER)
     table = None if own else _foreign(data)
     if table is None:
@@ -352,6 +354,15 @@ def _instants(series: polars.Series) -> FloatArray | None:
         with contextlib.suppress(*_polars_errors()):
             if _DATE.match(first):
                 series = series.str.to_datetime(time_unit="ns", strict=True)
+            elif _DAY.match(first):
+                texts = series.str.strip_chars().str.replace(",", ".", literal=True)
+                forms = [
+                    texts.str.to_datetime(f"{day} %H:%M:%S%.f", time_unit="ns", strict=False)
+                    for day in _DAYS
+                ]
+                whole = [form for form in forms if not form.null_count()]
+                # 3/4 may be of March or of April: the day that changes least with the rows is right.
+                series = min(whole, key=lambda form: form.max() - form.min(), default=series)  # type: ignore[operator]
             elif _CLOCK.fullmatch(first):
                 parts = series.str.strip_chars().str.split(":").list
                 each = [parts.get(k).cast(polars.Float64) for k in (0, 1, 2)]
@@ -375,6 +386,8 @@ def _array(series: polars.Series) -> FloatArray:
 
 
 _DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_DAY = re.compile(r"\s*(\d{4}[/.]\d\d?[/.]\d\d?|\d\d?[/.-]\d\d?[/.-]\d{4})[T ]+\d\d?:\d\d:\d\d")
+_DAYS = ("%Y/%m/%d", "%Y.%m.%d", "%d.%m.%Y", "%d/%m/%Y", "%m/%d/%Y", "%d-%m-%Y", "%m-%d-%Y")
 _CLOCK = re.compile(r"\d+:\d\d:\d\d(\.\d*)?")
 _DURATION = re.compile(r"([-+.\de]*\d) *(s|sec|ms|us|ns|min)")  # as MATLAB writes durations
 _STAMP = re.compile(r"\d{12,19}")

@@ -28,6 +28,7 @@ from deltac.trajectories.formats.raw import (
     RawLog,
     damage_named,
     from_arrays,
+    is_label,
     parse_header,
     to_arrays,
 )
@@ -60,7 +61,8 @@ def read_hdf5(path: Path) -> RawLog:
             }
             return from_arrays(arrays, header)
         collector = Collector()
-        _gather(collector, log, log.root, "", 0)
+        units: dict[str, str] = {}
+        collector.add_all(dict(_gather(collector, units, log, log.root, "", 0)), units)
         return collector.log()
 
 
@@ -91,26 +93,37 @@ def read_shapes(path: Path) -> dict[str, tuple[int, ...]]:
         }
 
 
-def _gather(collector: Collector, log: Opened, group: Any, prefix: str, depth: int) -> None:
+def _gather(
+    collector: Collector, units: dict[str, str], log: Opened, group: Any, prefix: str, depth: int
+) -> Iterator[tuple[str, Any]]:
+    """Names and values of datasets, and of attributes that name columns; their `units` are put down."""
     log.check_depth(depth)
     for key, value in group.attrs.items():
         if isinstance(value, np.number | int | float):
             collector.scalars[f"{prefix}{key}"] = float(value)
+        elif is_label(key):
+            yield f"{prefix}{key}", value
     for key, item in log.members(group):
         name = prefix + key
         if not hasattr(item, "shape"):
-            _gather(collector, log, item, f"{name}/", depth + 1)
+            yield from _gather(collector, units, log, item, f"{name}/", depth + 1)
             continue
         unit = next((item.attrs[k] for k in ("units", "unit") if k in item.attrs), None)
-        text = unit.decode() if isinstance(unit, bytes) else unit if isinstance(unit, str) else None
+        text = unit.decode() if isinstance(unit, bytes) else unit
+        told = {name: text} if isinstance(text, str) else {}
         if item.shape is None:
             collector.skip(name, "is empty")
         elif item.dtype.names:
             table = log.values(item)
             for field in item.dtype.names:
-                collector.add(f"{name}/{field}", table[field], text)
-        elif item.dtype.kind in "iufb":
-            collector.add(name, log.values(item), text)
+                units |= {f"{name}/{field}": text for text in told.values()}
+                yield f"{name}/{field}", table[field]
+        elif item.dtype.kind in "iufb" or (
+            item.dtype.kind in "OS" and is_label(name) and not log.refers(item)
+        ):
+            units |= told
+            yield name, log.values(item)
+            yield from ((f"{name}/{k}", v) for k, v in item.attrs.items() if is_label(k))
         else:
             collector.skip(name, f"holds values of type {item.dtype}, not numbers")
 

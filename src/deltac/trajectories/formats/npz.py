@@ -27,7 +27,6 @@ from deltac.trajectories.formats.raw import (
     RawLog,
     damage_named,
     from_arrays,
-    labelled,
     parse_header,
     to_arrays,
 )
@@ -126,12 +125,7 @@ def _log(archive: zipfile.ZipFile, size: int) -> RawLog:
         if header.dtype.kind != "U" or header.size != 1:
             raise LogError("the deltac metadata are not text; write the log again")
         return from_arrays(arrays, parse_header(str(header[()])) or {})
-    for name, values in labelled(arrays).items():
-        if isinstance(values, Mapping):
-            for column, numbers in values.items():
-                collector.add(f"{name}.{column}", numbers)
-        else:
-            collector.add(name, values)
+    collector.add_all(arrays)
     return collector.log()
 
 
@@ -156,15 +150,17 @@ def _values(stream: Any, size: int, what: str, budget: Budget, part: slice | Non
     if dtype.hasobject:
         raise TypeError("holds Python objects, not numbers")
     kinds = [dtype[name].kind for name in dtype.names] if dtype.names else [dtype.kind]
-    if not set(kinds) <= set("biufUmM"):
+    if not set(kinds) <= set("biufSUmM"):
         raise TypeError(f"holds values of type {dtype}, not numbers")
     if start + count != size:
         raise FileError(
             f"{what} announces {shape} values of {dtype.itemsize} bytes, the file holds "
             f"{size - start} bytes of it: it is damaged"
         )
-    if dtype.kind == "U":
-        Limits.current().check("metadata", count // 4, f"{what} is of")
+    if dtype.kind in "SU":
+        Limits.current().check(
+            "metadata", count // (4 if dtype.kind == "U" else 1), f"{what} is of"
+        )
 
     def taken(size: int) -> bytes:
         content: bytes = stream.read(size)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from deltac.errors import NO_NUMBER, WrongType
-from deltac.trajectories.formats.raw import Collector, RawLog, labelled
+from deltac.trajectories.formats.raw import Collector, RawLog, entries
 
 
 def is_table(source: Any) -> bool:
@@ -36,39 +36,26 @@ def read_table(source: Any) -> RawLog:
     if isinstance(source, np.ndarray):
         collector.add("array", source)
         return collector.log()
-    for name, values in labelled(dict(_members(source, ""))).items():
-        if isinstance(values, Mapping):
-            for column, numbers in values.items():
-                collector.add(f"{name}.{column}", numbers)
-        elif (array := _array(values)).dtype.kind in "OSU":
-            collector.skip(name, "holds other values than numbers")
-        else:
-            collector.add(name, array)
+    collector.add_all({name: _array(values) for name, values in _members(source)})
     return collector.log()
 
 
-def _members(source: Any, before: str) -> Iterator[tuple[str, Any]]:
+def _members(source: Any) -> Iterator[tuple[str, Any]]:
     if hasattr(source, "data_vars"):  # of xarray: coordinates are times and labels
         yield from ((str(name), source[name].values) for name in source.coords)
         yield from ((str(name), source[name].values) for name in source.data_vars)
     elif isinstance(source, Mapping):
-        for name, values in source.items():
-            inner = values if isinstance(values, Mapping) else None
-            if inner is not None:
-                yield from _members(inner, f"{before}{name}.")
-            else:
-                yield f"{before}{name}", _array(values)
+        yield from entries(source)
     else:
         index = getattr(source, "index", None)  # of pandas: perhaps the times
         if index is not None and getattr(index, "name", None) is not None:
             yield str(index.name), np.asarray(index)
         for name in source.columns:
-            label = ".".join(map(str, name)) if isinstance(name, tuple) else str(name)
-            yield label, _array(source[name])
+            yield ".".join(map(str, name)) if isinstance(name, tuple) else str(name), source[name]
 
 
-def _array(values: Any) -> np.ndarray[Any, Any]:
-    """As an array; lists in cells become its columns."""
+def _array(values: Any) -> Any:
+    """As an array where it is one; lists in cells become its columns."""
     if hasattr(values, "to_numpy"):
         values = values.to_numpy()
     try:
@@ -76,5 +63,5 @@ def _array(values: Any) -> np.ndarray[Any, Any]:
         if array.dtype == object and array.ndim == 1 and len(array):
             array = np.array([np.asarray(value, dtype=np.float64) for value in array])
     except NO_NUMBER:
-        return np.asarray(None)
+        return values
     return array

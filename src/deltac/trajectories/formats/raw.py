@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -139,14 +140,23 @@ class Collector:
 
     def add(self, name: str, values: npt.ArrayLike, unit: str | None = None) -> None:
         """A column, or an array of columns."""
-        array = np.asarray(values)
+        try:
+            array = np.asarray(values)
+        except ValueError:
+            try:  # tuples in tuples, such as PyBullet's getJointStates: (q, u, (six reactions), torque)
+                array = np.asarray([[list(_flat(entry)) for entry in row] for row in values])  # type: ignore[union-attr]
+            except (ValueError, TypeError):
+                self.skip(name, "has rows of different lengths")
+                return
         if array.dtype.names:
             for field_name in array.dtype.names:
-                self.add(f"{name}.{field_name}", array[field_name])
+                self.add(f"{name}.{field_name}", array[field_name], unit)
             return
         if array.ndim == 1 and (seconds := seconds_of(array)) is not None:
             array, unit = seconds, "s"
-        if array.dtype.kind not in "iufb":
+        if array.dtype.kind in "OSU":
+            self.skip(name, "holds texts or other objects, not numbers")
+        elif array.dtype.kind not in "iufb":
             self.skip(name, f"holds values of type {array.dtype}, not numbers")
         elif not array.size:
             self.skip(name, "is empty")
@@ -173,6 +183,17 @@ class Collector:
             self.arrays[name] = array
             if unit:
                 self.units[name] = unit
+
+    def add_all(
+        self, found: Mapping[str, Any], units: Mapping[str, str] = MappingProxyType({})
+    ) -> None:
+        """What is there by name; a table beside a list of its columns' names has these, see `labelled`."""
+        for name, values in labelled(found).items():
+            if isinstance(values, Mapping):
+                for part, column in values.items():
+                    self.add(f"{name}.{part}", column, units.get(name))
+            else:
+                self.add(name, values, units.get(name))
 
     def skip(self, name: str, why: str) -> None:
         """Remember what is no column, to say so where it is missed."""
@@ -226,34 +247,64 @@ def _plain(name: str) -> str:
     return re.sub(r"[\W_]", "", re.split(r"[./]", name)[-1].lower())
 
 
+def _flat(value: Any) -> Iterator[Any]:
+    if isinstance(value, list | tuple):
+        for item in value:
+            yield from _flat(item)
+    else:
+        yield value
+
+
+def entries(value: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Names and values of nested mappings, joined by dots."""
+    for key, item in value.items():
+        name = f"{before}.{key}" if before else str(key)
+        if isinstance(item, Mapping):
+            yield from entries(item, name)
+        else:
+            yield name, item
+
+
 _LABELS = frozenset(
     "colheaders labels label names name columns header headers varnames variablenames columnnames fields "
-    "jointnames".split()
+    "jointnames joints joint jointlabels coordinates coordinatenames dofs dofnames".split()
 )
+"""What lists of the names of columns are called."""
+
+
+def is_label(name: str) -> bool:
+    """Whether a list of texts that is called so holds the names of columns."""
+    return _plain(name) in _LABELS
+
+
+def _texts(values: Any) -> list[str]:
+    """The texts of a list or an array of them; none where anything else is among them."""
+    if isinstance(values, str | bytes):
+        return []
+    each = np.ravel(np.asarray(values, dtype=object)).tolist()
+    texts = [text.decode("utf-8", "replace") if isinstance(text, bytes) else text for text in each]
+    return [text.strip() for text in texts] if all(isinstance(t, str) for t in texts) else []
 
 
 def labelled(found: Mapping[str, Any]) -> dict[str, Any]:
-    """The same values, but a table (T, n) beside a list of n names as columns.
+    """The same values, but a table (T, n) beside a list of n names as a mapping of columns.
 
-    MATLAB's `importdata` gives such structures, and many programs write them.
+    The list names the tables of its own group, and of groups in it. MATLAB's `importdata` gives such
+    structures, and many programs write them.
     """
     result = dict(found)
     for key, texts in found.items():
-        if _plain(key) not in _LABELS:
+        names = _texts(texts) if is_label(key) else []
+        if not 1 < len(names) == len(set(names)):
             continue
-        listed_texts = list(np.ravel(np.asarray(texts, dtype=object)))
-        if isinstance(texts, str) or not all(isinstance(text, str) for text in listed_texts):
-            continue
-        names = [text.strip() for text in listed_texts]
+        group = key[: max(map(key.rfind, "./")) + 1]
         stem = _plain(key).removesuffix("names").removesuffix("name")
-        of_stem = {name for name in found if stem and stem in _plain(name)} - {key}
-        for name, table in found.items():
-            if of_stem and name not in of_stem:
-                continue  # joint_names are none of root_quat, though there are four
-            fits = (
-                isinstance(table, np.ndarray) and table.ndim == 2 and table.shape[1] == len(names)
-            )
-            if fits and table.dtype.kind in "iuf" and len(set(names)) == len(names) > 1:
+        beside = [n for n in found if n != key and (n.startswith(group) or f"{n}/" == group)]
+        # joint_names are none of root_quat, though there are four
+        for name in [n for n in beside if stem and stem in _plain(n)] or beside:
+            table = result[name]
+            fits = isinstance(table, np.ndarray) and table.ndim == 2
+            if fits and table.shape[1] == len(names) and table.dtype.kind in "iuf":
                 result[name] = dict(zip(names, table.T, strict=True))
                 result.pop(key, None)
     return result

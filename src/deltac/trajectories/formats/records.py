@@ -6,7 +6,7 @@ that name. JSON's NaN and Infinity, which are none, are refused.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from deltac.errors import FileError, InputError, LogError, shown
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import Limits, parse_json
 from deltac.trajectories.formats.arrangement import STAMPS
-from deltac.trajectories.formats.raw import Collector, RawLog, labelled
+from deltac.trajectories.formats.raw import Collector, RawLog, entries
 
 
 def read_json(path: Path) -> RawLog:
@@ -54,9 +54,7 @@ def read_json_lines(path: Path) -> RawLog:
 
 def _of_object(value: Mapping[str, Any]) -> RawLog:
     collector = Collector()
-    tables = {k: np.asarray(v) for k, v in value.items() if _is_table(v)}
-    for name, item in _entries(labelled({**value, **tables}), ""):
-        _add(collector, name, item)
+    collector.add_all({k: np.asarray(v) if _is_table(v) else v for k, v in entries(value)})
     return collector.log()
 
 
@@ -76,33 +74,15 @@ def _listed(value: Any) -> Any:
     return value
 
 
-def _flat(value: Any) -> Iterator[Any]:
-    if isinstance(value, list):
-        for item in value:
-            yield from _flat(item)
-    else:
-        yield value
-
-
 def _records(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(v, Mapping) for v in value)
-
-
-def _entries(value: Mapping[str, Any], before: str) -> Iterator[tuple[str, Any]]:
-    """Names and values, of objects in objects too."""
-    for key, item in value.items():
-        name = f"{before}.{key}" if before else str(key)
-        if isinstance(item, Mapping):
-            yield from _entries(item, name)
-        else:
-            yield name, item
 
 
 def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
     collector = Collector()
     columns: dict[str, list[Any]] = {}
     for row, record in enumerate(records):
-        for name, item in _entries(record, ""):
+        for name, item in entries(record):
             column = columns.setdefault(name, [])
             if len(column) == row:  # else it was missing in a record before
                 column.append(item)
@@ -118,14 +98,11 @@ def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
         name: v[0] for name, v in columns.items() if v and _is_names(v[0]) and v == v[:1] * len(v)
     }
     tables = {name: np.asarray(v) for name, v in columns.items() if _is_table(v)}
-    for name, values in labelled({**columns, **tables, **alike}).items():
-        if isinstance(values, Mapping):
-            for key, column in values.items():
-                collector.add(f"{name}.{key}", column)
-        elif len(values) < len(records):
-            collector.skip(name, f"is missing in record {len(values)} (of 0 to {len(records) - 1})")
-        else:
-            _add(collector, name, values)
+    for name in [name for name, values in columns.items() if len(values) < len(records)]:
+        row = len(columns.pop(name))
+        collector.skip(name, f"is missing in record {row} (of 0 to {len(records) - 1})")
+        tables.pop(name, None)
+    collector.add_all({**columns, **tables, **alike})
     return collector.log()
 
 
@@ -143,21 +120,3 @@ def _seconds(pairs: Sequence[tuple[Any, Any]]) -> list[float]:
     """Whole seconds and nanoseconds as seconds since the first."""
     first = pairs[0][0]
     return [float(whole - first) + 1e-9 * float(part) for whole, part in pairs]
-
-
-def _add(collector: Collector, name: str, values: Any) -> None:
-    if isinstance(values, str) or values is None:
-        collector.skip(name, f"is {shown(values)}, no numbers")
-        return
-    try:
-        array = np.asarray(values)
-    except ValueError:
-        try:  # tuples in tuples, such as those of PyBullet's getJointStates: (q, u, (six reactions), torque)
-            array = np.asarray([[list(_flat(entry)) for entry in row] for row in values])
-        except (ValueError, TypeError):
-            collector.skip(name, "has rows of different lengths")
-            return
-    if array.dtype.kind == "O":
-        collector.skip(name, "holds other values than numbers")
-    else:
-        collector.add(name, array)

@@ -108,34 +108,48 @@ def unit(text: str) -> Unit:
     return Unit(factor, dimension)
 
 
-_SUFFIXES = {
-    words: written
+_MEASURES = {
+    word: written
     for written, several in {
-        "deg/s": "deg s;degs;degps;dps;deg sec",
-        "deg/s^2": "deg s2;deg s 2",
-        "rad/s": "rad s;rads;radps;rad sec",
-        "rad/s^2": "rad s2;rad s 2;radps2",
-        "m/s": "m s;mps",
-        "m/s^2": "m s2;m s 2;mps2",
-        "mm/s": "mm s",
-        "cm/s": "cm s",
-        "N*m": "n m;nm",
-        "N*mm": "n mm;nmm",
-        "deg": "deg;degree;degrees;grad",
-        "rad": "rad;radians",
+        "deg": "deg degree degrees grad",
+        "rad": "rad radian radians",
+        "m": "m meter meters metre metres",
+        "mm": "mm millimeter millimeters millimetre millimetres",
+        "cm": "cm centimeter centimeters centimetre centimetres",
         "rpm": "rpm",
-        "mm": "mm",
-        "cm": "cm",
-        "m": "m",
-        "N": "n",
-        "s": "s;sec;secs;seconds",
-        "ms": "ms;msec",
-        "us": "us;usec",
-        "ns": "ns;nsec",
+        "N": "n newton newtons",
+        "N*m": "nm",
+        "N*mm": "nmm",
+        "s": "s sec secs second seconds",
+        "ms": "ms msec msecs millis millisecond milliseconds",
+        "us": "us usec usecs micros microsecond microseconds",
+        "ns": "ns nsec nsecs nanos nanosecond nanoseconds",
     }.items()
-    for words in several.split(";")
+    for word in several.split()
 }
-"""Units at the end of names, as words: ``elbow_deg_s``."""
+_RATES = {
+    f"{short}{rate}": f"{written}/s{power}"
+    for short, written in (("deg", "deg"), ("d", "deg"), ("rad", "rad"), ("m", "m"), ("mm", "mm"))
+    for rate, power in (("ps", ""), ("s", ""), ("ps2", "^2"), ("s2", "^2"), ("pss", "^2"))
+    if f"{short}{rate}" not in ("ds", "ms", "mms", "ds2", "ms2")
+}
+"""``degps``, ``dps``, ``rads``, ``mps2``."""
+
+_PER_SECOND = re.compile(r"(\w+?)(?: (?:per )?(?:s|sec|second)(?: ?(2|squared))?)?")
+
+
+def _in_words(words: str) -> str | None:
+    """The unit that the last words of a name write: ``deg s``, ``radians per second``, ``m s2``, ``n m``."""
+    if words in ("n m", "n mm"):
+        return words.replace("n ", "N*")
+    if words in _RATES:
+        return _RATES[words]
+    found = _PER_SECOND.fullmatch(words)
+    measure = _MEASURES.get(found[1]) if found else None
+    if found is None or measure is None or found[1] == words:
+        return measure
+    return f"{measure}/s^2" if found[2] else f"{measure}/s"
+
 
 _BRACKETS = re.compile(r"\s*[\[({]([^\[\](){}]*)[\])}]\s*$")
 _AFTER = re.compile(r"(?:\s*,\s*|\s+/\s*|\s+in\s+)(\S+)\s*$")
@@ -173,10 +187,10 @@ def without_unit(column: str) -> str:
 def _suffixes(column: str) -> Iterator[tuple[str, str]]:
     """What stands before units in words at the end of a name, and these, the longest first."""
     words = list(re.finditer(r"[^\W_]+", column))
-    for count in (3, 2, 1):
+    for count in (4, 3, 2, 1):
         if len(words) > count:
             tail = words[-count:]
-            written = _SUFFIXES.get(" ".join(word[0].lower() for word in tail))
+            written = _in_words(" ".join(word[0].lower() for word in tail))
             if written is not None:
                 yield column[: tail[0].start()].rstrip("_ .-/"), written
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.report.style import COLOURS, POINTS, blank, stacked, styled
+from deltac.report.style import COLOURS, POINTS, blank, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -160,6 +160,19 @@ def chain_figure(title: str, x: Array, y: Array, theta: Array) -> Figure:
 
 
 # --- parts of figures -----------------------------------------------------------------------------
+
+
+def stacked(figure: Figure, heights: Sequence[float], gaps: Sequence[float]) -> list[Axes]:
+    """Panels below one another on the same time axis, with relative heights and gaps."""
+    ratios = [heights[0]]
+    for gap, height in zip(gaps, heights[1:], strict=True):
+        ratios += [gap, height]
+    grid = figure.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.0)
+    panels = [figure.add_subplot(grid[0])]
+    panels += [figure.add_subplot(grid[row], sharex=panels[0]) for row in range(2, len(ratios), 2)]
+    for panel in panels[:-1]:
+        panel.tick_params(labelbottom=False)
+    return panels
 
 
 def _angle(panel: Axes, curve: Curve, name: str, **look: Any) -> None:

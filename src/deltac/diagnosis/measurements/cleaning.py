@@ -1,0 +1,424 @@
+"""Slips of a log that its coordinates and speeds betray: what is safe to undo is undone, the rest is told."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.measurements.digits import digits_of
+from deltac.diagnosis.measurements.kinematics import (
+    AT_ONCE,
+    LEAST_RATIO,
+    LEAST_ROWS,
+    Comparison,
+    Mask,
+    coordinates_against_speeds,
+    size_of,
+    unsteadiness,
+)
+from deltac.diagnosis.verdict import Finding, percent
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+from deltac.trajectories.columns import Kinematics
+
+FEW = 0.1
+"""Share of the rows up to which slips are few: more copies or spikes are something else."""
+
+COPIES = 0.34
+"""Share of the rows up to which copies are left out and the rest is judged."""
+
+ROUNDED = 1e-6
+"""Share of an interval by which time stamps of an even clock differ without being said to scatter."""
+
+CLEARLY = 0.3
+"""An even clock is believed where it leaves this share of the unsteadiness, or less."""
+
+JUMP = 3.0
+"""How many times farther than by the fastest speed of the log a coordinate must move to have jumped."""
+
+JUMPS = 0.01
+"""Share of the intervals that jumps may be: episodes have some rows."""
+
+FAR = 5.0
+"""How many times the range of its four neighbours a spike is away from them."""
+
+LATE = 0.8
+"""Rows by which a column must be late to be called so: schemes leave a half at most."""
+
+DEPARTS = 0.05
+"""Share of a column's movement that its rate may miss before the log is doubted."""
+
+RESOLVED = 5e-3
+"""Share of the movement that quadrature may miss in a log that is fine enough to be doubted."""
+
+LEAST_GEAR = 2e-3
+"""Relative difference below which one coordinate alone has no gear: clocks drift by less."""
+
+DIGIT = 1e-5
+"""How exactly columns tell one clock at best."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cleaned:
+    """A run whose evident slips were undone, and what was found."""
+
+    run: Trajectory
+    findings: tuple[Finding, ...]
+    comparisons: dict[str, Comparison]
+
+
+def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
+    """Test q against u, and undo what is safe to undo: copies of rows, turns of 2π, single spikes.
+
+    Runs whose speeds were derived from the coordinates are taken as they are; no row is taken out of runs
+    with integrals or events.
+    """
+    if "u" in run.provenance.derived or len(run) < LEAST_ROWS:
+        return Cleaned(run, (), {})
+    found: list[Finding] = []
+    for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
+        run, more = step(mechanism, run)
+        found += more
+    comparisons = coordinates_against_speeds(mechanism, run)
+    run, more = _without_spikes(run, comparisons)
+    if more:
+        found += more
+        comparisons = coordinates_against_speeds(mechanism, run)
+    even = _evenly_timed(run)
+    if even is not None:
+        other = coordinates_against_speeds(mechanism, even)
+        if unsteadiness(other) < CLEARLY * unsteadiness(comparisons):
+            found.append(_jitter(run, even))
+            run, comparisons = even, other
+    found += [*_jumps(run, comparisons), *_wrong_rates(run, comparisons)]
+    return Cleaned(run, tuple(found), comparisons)
+
+
+# --- what is undone --------------------------------------------------------------------------------------
+
+
+def _whole(run: Trajectory) -> bool:
+    """Whether rows may not be taken out or moved."""
+    return bool(run.integrals or run.events)
+
+
+def _without(run: Trajectory, rows: Sequence[int] | NDArray[np.intp]) -> Trajectory:
+    keep = np.ones(len(run), dtype=np.bool_)
+    keep[rows] = False
+    return run.take(keep)
+
+
+def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
+    """Rows that repeat the one before though its speeds say that it moves on."""
+    same = _repeated(run.q) & _repeated(run.u)
+    if not same.any() or _whole(run):
+        return run, []
+    told = np.abs(run.u[:-1]) * np.diff(run.t)[:, None]
+    digit = digits_of(run)["q"].half().max(initial=0.0)
+    copies = np.flatnonzero(same & np.any(told > 4.0 * digit, axis=1)) + 1
+    if not len(copies):
+        return run, []
+    return _without(run, copies), [
+        Finding(
+            "duplicated-rows",
+            f"{len(copies)} rows repeat the previous row, although time and speeds advance",
+            f"the first is row {copies[0]}, t = {run.t[copies[0]]:.6g} s",
+            "They were left out. Write each state once, at its own time",
+            "note" if len(copies) <= COPIES * len(run) else "doubt",
+        )
+    ]
+
+
+def _repeated(values: Array, columns: Sequence[int] | NDArray[np.intp] | None = None) -> Mask:
+    """Which rows after the first have the same numbers as the row before (T − 1,).
+
+    Column by column, at the rows that may still be such: of most logs the first column tells all.
+    """
+    rows = np.arange(len(values) - 1)
+    for k in range(values.shape[1]) if columns is None else columns:
+        rows = rows[values[rows + 1, k] == values[rows, k]]
+    found = np.zeros(len(values) - 1, dtype=np.bool_)
+    found[rows] = True
+    return found
+
+
+def _at_the_pace_of_the_slower(
+    mechanism: Mechanism, run: Trajectory
+) -> tuple[Trajectory, list[Finding]]:
+    """Rows in which coordinates or speeds are new, where a slower sensor repeats them for some rows."""
+    free = mechanism.free
+    if not (len(free.q) and len(free.u)) or _whole(run):
+        return run, []
+    old = {"coordinates": _repeated(run.q, free.q), "speeds": _repeated(run.u, free.u)}
+    for (what, repeated), other in zip(old.items(), reversed(old.values())):
+        new = np.append(0, np.flatnonzero(~repeated) + 1)
+        if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < FEW:
+            continue
+        pace = np.diff(new)
+        every = int(np.median(pace))
+        if every < 2 or np.mean(pace == every) < 1.0 - FEW:
+            continue
+        kept = new[1:] if new[1] < every else new  # of the first it is not known how old they are
+        finding = Finding(
+            "held-columns",
+            f"the {what} come from a slower clock: they repeat for {every} rows while the others change",
+            f"{len(kept)} of {len(run)} rows hold new ones",
+            "The other rows were left out. Log all columns of a row at one instant",
+        )
+        return run.take(kept), [finding]
+    return run, []
+
+
+def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
+    """Angles that jump by whole turns, as those reduced to (−π, π] do."""
+    pairs = [
+        (i, j)
+        for i, j in Kinematics.of(run.coordinates, run.speeds).rates
+        if mechanism.coordinates[i].unit == "rad"
+    ]
+    if not pairs:
+        return run, []
+    turn = 2.0 * np.pi
+    places, rates = (list(of) for of in zip(*pairs))
+
+    def beyond(rows: slice) -> Array:
+        """What coordinates change by from each row to the next beyond what their speeds say."""
+        t, q, u = run.t[rows], run.q[rows][:, places], run.u[rows][:, rates]
+        return np.asarray(np.diff(q, axis=0) - 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1]))
+
+    few = max(1, AT_ONCE // len(pairs))
+    parts = (beyond(slice(k, k + few + 1)) for k in range(0, len(run), few))
+    if not any(np.abs(part).max(initial=0.0) > 0.5 * turn for part in parts):
+        return run, []
+    excess = beyond(slice(None))
+    q, found = np.array(run.q), list[Finding]()
+    turns = np.round(excess / turn)
+    jumping = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)
+    for i, turned, jumps in zip(places, turns.T, jumping.T):
+        within = np.ptp(q[:, i]) < turn + 0.6
+        # Of another clock, or of a coarse one, the speeds alone tell of turns.
+        jumped = np.abs(np.diff(run.q[:, i])).max() > 0.5 * turn
+        if jumps.any() and within and jumped:
+            q[1:, i] -= turn * np.cumsum(np.where(jumps, turned, 0.0))
+            found.append(
+                Finding(
+                    "wrapped-angle",
+                    f"coordinate {run.coordinates[i]!r} is wrapped to one turn",
+                    f"it jumps by 2π {int(jumps.sum())} times while its speed is steady",
+                    "It was unwrapped. Log the angle as the simulator has it",
+                    element=run.coordinates[i],
+                )
+            )
+    return (replace(run, q=q), found) if found else (run, found)
+
+
+def _without_spikes(
+    run: Trajectory, comparisons: Mapping[str, Comparison]
+) -> tuple[Trajectory, list[Finding]]:
+    """Single rows of which a column lies far off its neighbours; only a few are taken out."""
+    spikes: dict[int, str] = {}
+    for name, made in comparisons.items():
+        starts = made.start[made.outliers]
+        rows = np.unique(np.concatenate([starts, starts + 1]))
+        rows = rows[(rows >= 2) & (rows < len(run) - 2)]
+        columns = [run.u[:, run.speeds.index(name)]]
+        columns += [run.q[:, k] for k, c in enumerate(run.coordinates) if c == name]
+        for x in columns:
+            around = x[rows[:, None] + np.array([-2, -1, 1, 2])]
+            off = np.abs(x[rows] - np.median(around, axis=1))
+            spikes |= dict.fromkeys(rows[off > FAR * np.ptp(around, axis=1)].tolist(), name)
+    if not spikes or len(spikes) > FEW * len(run) or _whole(run):
+        return run, []
+    first = min(spikes)
+    finding = Finding(
+        "spikes",
+        f"{len(spikes)} rows have a value far from those before and after",
+        f"the first is {spikes[first]!r} in row {first}, t = {run.t[first]:.6g} s",
+        "They were left out. Look for what wrote them",
+        element=spikes[first],
+    )
+    return _without(run, list(spikes)), [finding]
+
+
+def _evenly_timed(run: Trajectory) -> Trajectory | None:
+    """The run on an even clock, rows whole numbers of steps apart, if its stamps scatter about one."""
+    h = np.diff(run.t)
+    step = float(np.median(h))
+    if _whole(run) or float(np.ptp(h)) <= ROUNDED * step:
+        return None
+    # However much single steps vary: no row is lost where each is nearest to its own place.
+    rows = np.arange(float(len(run)))
+    even = np.polyval(np.polyfit(rows, run.t, 1), rows)
+    if np.abs(run.t - even).max() >= 0.5 * step:
+        for _ in range(3):  # the median of rounded stamps is not their mean
+            rows = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(h / step), 1.0))])
+            step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
+        even = start + step * rows
+    scatter = float(np.abs(run.t - even).max())
+    return replace(run, t=even) if ROUNDED * step < scatter < 0.5 * step else None
+
+
+def _jitter(run: Trajectory, even: Trajectory) -> Finding:
+    scatter = float(np.std(run.t - even.t))
+    step = float(np.median(np.diff(even.t)))
+    return Finding(
+        "clock-jitter",
+        f"the time stamps scatter by {scatter:.2g} s about an even clock",
+        f"by their coordinates and speeds the rows are {step:.6g} s apart",
+        "They were put back on that clock. Log the simulator's own time, with all its digits",
+    )
+
+
+# --- what is told ----------------------------------------------------------------------------------------
+
+
+def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
+    """Single intervals over which coordinates move farther than any speed in the log would take them."""
+    jumped: dict[int, str] = {}
+    for name, made in comparisons.items():
+        farthest = float(np.abs(made.told).max(initial=0.0))
+        far = made.outliers & (np.abs(made.defect) > JUMP * farthest)
+        jumped |= dict.fromkeys(made.start[far].tolist(), name)
+    rows = np.array(sorted(jumped), dtype=np.intp)
+    if not len(rows) or len(rows) > JUMPS * len(run) or np.diff(rows).min(initial=2) < 2:
+        return
+    first = jumped[int(rows[0])]
+    times = ", ".join(f"{run.t[k]:.6g}" for k in rows[:3]) + (", …" if len(rows) > 3 else "")
+    yield Finding(
+        "jump",
+        "the state jumps from one row to the next, as where an episode begins anew or a state was set",
+        f"{'once' if len(rows) == 1 else f'{len(rows)} times'}, after t = {times} s: {first!r} moves at "
+        f"least {JUMP:g} times as far as its largest speed would take it",
+        "Audit what is before and after each jump separately, or log a column `episode`",
+        "doubt",
+        first,
+    )
+
+
+def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
+    """Swapped and clipped columns, late rows, clock, gears, and speeds that are no rates at all.
+
+    What one of these explains the others are not asked about.
+    """
+    rest = dict(comparisons)
+    swapped = dict(_swapped(rest))
+    for name, other in swapped.items():
+        if name < other:
+            yield Finding(
+                "swapped-columns",
+                f"the speeds {name!r} and {other!r} seem to be swapped",
+                "each coordinate moves with the other's speed",
+                "Correct the names of the columns",
+                "doubt",
+                name,
+            )
+    rest = {n: c for n, c in rest.items() if n not in swapped}
+    clipped = [n for n, c in rest.items() if _is_clipped(run.speed(n), c)]
+    for name in clipped:
+        yield Finding(
+            "clipped-column",
+            f"the speed {name!r} stays at its extreme while the coordinate moves faster",
+            f"its largest value is {np.abs(run.speed(name)).max():.6g}",
+            "Widen the range of the sensor or format that wrote the column",
+            "doubt",
+            name,
+        )
+    rest = {n: c for n, c in rest.items() if n not in clipped}
+    late = [n for n, c in rest.items() if _is_late(c)]
+    if late:
+        rows = float(np.median([rest[n].late for n in late]))
+        yield Finding(
+            "late-rows",
+            f"coordinates are {abs(rows):.3g} rows {'older' if rows < 0 else 'newer'} than the speeds beside "
+            "them",
+            f"shown by {', '.join(map(repr, late[:4]))}",
+            "Write coordinates and speeds of the same instant into one row",
+            "doubt",
+            late[0],
+        )
+    rest = {n: c for n, c in rest.items() if n not in late}
+    off = {n: c for n, c in rest.items() if c.scaled and c.off < DEPARTS}
+    yield from _scaled(off, rest) if off else ()
+    for name, c in rest.items():
+        if name not in off and c.significant and c.off > 1e-3:
+            bar, moved = size_of(c.bar), size_of(c.moved)
+            resolved = bar < RESOLVED * moved and len(run) > 30
+            yield Finding(
+                "speed-not-rate",
+                f"the speed {name!r} is not the rate of its coordinate",
+                f"it misses {percent(c.off)} of the movement, where digits, noise and quadrature explain "
+                f"{percent(bar / max(moved, 1e-300))}",
+                "Log the speed of the same state, unfiltered and with the same clock",
+                "doubt" if c.off > DEPARTS and resolved else "note",
+                name,
+            )
+
+
+def _swapped(comparisons: Mapping[str, Comparison]) -> Iterator[tuple[str, str]]:
+    """Pairs of speeds that fit each other's coordinates and not their own."""
+
+    def fits(a: Comparison, b: Comparison) -> bool:
+        if len(a.moved) != len(b.told):
+            return False
+        size = float(np.linalg.norm(a.moved) * np.linalg.norm(b.told))
+        return abs(float(a.moved @ b.told)) > 0.99 * size > 0.0
+
+    poor = {n: c for n, c in comparisons.items() if c.alike < 0.95}
+    for a, x in poor.items():
+        for b, y in poor.items():
+            if a != b and fits(x, y) and fits(y, x):
+                yield a, b
+
+
+def _is_clipped(u: Array, c: Comparison) -> bool:
+    """Whether a speed has its extreme in many rows, between which the coordinate moves faster."""
+    size = np.abs(u)
+    at = size >= size.max(initial=0.0) * (1.0 - 1e-12)
+    inside = at[c.start] & at[c.start + 1]
+    if at.sum() < 6 or inside.sum() < 4 or inside.all():
+        return False
+    beyond = np.median(np.abs(c.moved[inside]) - np.abs(c.told[inside]))
+    return bool(beyond > 5.0 * np.median(c.bar) + 1e-3 * size_of(c.moved))
+
+
+def _is_late(c: Comparison) -> bool:
+    """Whether the rate is of another row, and changes enough from row to row to tell."""
+    tells = c.instant and c.off < 0.2 and not (c.significant and c.off > DEPARTS)
+    return tells and abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1
+
+
+def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:
+    """One factor in all columns is a clock's; else gears between coordinates and speeds."""
+    ratios = np.array([c.ratio for c in off.values()])
+    errors = np.array([max(c.ratio_error, LEAST_RATIO) for c in off.values()])
+    common = float(np.average(ratios, weights=errors**-2))
+    agree = np.all(np.abs(ratios - common) < 3.0 * errors + 1e-3 * abs(common - 1.0))
+    others = [c for n, c in every.items() if n not in off]
+    dissent = any(abs(c.ratio - common) > c.ratio_error + DIGIT for c in others)
+    if agree and not dissent and (len(every) > 1 or abs(common - 1.0) < 0.05):
+        yield Finding(
+            "clock-scale",
+            f"all coordinates move by {common:.6g} times as far as their speeds say: the clock is wrong",
+            f"of {len(off)} coordinates, each ± {float(errors.min()):.1g}",
+            f"Multiply the times by {common:.6g}, or log the simulator's own time",
+            "doubt",
+            factor=common,
+            error=float(errors.min()),
+        )
+        return
+    for name, c in off.items():
+        if abs(c.ratio - 1.0) >= LEAST_GEAR:
+            yield Finding(
+                "gear-between-q-and-u",
+                f"coordinate {name!r} moves by {c.ratio:.6g} times what its speed says",
+                f"± {max(c.ratio_error, LEAST_RATIO):.1g}",
+                "Log both on the same side of the gear, in the same units",
+                "doubt",
+                name,
+                c.ratio,
+                c.ratio_error,
+            )

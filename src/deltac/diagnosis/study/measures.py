@@ -208,7 +208,7 @@ def _in_own(
         return ours
     kane = Kane(mechanism, own)
     try:
-        states = states_along(kane, run, np.arange(len(run)))
+        states = states_along(kane, run, terms.rows)
     except InputError:  # a map without inverse
         return ours
     Y = kane.point(states.t, states.q, states.u).Y

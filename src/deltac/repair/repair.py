@@ -100,13 +100,12 @@ def repair_equations(
 ) -> Repair:
     """Find the edit of a function's source that makes its equations of motion right.
 
-    The source is read, not run. Every operation is traced at random states of the mechanism, and for every
-    expression the value is computed that it should have had. Edits (signs, operators, names, indices,
-    functions, powers, numbers, missing or superfluous factors and terms; two of them where one does not
-    suffice) that produce these values are searched for. All that pass are tested at fresh states, at other
-    parameters
-    where the function names its constants as the mechanism does, and by running the edited function in a
-    process of its own. The file is left as it is.
+    The function is traced: Python runs it at random states of the mechanism, rewritten so that every
+    expression records its value; then the value is computed that each expression should have had. Edits
+    (signs, operators, names, indices, functions, powers, numbers, missing or superfluous factors and terms;
+    two of them where one does not suffice) that produce these values are searched for. All that pass are
+    tested at fresh states, at other parameters where the function names its constants as the mechanism does,
+    and by running the edited function in a process of its own. The file is left as it is.
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.
@@ -116,8 +115,8 @@ def repair_equations(
         time_limit: of the search (s).
 
     Raises:
-        InputError: no source, no Python, or a function with branches on the state, side effects, endless
-            loops, classes, or calls that are not understood; file and line are named.
+        InputError: no source, no Python, or a function with too many branches on the state, side effects,
+            endless loops, or calls that cannot be traced; file and line are named.
     """
     found = load_model(model)
     if coordinates is None and isinstance(rhs, Equations):

@@ -177,7 +177,7 @@ def mutate_equations(
 
     The tests are the testing functions in rate form, the momentum balances, and the coordinate residual
     F_r + F*_r, at random states of the model. A mutant with no coordinate residual is equivalent. The
-    function is read, not run.
+    function is traced, as `repair_equations` does.
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.

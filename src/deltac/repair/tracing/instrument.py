@@ -25,8 +25,22 @@ NEVER = {
 
 STORED = (ast.Name, ast.Attribute, ast.Subscript)
 LITERAL = (ast.Constant, ast.Dict, ast.Call, ast.List, ast.Tuple, ast.IfExp)
-FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-COMPREHENSIONS = (ast.ListComp, ast.SetComp, ast.GeneratorExp, ast.DictComp)
+
+
+def _located(kind: Any) -> Any:
+    """A kind of node whose nodes have a place in a file, as Python wants, without being given one."""
+    place = {"lineno": 1, "col_offset": 0, "end_lineno": 1, "end_col_offset": 0}
+    return type(kind.__name__, (kind,), place)
+
+
+make: Any = types.SimpleNamespace(
+    **{
+        kind.__name__: _located(kind)
+        for base in (ast.expr, ast.stmt)
+        for kind in (*base.__subclasses__(), ast.arg, ast.keyword)
+    }
+)
+"""Kinds of nodes of which rewritten code is made."""
 
 
 def rewritten(statement: ast.stmt, number: Mapping[int, int]) -> ast.Module:
@@ -42,16 +56,16 @@ def made_by(
     rewriter.scopes.append(outer := f"{SCOPE}outside")
     body: list[ast.stmt]
     if isinstance(definition, ast.Lambda):
-        body = [ast.Return(rewriter.expression(definition))]
+        body = [make.Return(rewriter.expression(definition))]
     else:
-        plain = ast.FunctionDef(
+        plain = make.FunctionDef(
             definition.name, _bare(definition.args), definition.body, [], None, lineno=1
         )
         number = {**number, id(plain): number[id(definition)]}
         rewriter.number = number
-        body = [*rewriter.visit_FunctionDef(plain), ast.Return(_name(definition.name))]
-    maker = ast.FunctionDef(
-        "made", ast.arguments([], [ast.arg(n) for n in (*names, outer)], None, [], [], None, []),
+        body = [*rewriter.visit_FunctionDef(plain), make.Return(_name(definition.name))]
+    maker = make.FunctionDef(
+        "made", ast.arguments([], [make.arg(n) for n in (*names, outer)], None, [], [], None, []),
         body, [], None,
     )  # fmt: skip
     return _module([maker])
@@ -59,7 +73,7 @@ def made_by(
 
 def _bare(a: ast.arguments) -> ast.arguments:
     """Arguments with None for each default: the function's own are given to it afterwards."""
-    none = ast.Constant(None)
+    none = make.Constant(None)
     return ast.arguments(
         a.posonlyargs, a.args, a.vararg, a.kwonlyargs,
         [d and none for d in a.kw_defaults], a.kwarg, [none for _ in a.defaults],
@@ -67,27 +81,34 @@ def _bare(a: ast.arguments) -> ast.arguments:
 
 
 def _module(body: list[ast.stmt]) -> ast.Module:
-    return ast.fix_missing_locations(ast.Module(body, []))
+    return ast.Module(body, [])
 
 
-def _name(text: str) -> ast.Name:
-    return ast.Name(text, ast.Load())
+def _name(text: str) -> Any:
+    return make.Name(text, ast.Load())
 
 
-def _read(target: ast.expr) -> ast.expr:
+def _read(target: ast.expr) -> Any:
     """The names of a target as an expression; None for what else is set."""
     match target:
         case ast.Name(id=name):
             return _name(name)
         case ast.Tuple(elts=parts) | ast.List(elts=parts):
-            return ast.Tuple([_read(part) for part in parts], ast.Load())
-    return ast.Constant(None)
+            return make.Tuple([_read(part) for part in parts], ast.Load())
+    return make.Constant(None)
 
 
-def _hook(name: str, *arguments: Any) -> ast.Call:
+def _hook(name: str, *arguments: Any) -> Any:
     """A call of the tracer; arguments that are no nodes become constants."""
-    nodes = [a if isinstance(a, ast.AST) else ast.Constant(a) for a in arguments]
-    return ast.Call(ast.Attribute(_name(HOOKS), name, ast.Load()), nodes, [])  # type: ignore[arg-type]
+    nodes = [a if isinstance(a, ast.AST) else make.Constant(a) for a in arguments]
+    return make.Call(make.Attribute(_name(HOOKS), name, ast.Load()), nodes, [])
+
+
+def _placed(new: Any, node: ast.AST) -> Any:
+    """A rewritten node in the place of the original, where Python's tracebacks show it."""
+    if isinstance(new, make.Call):
+        new.func.lineno = new.func.end_lineno = node.lineno  # type: ignore[attr-defined]
+    return ast.copy_location(new, node)
 
 
 class _Rewriter:
@@ -135,81 +156,86 @@ class _Rewriter:
             method = getattr(self, f"visit_{type(s).__name__}", self.same)
             new = method(s)
             new = new if isinstance(new, list) else [new]
-            new = [ast.copy_location(one, s) for one in new]
+            for one in new:
+                _placed(one, s)
+                if isinstance(one, make.Assign) and one.value.lineno == 1:
+                    _placed(one.value, s)
             if self.scopes and self.scopes[-1]:
                 scope = self.scopes[-1]
                 above = next((x for x in reversed(self.scopes[:-1]) if x), None)
-                here = _hook("here", ast.Call(_name("locals"), [], []), above and _name(above))
-                found.append(ast.copy_location(ast.Assign([ast.Name(scope, ast.Store())], here), s))
+                here = _hook("here", make.Call(_name("locals"), [], []), above and _name(above))
+                found.append(
+                    ast.copy_location(make.Assign([make.Name(scope, ast.Store())], here), s)
+                )
             found += new
-        return found or [ast.Pass()]
+        return found or [make.Pass()]
 
     def visit_Assign(self, s: ast.Assign) -> Any:
         value = self.bound(s, s.value, s.targets)
-        return ast.Assign([self.target(t) for t in s.targets], value)
+        return make.Assign([self.target(t) for t in s.targets], value)
 
     def visit_AnnAssign(self, s: ast.AnnAssign) -> Any:
         value = None if s.value is None else self.bound(s, s.value, [s.target])
         if self.scopes and self.scopes[-1]:
-            return [] if value is None else ast.Assign([self.target(s.target)], value)
+            return [] if value is None else make.Assign([self.target(s.target)], value)
         kind = _hook("annotation", ast.unparse(s.annotation))
-        return ast.AnnAssign(self.target(s.target), kind, value, s.simple)  # type: ignore[call-overload]
+        return make.AnnAssign(self.target(s.target), kind, value, s.simple)
 
-    def bound(self, s: ast.stmt, value: ast.expr, targets: list[ast.expr]) -> ast.expr:
+    def bound(self, s: ast.stmt, value: ast.expr, targets: list[ast.expr]) -> Any:
         """The value of an assignment: arrays keep being the same array, literals are known by their name."""
         if isinstance(value, STORED):
-            new: ast.expr = _hook("alias", self.number[id(value)], self.plain(value))
+            new: Any = _hook("alias", self.number[id(value)], self.plain(value))
         else:
             new = self.expression(value)
         if isinstance(value, LITERAL) or any(isinstance(t, ast.Tuple | ast.List) for t in targets):
             new = _hook("named", self.number[id(s)], new)
         return self.checked(targets, new)
 
-    def checked(self, targets: list[ast.expr], value: ast.expr) -> ast.expr:
+    def checked(self, targets: list[ast.expr], value: ast.expr) -> Any:
         """A value that is given to names, some of them the module's from within a function."""
-        for t in targets:
+        for t in targets if self.globals else ():
             if any(isinstance(n, ast.Name) and n.id in self.globals for n in ast.walk(t)):
                 value = _hook("outside", self.number[id(t)], value)
         return value
 
-    def target(self, t: ast.expr) -> ast.expr:
+    def target(self, t: ast.expr) -> Any:
         match t:
             case ast.Subscript():
                 base = _hook("into", self.number[id(t)], self.plain(t.value))
-                return ast.Subscript(base, self.index(t.slice), t.ctx)
+                return make.Subscript(base, self.index(t.slice), t.ctx)
             case ast.Attribute():
-                return ast.Attribute(self.plain(t.value), t.attr, t.ctx)
+                return make.Attribute(self.plain(t.value), t.attr, t.ctx)
             case ast.Tuple() | ast.List():
-                return type(t)([self.target(e) for e in t.elts], t.ctx)
+                return getattr(make, type(t).__name__)([self.target(e) for e in t.elts], t.ctx)
             case ast.Starred():
-                return ast.Starred(self.target(t.value), t.ctx)
+                return make.Starred(self.target(t.value), t.ctx)
         return t
 
     def visit_AugAssign(self, s: ast.AugAssign) -> Any:
-        old = self.plain(s.target, loaded=True)
+        old = self.plain(s.target)
         new = _hook(
             "update", self.number[id(s)], type(s.op).__name__, old, self.expression(s.value)
         )
-        return ast.Assign([self.target(s.target)], self.checked([s.target], new))
+        return make.Assign([self.target(s.target)], self.checked([s.target], new))
 
     def visit_Expr(self, s: ast.Expr) -> Any:
         if isinstance(s.value, ast.Constant):
-            return ast.Pass()
+            return make.Pass()
         called = ast.unparse(s.value.func) if isinstance(s.value, ast.Call) else ""
         if called.partition(".")[0] in NEVER:
-            return ast.Pass()
+            return make.Pass()
         return self.same(s)
 
     def visit_For(self, s: ast.For) -> Any:
         over = self.plain(s.iter) if isinstance(s.iter, ast.Name) else self.expression(s.iter)
         body, orelse = self.statements(s.body), self.part(s.orelse)
         item = _hook("item", self.number[id(s)], _read(s.target))
-        body.insert(0, ast.copy_location(ast.Expr(item), s))
-        return ast.For(self.target(s.target), _hook("over", over), body, orelse)
+        body.insert(0, ast.copy_location(make.Expr(item), s))
+        return make.For(self.target(s.target), _hook("over", over), body, orelse)
 
     def visit_While(self, s: ast.While) -> Any:
-        test = ast.BoolOp(ast.And(), [_hook("turn", self.number[id(s)]), self.expression(s.test)])
-        return ast.While(test, self.statements(s.body), self.part(s.orelse))
+        test = make.BoolOp(ast.And(), [_hook("turn", self.number[id(s)]), self.expression(s.test)])
+        return make.While(test, self.statements(s.body), self.part(s.orelse))
 
     def visit_With(self, s: ast.With) -> Any:
         items = [
@@ -218,10 +244,14 @@ class _Rewriter:
             )
             for i in s.items
         ]
-        return ast.With(items, self.statements(s.body))
+        return make.With(items, self.statements(s.body))
 
     def visit_Assert(self, s: ast.Assert) -> Any:
-        return ast.Pass()
+        return make.Pass()
+
+    def visit_Global(self, s: ast.Global) -> Any:
+        self.globals = self.globals | set(s.names)
+        return s
 
     def visit_Delete(self, s: ast.Delete) -> Any:
         return s
@@ -234,13 +264,13 @@ class _Rewriter:
         for alias in s.names:
             bound = alias.asname or alias.name.partition(".")[0]
             value = _hook("module", alias.name, alias.asname is not None)
-            found.append(ast.Assign([ast.Name(bound, ast.Store())], value))
+            found.append(make.Assign([make.Name(bound, ast.Store())], value))
         return found
 
     def visit_ImportFrom(self, s: ast.ImportFrom) -> Any:
         return [
-            ast.Assign(
-                [ast.Name(alias.asname or alias.name, ast.Store())],
+            make.Assign(
+                [make.Name(alias.asname or alias.name, ast.Store())],
                 _hook("member", self.number[id(s)], s.module or "", s.level, alias.name),
             )
             for alias in s.names
@@ -249,11 +279,10 @@ class _Rewriter:
 
     def visit_FunctionDef(self, s: ast.FunctionDef | ast.AsyncFunctionDef) -> Any:
         decorators: list[ast.expr] = [
-            _hook("decorator", self.expression(d)) for d in s.decorator_list
+            _placed(_hook("decorator", self.expression(d)), d) for d in s.decorator_list
         ]
         arguments = self.arguments(s.args)
-        declared = {name for n in ast.walk(s) if isinstance(n, ast.Global) for name in n.names}
-        known, self.globals = self.globals, self.globals | declared
+        known = self.globals
         self.scopes.append(f"{SCOPE}{self.number[id(s)]}_")
         inner, self.inner = self.inner, []
         body = self.statements(s.body)
@@ -270,35 +299,35 @@ class _Rewriter:
         """Parameters without their annotations; a default is known by its parameter's name."""
         every = [*a.posonlyargs, *a.args]
 
-        def default(arg: ast.arg, value: ast.expr | None) -> ast.expr | None:
+        def default(arg: ast.arg, value: ast.expr | None) -> Any:
             if value is None:
                 return None
             return _hook("default", arg.arg, self.number.get(id(value)), self.expression(value))
 
         def bare(args: Iterable[ast.arg]) -> list[ast.arg]:
-            return [ast.arg(x.arg) for x in args]
+            return [make.arg(x.arg) for x in args]
 
         last = every[len(every) - len(a.defaults) :]
         return ast.arguments(
             bare(a.posonlyargs),
             bare(a.args),
-            a.vararg and ast.arg(a.vararg.arg),
+            a.vararg and make.arg(a.vararg.arg),
             bare(a.kwonlyargs),
             [default(arg, value) for arg, value in zip(a.kwonlyargs, a.kw_defaults)],
-            a.kwarg and ast.arg(a.kwarg.arg),
-            [default(arg, value) for arg, value in zip(last, a.defaults)],  # type: ignore[misc]
+            a.kwarg and make.arg(a.kwarg.arg),
+            [default(arg, value) for arg, value in zip(last, a.defaults)],
         )
 
     def visit_ClassDef(self, s: ast.ClassDef) -> Any:
         bases: list[ast.expr] = [_hook("base", self.expression(b)) for b in s.bases]
         decorators: list[ast.expr] = [
-            _hook("decorator", self.expression(d)) for d in s.decorator_list
+            _placed(_hook("decorator", self.expression(d)), d) for d in s.decorator_list
         ]
         keywords = [self.same(k) for k in s.keywords]
         self.scopes.append("")  # a class's names are no scope of its methods
         body = self.statements(s.body)
         self.scopes.pop()
-        return ast.ClassDef(s.name, bases, keywords, body, decorators)
+        return make.ClassDef(s.name, bases, keywords, body, decorators)
 
     # --- expressions ------------------------------------------------------------------------------
 
@@ -309,7 +338,7 @@ class _Rewriter:
             case ast.Constant(value=bool() | str() | bytes() | None | types.EllipsisType()):
                 return e
             case ast.Constant():
-                new: ast.expr = _hook("constant", place)
+                new: Any = _hook("constant", place)
             case ast.Name() | ast.Attribute() | ast.Subscript():
                 new = _hook("load", place, self.plain(e))
             case ast.BinOp():
@@ -324,60 +353,60 @@ class _Rewriter:
                 new = self.call(e)
             case ast.Dict():
                 keys = [None if k is None else self.index(k) for k in e.keys]
-                made = ast.Dict(keys, [self.expression(v) for v in e.values])
+                made = make.Dict(keys, [self.expression(v) for v in e.values])
                 new = _hook("literal", place, made)
             case ast.Set():
-                new = ast.Set([self.index(v) for v in e.elts])
+                new = make.Set([self.index(v) for v in e.elts])
             case ast.Lambda():
                 new = self.function(e)
             case ast.ListComp() | ast.SetComp() | ast.GeneratorExp() | ast.DictComp():
                 new = self.comprehension(e)
             case ast.NamedExpr():
                 value = _hook("named", place, self.expression(e.value))
-                new = ast.NamedExpr(e.target, value)
+                new = make.NamedExpr(e.target, value)
             case ast.JoinedStr():
                 return e
             case _:
                 new = self.same(e)
-        return ast.copy_location(new, e)
+        return _placed(new, e)
 
-    def plain(self, e: ast.expr, loaded: bool = False) -> ast.expr:
+    def plain(self, e: ast.expr) -> Any:
         """A name, an entry or an attribute that is no number by itself: what is called, indexed, set."""
         match e:
             case ast.Name():
-                new: ast.expr = ast.Name(e.id, ast.Load())
+                new: Any = make.Name(e.id, ast.Load())
             case ast.Attribute(attr=name) if name.startswith("__") and not name.endswith("__"):
-                new = ast.Attribute(self.plain(e.value), name, ast.Load())  # mangled by Python
+                new = make.Attribute(self.plain(e.value), name, ast.Load())  # mangled by Python
             case ast.Attribute():
                 new = _hook("attribute", self.number[id(e)], self.plain(e.value), e.attr)
             case ast.Subscript():
-                new = ast.Subscript(self.plain(e.value), self.index(e.slice), ast.Load())
+                new = make.Subscript(self.plain(e.value), self.index(e.slice), ast.Load())
             case ast.Constant():
                 new = e
             case _:
-                return self.expression(e)  # type: ignore[no-any-return]
-        return ast.copy_location(new, e)
+                return self.expression(e)
+        return _placed(new, e)
 
-    def index(self, e: ast.expr) -> ast.expr:
+    def index(self, e: ast.expr) -> Any:
         """An index or a key: whole numbers, slices, names."""
         match e:
             case ast.Tuple():
-                return ast.Tuple([self.index(part) for part in e.elts], ast.Load())
+                return make.Tuple([self.index(part) for part in e.elts], ast.Load())
             case ast.Slice():
                 ends = (e.lower, e.upper, e.step)
-                return ast.Slice(*(None if p is None else self.index(p) for p in ends))
+                return make.Slice(*(None if p is None else self.index(p) for p in ends))
             case ast.Starred():
-                return ast.Starred(self.index(e.value), ast.Load())
+                return make.Starred(self.index(e.value), ast.Load())
             case ast.Constant():
                 return e
             case ast.UnaryOp(op=ast.USub(), operand=ast.Constant()):
                 return e
         return _hook("index", self.plain(e) if isinstance(e, STORED) else self.expression(e))
 
-    def call(self, e: ast.Call) -> ast.expr:
+    def call(self, e: ast.Call) -> Any:
         """A call; arrays that are handed over by name are read by the tracer, unless it changes them."""
         if isinstance(e.func, ast.Name) and e.func.id in ("super", "locals", "globals"):
-            return ast.Call(e.func, [self.expression(a) for a in e.args], [])
+            return make.Call(e.func, [self.expression(a) for a in e.args], [])
         starred = any(isinstance(a, ast.Starred) for a in e.args)
         by_name = [isinstance(a, STORED) and not starred for a in e.args]
         places = [self.number[id(a)] if held else None for a, held in zip(e.args, by_name)]
@@ -387,40 +416,40 @@ class _Rewriter:
         new = _hook(
             "call",
             self.number[id(e)],
-            ast.Tuple([ast.Constant(p) for p in places], ast.Load()),
+            make.Tuple([make.Constant(p) for p in places], ast.Load()),
             self.plain(e.func),
             *arguments,
         )
         new.keywords = [
-            ast.keyword(k.arg, self.plain(k.value) if k.arg == "out" else self.expression(k.value))
+            make.keyword(k.arg, self.plain(k.value) if k.arg == "out" else self.expression(k.value))
             for k in e.keywords
         ]
         return new
 
-    def within(self, names: list[str], make: Callable[[], Any]) -> Any:
+    def within(self, names: list[str], build: Callable[[], Any]) -> Any:
         """What is made with further names in scope: those of a comprehension or a lambda."""
         self.inner.append(names)
         try:
-            return make()
+            return build()
         finally:
             self.inner.pop()
 
-    def noted(self, e: ast.expr) -> ast.expr:
+    def noted(self, e: ast.expr) -> Any:
         """An expression that first tells the names in scope."""
         names = list(dict.fromkeys(name for some in self.inner for name in some))
-        held = ast.Dict([ast.Constant(n) for n in names], [_name(n) for n in names])
+        held = make.Dict([make.Constant(n) for n in names], [_name(n) for n in names])
         above = next((x for x in reversed(self.scopes) if x), None)
         told = _hook("inner", held, above and _name(above))
-        both = ast.Tuple([told, self.expression(e)], ast.Load())
-        return ast.Subscript(both, ast.Constant(1), ast.Load())
+        both = make.Tuple([told, self.expression(e)], ast.Load())
+        return make.Subscript(both, make.Constant(1), ast.Load())
 
-    def function(self, e: ast.Lambda) -> ast.expr:
+    def function(self, e: ast.Lambda) -> Any:
         a = e.args
         every = [*a.posonlyargs, *a.args, *a.kwonlyargs, *filter(None, (a.vararg, a.kwarg))]
         body = self.within([x.arg for x in every], lambda: self.noted(e.body))
-        return ast.Lambda(self.arguments(a), body)
+        return make.Lambda(self.arguments(a), body)
 
-    def comprehension(self, e: Any) -> ast.expr:
+    def comprehension(self, e: Any) -> Any:
         generators: list[ast.comprehension] = []
         names: list[str] = []
         self.inner.append(names)
@@ -432,7 +461,7 @@ class _Rewriter:
                 ast.comprehension(self.target(g.target), _hook("over", over), tests, g.is_async)
             )
         if isinstance(e, ast.DictComp):
-            new: ast.expr = ast.DictComp(self.index(e.key), self.noted(e.value), generators)
+            new: Any = make.DictComp(self.index(e.key), self.noted(e.value), generators)
         else:
             made = self.noted(e.elt)
             new = type(e)(_hook("index", made) if isinstance(e, ast.SetComp) else made, generators)

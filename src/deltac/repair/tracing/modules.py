@@ -23,6 +23,7 @@ class UserModule:
 
     name    what messages call the file
     codes   what was compiled of it
+    writes  what `written` found
     edited  whether it is the source in which edits are sought
     outside live values of names, where a running session has the module
     names   what names hold that were looked up
@@ -37,6 +38,7 @@ class UserModule:
     pending: set[str] = field(default_factory=set)
     done: set[int] = field(default_factory=set)
     codes: dict[int, CodeType] = field(default_factory=dict)
+    writes: dict[int, frozenset[str]] = field(default_factory=dict)
 
     @cached_property
     def nodes(self) -> tuple[ast.AST, ...]:
@@ -55,34 +57,43 @@ class UserModule:
             self.codes[key] = compile(rewritten(statement, self.number), self.name, "exec")
         return self.codes[key]
 
-    def in_classes(self, statement: ast.stmt) -> set[str]:
-        """Names that the bodies of classes in a statement use, outside of their methods."""
+    @cached_property
+    def classes(self) -> tuple[ast.ClassDef, ...]:
+        """All classes that it defines."""
+        return tuple(node for node in self.nodes if isinstance(node, ast.ClassDef))
+
+    @cached_property
+    def in_classes(self) -> frozenset[str]:
+        """Names that the bodies of classes use, outside of their methods."""
         found: set[str] = set()
-        for cls in ast.walk(statement):
-            waiting: list[ast.AST] = list(cls.body) if isinstance(cls, ast.ClassDef) else []
+        for cls in self.classes:
+            waiting: list[ast.AST] = [*cls.body]
             while waiting:
                 node = waiting.pop()
                 if isinstance(node, ast.Name):
                     found.add(node.id)
-                held = (
-                    [*node.decorator_list, node.args] if isinstance(node, ast.FunctionDef) else None
-                )
-                waiting += ast.iter_child_nodes(node) if held is None else held
-        return found
+                if isinstance(node, ast.FunctionDef):
+                    waiting += [*node.decorator_list, node.args]
+                else:
+                    waiting += [*ast.iter_child_nodes(node)]
+        return frozenset(found)
 
     @cached_property
-    def _functions(self) -> dict[int, frozenset[str]]:
-        """Names that each function writes into, by its first line."""
-        found: dict[int, frozenset[str]] = {}
+    def functions(self) -> dict[int, ast.FunctionDef]:
+        """All functions that it defines, by their first lines."""
+        found = {}
         for node in self.nodes:
             if isinstance(node, ast.FunctionDef):
                 line = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-                found[node.lineno] = found[line] = frozenset(_written(node))
+                found[node.lineno] = found[line] = node
         return found
 
     def written(self, line: int) -> frozenset[str]:
         """Names that the function which begins at a line writes into."""
-        return self._functions.get(line, frozenset())
+        if line not in self.writes:
+            known = self.functions.get(line)
+            self.writes[line] = frozenset(() if known is None else _written(known))
+        return self.writes[line]
 
     @cached_property
     def setters(self) -> dict[str, list[ast.stmt]]:

@@ -1,4 +1,4 @@
-"""The user's source: a file and one function in it, read without running anything."""
+"""The user's source: a file and one function in it."""
 
 from __future__ import annotations
 
@@ -48,12 +48,22 @@ class Source:
     def user_module(self) -> UserModule:
         """The module, to be read."""
         made = UserModule(self.name, self.module, self.path, True, dict(self.outside))
-        made.nodes, made.number, made.codes = self.nodes, self.number, self._codes
+        text = self._text
+        made.codes, made.writes, made.nodes, made.number = (
+            text.codes,
+            text.writes,
+            text.nodes,
+            text.number,
+        )
+        made.setters, made.classes, made.functions = text.setters, text.classes, text.functions
         return made
 
     @cached_property
-    def _codes(self) -> dict[int, types.CodeType]:
-        return {}
+    def _text(self) -> UserModule:
+        """What does not change from trace to trace."""
+        made = UserModule(self.name, self.module)
+        made.nodes, made.number = self.nodes, self.number
+        return made
 
     @property
     def first_line(self) -> int:

@@ -346,7 +346,7 @@ def _binary(operation: Operation) -> tuple[Operation, Operation]:
 
 def power(base: Any, exponent: Any) -> Any:
     """A power; squares and cubes as products, which is faster and exact."""
-    if isinstance(base, int) and isinstance(exponent, int) and exponent >= 0:
+    if isinstance(base, int) and isinstance(exponent, int) and 0 <= exponent < 64:
         return base**exponent
     if np.ndim(exponent) == 0:
         if exponent == 2:

@@ -14,11 +14,12 @@ import contextlib
 import dataclasses
 import functools
 import inspect
+import itertools
 import operator
 import sysconfig
 import types
 import typing
-from collections.abc import Callable, Mapping, ValuesView
+from collections.abc import Callable, Iterator, Mapping, ValuesView
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn
@@ -378,9 +379,10 @@ class _Tracer:
                 if id(statement) in module.done:
                     continue
                 module.done.add(id(statement))
-                for used in module.in_classes(statement):  # Python looks them up past __missing__
-                    with contextlib.suppress(KeyError):
-                        names[used]
+                if module.classes and any(isinstance(n, ast.ClassDef) for n in ast.walk(statement)):
+                    for used in module.in_classes:  # Python looks them up past `__missing__`
+                        with contextlib.suppress(KeyError):
+                            names[used]
                 try:
                     code = module.code(statement)
                     self.guarded(lambda code=code: exec(code, names))  # type: ignore[misc]
@@ -608,23 +610,36 @@ class _Hooks:
 
     def over(self, value: Any) -> Any:
         """What a loop goes over: the numbers of an array of a running session become constants."""
-        floats = isinstance(value, np.ndarray) and value.dtype.kind == "f"
-        return self.tracer.live(value, "") if floats else value
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+            return self.tracer.live(value, "")
+        endless = itertools.count, itertools.cycle, itertools.repeat
+        return self.bounded(value) if isinstance(value, endless) else value
+
+    def bounded(self, values: Iterator[Any]) -> Iterator[Any]:
+        """What may never end, for so many turns."""
+        for k, value in enumerate(values):
+            if k > TURNS:
+                raise Endless(f"{self.of.name}: a loop that has not ended after {TURNS} turns")
+            yield value
 
     # --- values -----------------------------------------------------------------------------------
 
     def noted(self, place: int, compute: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
         """Compute a node's value, its operations being marked as its own."""
-        tape = self.tracer.tape
-        if not self.edited:
-            return compute(*arguments, **named)
-        outer, tape.node = tape.node, place
-        try:
+        with self.apart(place if self.edited else self.tracer.tape.node):
             value = compute(*arguments, **named)
-        finally:
-            tape.node = outer
         self.remember(place, value)
         return value
+
+    @contextlib.contextmanager
+    def apart(self, node: int | None) -> Iterator[None]:
+        """While something is computed whose operations are a node's: what is in scope here stays so."""
+        tape, scope = self.tracer.tape, self.tracer.scope
+        outer, tape.node = tape.node, node
+        try:
+            yield
+        finally:
+            tape.node, self.tracer.scope = outer, scope
 
     def remember(self, place: int, value: Any) -> None:
         if self.edited and isinstance(value, Slot | np.ndarray):
@@ -746,7 +761,11 @@ class _Hooks:
             raise library.NotUnderstood(f"{ast.unparse(self.of.nodes[place])} is not understood")
         own = inspect.getattr_static(type(base), name, None)
         if isinstance(own, property) and isinstance(own.fget, types.FunctionType):
-            return self.tracer.traced(own.fget)(base)
+            with self.apart(None):
+                return self.tracer.traced(own.fget)(base)
+        if isinstance(own, functools.cached_property):
+            with self.apart(None):
+                return getattr(base, name)
         return getattr(base, name)
 
     def into(self, place: int, base: Any) -> Any:
@@ -886,11 +905,8 @@ class _Hooks:
         self, place: int, function: Any, arguments: list[Any], named: dict[str, Any]
     ) -> Any:
         tracer = self.tracer
-        scope, outer, tracer.tape.node = tracer.scope, tracer.tape.node, None
-        try:
+        with self.apart(None):
             value = function(*arguments, **named)
-        finally:
-            tracer.scope, tracer.tape.node = scope, outer
         node: Any = self.of.nodes[place]
         if isinstance(function, type):
             held = fields_of(value)

@@ -214,3 +214,20 @@ def test_a_base_that_floats_is_told_with_the_path(tmp_path: Path) -> None:
     with pytest.raises(dc.InputError) as refused:
         dc.load_model(f"{tmp_path / 'box.sdf'}:free")
     assert refused.value.code == "E-MODEL"
+
+
+@pytest.mark.parametrize("kind", ["ball", "universal"])
+def test_what_acts_in_joints_of_several_axes_is_told(kind: str, tmp_path: Path) -> None:
+    dynamics = "<dynamics><damping>0.2</damping><spring_stiffness>3</spring_stiffness></dynamics>"
+    axes = f"<axis><xyz>1 0 0</xyz></axis><axis2><xyz>0 1 0</xyz>{dynamics}</axis2>"
+    path = tmp_path / "log.sdf"
+    path.write_text(
+        f'<sdf version="1.9"><model name="m"><link name="a"/><joint name="j" type="{kind}">'
+        f"<parent>world</parent><child>a</child>{axes}</joint></model></sdf>"
+    )
+    mechanism, report = dc.read_mechanism(path)
+    assert not mechanism.forces
+    assert {r.consequence.partition("channel ")[2] for r in report.ignored} == {
+        "'damper j'",
+        "'spring j'",
+    }

@@ -38,11 +38,7 @@ def read_equalities(model: Any, as_constraints: bool, found: Findings) -> tuple[
         else:
             found.equalities += [constraint] if constraint is not None else []
             found.ignored.append(
-                Remark(
-                    name,
-                    "equality, soft in MuJoCo",
-                    f"its force must come from the log: channel 'constraint {name}'",
-                )
+                Remark.logged(name, "equality, soft in MuJoCo", f"constraint {name}")
             )
     return tuple(made)
 

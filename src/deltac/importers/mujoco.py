@@ -242,20 +242,20 @@ def _refused(name: str, error: Exception) -> str:
 def report_unmodelled(model: Any, found: Findings) -> None:
     """Everything else in the model that moves energy, into `found`."""
     for name in actuator_names(model):
-        found.ignored.append(_logged(name, "actuator", f"actuator {name}"))
+        found.ignored.append(Remark.logged(name, "actuator", f"actuator {name}"))
     _of_joints_and_tendons(model, found)
     _contacts(model, found)
     if model.opt.density or model.opt.viscosity:
         what = f"fluid of density {model.opt.density:g}, viscosity {model.opt.viscosity:g}"
-        found.ignored.append(_logged("option", what, "applied fluid"))
+        found.ignored.append(Remark.logged("option", what, "applied fluid"))
     for k in range(model.nflex):
         name = model.flex(k).name or f"flex{k}"
         found.ignored.append(
-            _logged(name, "deformable; its vertices are read as bodies", f"applied {name}")
+            Remark.logged(name, "deformable; its vertices are read as bodies", f"applied {name}")
         )
     if model.nplugin:
         found.ignored.append(
-            _logged(
+            Remark.logged(
                 "plugins", f"{model.nplugin} plugins with forces of their own", "applied plugins"
             )
         )
@@ -274,14 +274,14 @@ def _of_joints_and_tendons(model: Any, found: Findings) -> None:
     for j, name in enumerate(joint_names(model)):
         dofs = np.flatnonzero(np.asarray(model.dof_jntid) == j)
         if np.asarray(model.dof_frictionloss)[dofs].any():
-            found.ignored.append(_logged(name, "dry friction", f"friction {name}"))
+            found.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
         if model.jnt_limited[j]:
-            found.ignored.append(_logged(name, "limits", f"limit {name}"))
+            found.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
     for k, name in enumerate(tendon_names(model)):
         if model.tendon_frictionloss[k]:
-            found.ignored.append(_logged(name, "dry friction", f"friction {name}"))
+            found.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
         if model.tendon_limited[k]:
-            found.ignored.append(_logged(name, "limits", f"limit {name}"))
+            found.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
 
 
 def _contacts(model: Any, found: Findings) -> None:
@@ -289,11 +289,7 @@ def _contacts(model: Any, found: Findings) -> None:
     colliding = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
     if not off and (colliding.sum() > 1 or model.npair):
         what = f"contact of {int(colliding.sum())} geoms"
-        found.ignored.append(_logged("geoms", what, "contact <geom1>:<geom2>"))
-
-
-def _logged(element: str, what: str, channel: str) -> Remark:
-    return Remark(element, what, f"its force must come from the log: channel '{channel}'")
+        found.ignored.append(Remark.logged("geoms", what, "contact <geom1>:<geom2>"))
 
 
 # --- MJCF, URDF and MuJoCo models as mechanisms: `read_mechanism` --------------------------------

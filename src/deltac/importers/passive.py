@@ -108,7 +108,7 @@ def _joint_spring(model: Any, j: int, name: str, found: Findings) -> None:
     place = int(model.jnt_qposadr[j])
     rest = np.array(model.qpos_spring[place : place + len(KINDS[kind].coordinates)], dtype=float)
     if _plastic(model, "jnt", j):
-        found.ignored.append(_from_log(name, "spring that yields", f"spring {name}"))
+        found.ignored.append(Remark.logged(name, "spring that yields", f"spring {name}"))
     elif kind in ("revolute", "prismatic"):
         if len(k) == 1:
             found.forces.append(joint_spring(name, name, k[0], float(rest[0])))
@@ -119,7 +119,7 @@ def _joint_spring(model: Any, j: int, name: str, found: Findings) -> None:
         found.read.append(Remark(name, f"spring, stiffness {_shown(k)}, rest {rest[0]:g}"))
     elif len(k) > 1 or not np.allclose(rest[-4:], [1, 0, 0, 0], rtol=0, atol=1e-12):
         what = "spring of a rotation with higher coefficients or a turned rest position"
-        found.ignored.append(_from_log(name, what, f"spring {name}"))
+        found.ignored.append(Remark.logged(name, what, f"spring {name}"))
     else:
         count = len(rest) - 3
         stiffness, at = (k[0],) * count, (*map(float, rest[:-4]), 0.0)
@@ -210,14 +210,14 @@ def _tendon(model: Any, k: int, name: str, springs: bool, dampers: bool, found: 
         found.read.append(Remark(name, "tendon without spring and damper: it carries forces only"))
         return
     if any(stiffness) and _plastic(model, "tendon", k):
-        found.ignored.append(_from_log(name, "spring that yields", f"spring {name}"))
+        found.ignored.append(Remark.logged(name, "spring that yields", f"spring {name}"))
         stiffness = [0.0]
     made = _path(model, k, name, stiffness, damping.tolist())
     if made is None:
         for kind, values in (("spring", stiffness), ("damper", damping)):
             if any(values):
                 what = f"{kind} of a tendon that wraps around geoms"
-                found.ignored.append(_from_log(name, what, f"{kind} {name}"))
+                found.ignored.append(Remark.logged(name, what, f"{kind} {name}"))
     elif any(stiffness) or damping.any():
         found.forces.append(made)
         shown = f"stiffness {_shown(stiffness)}, damping {_shown(damping)}"
@@ -278,10 +278,6 @@ def _gravity_compensation(model: Any, found: Findings) -> None:
 def _plastic(model: Any, kind: str, i: int) -> bool:
     places = getattr(model, f"{kind}_plasticadr", None)
     return places is not None and int(places[i]) >= 0
-
-
-def _from_log(element: str, what: str, channel: str) -> Remark:
-    return Remark(element, what, f"its force must come from the log: channel '{channel}'")
 
 
 def _shown(values: Any) -> str:

@@ -20,6 +20,11 @@ class Remark:
     what: str
     consequence: str = ""
 
+    @staticmethod
+    def logged(element: str, what: str, channel: str) -> Remark:
+        """Of a force that has no counterpart here: the channel that a log supplies it in."""
+        return Remark(element, what, f"its force must come from the log: channel '{channel}'")
+
     def __str__(self) -> str:
         text = f"{self.element}: {self.what}"
         return f"{text} → {self.consequence}" if self.consequence else text

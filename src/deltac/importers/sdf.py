@@ -217,7 +217,7 @@ class _Reader:
             "child_rotation": (R_link.T @ R_joint).tolist(),
         }
         axes = [self.axis(name, joint, tag, R_joint, R_parent) for tag in ("axis", "axis2")]
-        options = self.dynamics(name, joint)
+        options = self.dynamics(name, joint, kind)
         match kind:
             case "fixed":
                 return joints.fixed(name, parent, link, **place)
@@ -260,10 +260,15 @@ class _Reader:
         values: list[float] = (direction / size).tolist()
         return values
 
-    def dynamics(self, name: str, joint: Element) -> dict[str, float]:
-        """Damping and spring of a joint of one axis; its limits and dry friction go into the report."""
+    def dynamics(self, name: str, joint: Element, kind: str) -> dict[str, float]:
+        """Damping and spring of a joint of one axis.
+
+        Limits, dry friction, and what acts in joints of several axes go into the report.
+        """
         found: dict[str, float] = {}
-        for axis in joint.findall("axis"):
+        if kind == "fixed":
+            return found
+        for axis in (*joint.findall("axis"), *joint.findall("axis2")):
             where = f"joint {name!r}"
             dynamics, limit = axis.find("dynamics"), axis.find("limit")
             if dynamics is not None:
@@ -275,11 +280,17 @@ class _Reader:
                         "rest": self.number(dynamics, "spring_reference", 0.0, where),
                     }
                 if self.number(dynamics, "friction", 0.0, where):
-                    self.ignored.append(_logged(name, "dry friction", f"friction {name}"))
+                    self.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
             if limit is not None and any(
                 abs(self.number(limit, key, 1e16, where)) < 1e15 for key in ("lower", "upper")
             ):
-                self.ignored.append(_logged(name, "limits", f"limit {name}"))
+                self.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
+        if kind in ("ball", "universal"):
+            for key, what in (("damping", "damper"), ("stiffness", "spring")):
+                if key in found:
+                    text = f"{what} of a joint of several axes"
+                    self.ignored.append(Remark.logged(name, text, f"{what} {name}"))
+            return {}
         return found
 
     def mimics(self, made: Sequence[Joint]) -> Iterator[Holonomic]:
@@ -300,7 +311,7 @@ class _Reader:
                         f"{closest(leader, [n for n in self.joints if n != name])}"
                     )
                 if name not in single or leader not in single:
-                    self.ignored.append(_logged(name, "mimic joint", f"constraint {name}"))
+                    self.ignored.append(Remark.logged(name, "mimic joint", f"constraint {name}"))
                     continue
                 where = f"joint {name!r}: mimic"
                 ratio, offset, reference = (
@@ -315,13 +326,13 @@ class _Reader:
         colliding = [n for n, link in self.links.items() if link.find("collision") is not None]
         if colliding:
             self.ignored.append(
-                _logged(
+                Remark.logged(
                     "collisions", f"contact of {len(colliding)} links", "contact <link1>:<link2>"
                 )
             )
         for plugin in self.model.iter("plugin"):
             name = plugin.get("name") or plugin.get("filename") or "plugin"
-            self.ignored.append(_logged(name, "plugin", "applied <plugin>"))
+            self.ignored.append(Remark.logged(name, "plugin", "applied <plugin>"))
 
     def start(self, made: list[Joint]) -> dict[str, float]:
         """The model's own pose: of links that float, and of joints that follow others."""
@@ -409,7 +420,3 @@ class _Reader:
                 f"{self.file}: {where} is {shown(text)}, expected {count} finite numbers"
             )
         return values
-
-
-def _logged(element: str, what: str, channel: str) -> Remark:
-    return Remark(element, what, f"its force must come from the log: channel '{channel}'")

@@ -140,10 +140,10 @@ def transmissions(root: ElementTree.Element) -> Iterator[Remark]:
     for transmission in root.findall("transmission"):
         joints = ", ".join(j.get("name", "") for j in transmission.findall("joint"))
         actuators = ", ".join(a.get("name", "") for a in transmission.findall("actuator"))
-        yield Remark(
+        yield Remark.logged(
             transmission.get("name") or actuators or "transmission",
             f"transmission of {actuators or 'a motor'} to {joints or 'a joint'}",
-            "its force must come from the log: channel 'actuator <motor>'",
+            "actuator <motor>",
         )
 
 

@@ -176,6 +176,12 @@ class Flow(Once):
         return ca.vertcat(ca.SX.zeros(len(self.works)), changes, ca.SX.zeros(rest))
 
     @cached_property
+    def tested(self) -> slice:
+        """Where the integrals of the testing functions lie in x."""
+        first = self.parts[2].start + len(self.works)
+        return slice(first, first + len(self.testing))
+
+    @cached_property
     def rate(self) -> Any:
         """(t, x, p) -> ẋ, as a CasADi function."""
         return ca.Function("f", [self.t, self.x, self.p], [ca.densify(self.xdot)], {"cse": True})

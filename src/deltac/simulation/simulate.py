@@ -224,7 +224,14 @@ def simulate(
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
 
-Method: TypeAlias = FixedMethod | ImplicitMethod | AdaptiveMethod | None
+Method: TypeAlias = FixedMethod | ImplicitMethod | AdaptiveMethod
+
+METHODS: dict[str, type[Method]] = {
+    "fixed": FixedMethod,
+    "implicit": ImplicitMethod,
+    "adaptive": AdaptiveMethod,
+}
+"""Families whose steps are compiled ahead, on a flow; the others bring their own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +243,7 @@ class Compiled:
 
     flow: Flow
     moving: Flow
-    method: Method
+    method: Method | None
     events: Eventful | None
     observe: Kernel
     observe_events: Kernel
@@ -280,13 +287,8 @@ def _compiled(
         flow = build_flow(mechanism, record.testing, written, split, vary, rows, constraints)
         events = eventful(flow, split, switches) if watching else None
         moving = flow if events is None else events.flow
-        method: Method = None
-        if solver.family == "fixed":
-            method = FixedMethod(moving, solver)
-        elif solver.family == "implicit":
-            method = ImplicitMethod(moving, solver)
-        elif solver.family == "adaptive":
-            method = AdaptiveMethod(moving, solver)
+        own = METHODS.get(solver.family)
+        method = None if own is None else own(moving, solver)
         observe = observer(flow)
         return Compiled(
             flow, moving, method, events, observe, observer(moving) if switches else observe

@@ -270,7 +270,7 @@ def _flow(
 @derived
 def _observation(flow: Flow, along: int) -> Kernel:
     """(t, x; p) -> full q, u; ∫P and E of the testing functions, K, V, corrections; ∂ΔC by parameters."""
-    n, z, count = flow.x.shape[0], flow.parts[2].start, len(flow.testing)
+    n, tested, count = flow.x.shape[0], flow.tested, len(flow.testing)
     E, given, outputs = flow.energies[:count, :], [flow.x], {}
     moved = ca.SX(0, 1)
     for place in range(flow.p.shape[0] - along, flow.p.shape[0]):
@@ -278,13 +278,13 @@ def _observation(flow: Flow, along: int) -> Kernel:
         unit[place] = 1
         given.append(rate)
         dE = ca.jtimes(E, ca.vertcat(flow.x, flow.p), ca.vertcat(rate, unit))
-        moved = ca.vertcat(moved, dE, rate[z : z + count])
+        moved = ca.vertcat(moved, dE, rate[tested])
     outputs = {
         "q": ca.densify(flow.q_all),
         "u": ca.densify(flow.u_all),
-        "integral": flow.x[z : z + count],
+        "integral": flow.x[tested],
         "E": flow.energies,
-        "corrections": ca.sum1(flow.x[z + count :]),
+        "corrections": ca.sum1(flow.x[tested.stop :]),
         "moved": ca.densify(moved),
     }
     return Kernel({"t": flow.t, "x": ca.vertcat(*given)}, outputs, flow.p, name="observation")

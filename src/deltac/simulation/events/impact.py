@@ -198,11 +198,13 @@ class Collider:
         for joint in system.mechanism.joints:
             if joint.prescribed:
                 place = system.mechanism.speeds.of(joint.name)
-                impulses[ChannelName("prescribed", joint.name)] = _only(driving, place)
+                own = impulses[ChannelName("prescribed", joint.name)] = np.zeros(len(u_all))
+                own[place] = driving[place]
         after = x.copy()
         _, u_part, _ = self.flow.parts
         after[u_part] += change[free]
-        after[self._integrals] += self._fed_by(t, x, p, u_all, change, total, driving, tied)
+        fed = self._fed(t, x, p, u_all, u_all + change, total, driving, tied)
+        after[self.flow.tested] += np.array(fed).ravel()
         return after, impulses
 
     def _meeting(
@@ -249,26 +251,6 @@ class Collider:
         normal, skew = float(contact.normal @ response), float(along @ response)
         return normal / skew if normal <= contact.friction * skew else None
 
-    @property
-    def _integrals(self) -> slice:
-        """Where the testing functions' integrals lie in x."""
-        start = self.flow.parts[2].start + len(self.flow.works)
-        return slice(start, start + len(self.flow.testing))
-
-    def _fed_by(
-        self,
-        t: float,
-        x: Array,
-        p: Array,
-        u: Array,
-        change: Array,
-        contact: Array,
-        driving: Array,
-        tied: Array,
-    ) -> Array:
-        fed = self._fed(t, x, p, u, u + change, contact, driving, tied)
-        return np.array(fed).ravel()
-
 
 def _directions(n: Array, push: Array, normal: Array) -> Array:
     """Rows (1 or 3 by nu): the normal, and two tangents where there is a surface."""
@@ -278,9 +260,3 @@ def _directions(n: Array, push: Array, normal: Array) -> Array:
     first /= np.linalg.norm(first)
     frame = np.array([n, first, np.cross(n, first)])
     return frame @ push.T
-
-
-def _only(vector: Array, place: slice) -> Array:
-    kept = np.zeros_like(vector)
-    kept[place] = vector[place]
-    return kept

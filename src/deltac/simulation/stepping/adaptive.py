@@ -148,10 +148,7 @@ class AdaptiveSteps(Stepper):
         assert order is not None
         self._control = StepControl(tolerance, duration, order, EMBEDDED[method.base].order)
         self._h = FIRST * duration
-        flow = method.flow
-        self._moving = flow.q_size + flow.u_size
-        first = self._moving + len(flow.works)
-        self._integrals = slice(first, first + len(flow.testing))
+        self._moving = method.flow.parts[2].start
         self._before: tuple[float, Array] | None = None
         self.tried = 0
 
@@ -215,7 +212,7 @@ class AdaptiveSteps(Stepper):
         E = kernel.single(given, np.empty(kernel.n_out))
         if seen:
             self._control.see(float(E[-2]), float(E[-1]))
-        return E[:-2] - x[self._integrals], float(E[-2]), float(E[-1])
+        return E[:-2] - x[self._method.flow.tested], float(E[-2]), float(E[-1])
 
     def _step(self, t: float, x: Array, h: float) -> tuple[Array, Array]:
         """X one step later, and error estimates (m, n)."""

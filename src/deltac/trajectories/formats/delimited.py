@@ -61,35 +61,41 @@ def read_csv(path: Path) -> RawLog:
     else:
         header = None
     names, lines, rest, separator = table.names, table.lines, table.rest, table.separator
-    if not rest or rest.isspace():
-        raise LogError("there are column names but no rows; expected at least one")
-    rows = rest.count(b"\n") + 1
-    Limits.current().check("rows", rows, "the log has")
-    Budget(len(data)).take(rows * len(names) * 8)  # a short row has empty fields, also of numbers
-    require_memory(rows * len(names) * 32.0, f"{rows} rows and {len(names)} columns")
-
-    # Fields are read as text first: only so can a bad one be named with its row.
-    keys = [str(index) for index in range(len(names))]
-    try:
-        frame = polars_frame(rest, separator, keys)
-    except _polars_errors() as error:
-        raise _malformed(rest, len(names), lines, separator, error) from error
-    frame.columns = names
+    frame = table_of_numbers(rest, separator, names, lines)
     log = raw_log(frame, header, lines + 1)
     return replace(log, units={**table.units, **log.units})
 
 
-def polars_frame(rest: bytes, separator: str, keys: list[str]) -> polars.DataFrame:
-    """The rows of a table as texts."""
+def table_of_numbers(rest: bytes, separator: str, names: list[str], lines: int) -> polars.DataFrame:
+    """The fields of a table's rows, which stand after so many `lines`, as texts.
+
+    Only so can a bad one be named with its row. Blanks separate columns together.
+    """
+    if not rest or rest.isspace():
+        raise LogError("there are column names but no rows; expected at least one")
     import polars
 
-    return polars.read_csv(
-        rest,
-        has_header=False,
-        infer_schema=False,
-        separator=separator,
-        schema=dict.fromkeys(keys, polars.String),
-    )
+    size = len(rest)
+    if separator == " ":
+        rest = b"\n".join(_BLANKS.sub(b"\t", line.strip()) for line in rest.splitlines()).rstrip()
+        separator = "\t"
+    rows = rest.count(b"\n") + 1
+    Limits.current().check("rows", rows, "the log has")
+    Budget(size).take(rows * len(names) * 8)  # a short row has empty fields, also of numbers
+    require_memory(rows * len(names) * 32.0, f"{rows} rows and {len(names)} columns")
+    keys = [str(index) for index in range(len(names))]
+    try:
+        frame = polars.read_csv(
+            rest,
+            has_header=False,
+            infer_schema=False,
+            separator=separator,
+            schema=dict.fromkeys(keys, polars.String),
+        )
+    except _polars_errors() as error:
+        raise _malformed(rest, len(names), lines, separator, error) from error
+    frame.columns = names
+    return frame
 
 
 def _polars_errors() -> tuple[type[BaseException], ...]:
@@ -179,17 +185,13 @@ def _foreign(data: bytes) -> _Table | None:
     names, units = _names_and_units(headers, width)
     start = len("".join(lines[:first]).encode())
     rest = data.removeprefix(_BYTE_ORDER_MARK)[start:]
-    if separator == " ":
-        rest = b"\n".join(_BLANKS.sub(b"\t", line.strip()) for line in rest.splitlines())
     if separator != ",":
         rest = rest.replace(b",", b".")
     elif first and rest.find(head := lines[first - 1].strip().encode()) >= 0:
         rest = b"\n".join(line for line in rest.split(b"\n") if line.strip() != head)  # said again
     Limits.current().check("columns", width, "the log has")
     Limits.current().check("header", start, f"line {first + 1}: the lines before the rows are of")
-    return _Table(
-        distinct(names), units, first, rest.rstrip(), "\t" if separator == " " else separator
-    )
+    return _Table(distinct(names), units, first, rest.rstrip(), separator)
 
 
 def _shape(lines: Sequence[str]) -> tuple[str, int] | None:

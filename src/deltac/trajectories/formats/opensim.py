@@ -16,12 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from deltac.errors import FileError, LogError, shown
+from deltac.errors import FileError, LogError
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import Limits
-from deltac.trajectories.formats.delimited import distinct
+from deltac.trajectories.formats.delimited import distinct, numbers, table_of_numbers
 from deltac.trajectories.formats.raw import RawLog
-from deltac.trajectories.trajectory import FloatArray, row_name
 
 _ROWS, _COLUMNS = ("nRows", "datarows"), ("nColumns", "datacolumns")
 _NEWEST = 3
@@ -50,10 +49,11 @@ def read_opensim(path: Path) -> RawLog:
     names = [name.strip() for name in lines[first].split("\t" if "\t" in lines[first] else None)]
     limits.check("columns", len(names), "the log has")
     distinct(names)
-    table = _table(lines, first + 1, len(names))
-    for keys, found, what in ((_ROWS, len(table), "rows"), (_COLUMNS, len(names), "columns")):
+    rest = "\n".join(lines[first + 1 :]).encode()
+    frame = table_of_numbers(rest, " ", names, first + 1)
+    for keys, found, what in ((_ROWS, frame.height, "rows"), (_COLUMNS, len(names), "columns")):
         _check_count(header, keys, found, what)
-    columns = {name: table[:, index] for index, name in enumerate(names)}
+    columns = {s.name: numbers(s.name, s, first + 2) for s in frame.get_columns()}
     return RawLog(
         columns, meanings=_meanings(names), plain_names=True, in_degrees=_in_degrees(header)
     )
@@ -158,45 +158,6 @@ def _check_count(header: dict[str, str], keys: tuple[str, ...], found: int, what
                 f"the table has {found} {what}, the header says {key}={header[key][:80]}: the file is cut "
                 "off or was edited. Take the complete one, or correct the header."
             )
-
-
-def _table(lines: list[str], start: int, width: int) -> FloatArray:
-    numbers = [number for number in range(start, len(lines)) if lines[number].strip()]
-    if not numbers:
-        raise LogError("there are column names but no rows; expected at least one")
-    Limits.current().check("rows", len(numbers), "the log has")
-    for number in (numbers[0], numbers[-1]):
-        _fields(lines, number, width)  # before room is reserved for so many
-    table = np.empty((len(numbers), width))
-    for index, number in enumerate(numbers):
-        fields = _fields(lines, number, width)
-        try:
-            # `float` also reads digits of other scripts, and underscores between digits.
-            table[index] = [float(field) for field in fields]
-            plain = lines[number].isascii() and "_" not in lines[number]
-        except ValueError:
-            plain = False
-        if not plain:
-            bad = next(field for field in fields if not _is_number(field))
-            raise LogError(
-                f"{row_name(index, len(numbers))}, line {number + 1}: found {shown(bad)}, expected a number"
-            )
-    return table
-
-
-def _fields(lines: list[str], number: int, width: int) -> list[str]:
-    fields = lines[number].split()
-    if len(fields) != width:
-        raise LogError(f"line {number + 1} has {len(fields)} fields, expected {width}")
-    return fields
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return text.isascii() and "_" not in text
 
 
 def _meanings(names: list[str]) -> dict[str, str]:

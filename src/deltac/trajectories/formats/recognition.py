@@ -15,9 +15,9 @@ import difflib
 import os
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -136,45 +136,80 @@ class Recognised:
     frame: str = ""
 
 
-def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
-    """What the columns of a file are for a mechanism: at most one for each column of the schema."""
-    found: dict[str, Recognised] = {}
-    taken: set[str] = set()
+@dataclass
+class _Search:
+    """What is known of a file's columns while they are recognised: those `found` by target, those `taken`."""
 
-    def take(candidates: Iterator[Recognised]) -> None:
-        if "time" in found and raw.columns.keys() <= taken:
+    raw: RawLog
+    names: MechanismNames
+    found: dict[str, Recognised] = field(default_factory=dict)
+    taken: set[str] = field(default_factory=set)
+
+    @cached_property
+    def named(self) -> Named:
+        """The words of each column."""
+        common, parts = _common_path(list(self.raw.columns)), _components(self)
+        return {c: _readings(parts.get(c, c), common) for c in self.raw.columns}
+
+    @cached_property
+    def groups(self) -> dict[str, list[str]]:
+        """The columns of each array."""
+        return _groups(self.raw)
+
+    @cached_property
+    def joints(self) -> list[_Joint]:
+        """What columns may be of."""
+        return list(_joints(self.names))
+
+    @cached_property
+    def targets(self) -> dict[str, list[str]]:
+        """The columns of the schema of each kind, in the mechanism's order."""
+        of_speeds = [_of_speed(name, self.names) for name in self.names.speeds]
+        return {
+            "q": [f"q.{name}" for name in self.names.coordinates],
+            **{kind: [of[kind] for of in of_speeds] for kind in ("u", "udot", "force")},
+        }
+
+    @cached_property
+    def times(self) -> list[Recognised]:
+        """Columns that are called a time."""
+        return list(_times(self))
+
+    @property
+    def columns(self) -> dict[str, str]:
+        """The columns that are found, by target."""
+        return {one.target: one.column for one in self.found.values()}
+
+    def take(self, candidates: Iterator[Recognised]) -> None:
+        """Keep what is new of the candidates."""
+        if "time" in self.found and self.raw.columns.keys() <= self.taken:
             return  # no column is left to be anything
         for one in candidates:
-            if one.target not in found and (one.column not in taken or not one.column):
-                found[one.target] = one
-                taken.add(one.column)
+            if one.target not in self.found and (one.column not in self.taken or not one.column):
+                self.found[one.target] = one
+                self.taken.add(one.column)
 
-    common = _common_path(list(raw.columns))
-    parts = _components(raw)
-    named = {c: _readings(parts.get(c, c), common) for c in raw.columns}
-    times = list(_times(raw, named))
-    if len(times) == 1:
-        take(iter(times))
-    take(_floating(raw, names, found, times))
-    take(_unique(_by_name_and_unit(raw, named, names), raw, names))
-    take(_unique(_by_words(named, _joints(names)), raw, names))
-    take(_unique(_of_motors(raw, named, names), raw, names))
-    take(_by_width(raw, names))
-    take(_numbered(named, names))
-    take(_alike(raw, named, names, found))
-    take(_unique(_sole(raw, named, names, taken), raw, names))
-    take(_state_vectors(raw, names, found))
-    take(_moving_times(raw, names, found))
-    take(iter(times))
-    take(_step(raw, names, found))
-    take(_unique(_by_unit(raw, named, names, taken), raw, names))
-    take(_unique(_by_words(named, _aliases(names), certain=False), raw, names))
-    take(_slips(named, names, found, taken))
-    take(_moving(raw, names, found, taken))
-    take(_commands(raw, names, taken))
+    def told(self, column: str, si: str | None) -> str | None:
+        """The unit that the file or the column's name says, if it converts to `si`."""
+        told = self.raw.units.get(column) or column_unit(column, si)
+        return told if told and si and converts(told, si) else None
+
+    def in_si(self, column: str, si: str | None) -> FloatArray:
+        """The values of a column, from its unit."""
+        told = self.told(column, si)
+        return (unit(told).factor if told else 1.0) * self.raw.columns[column]
+
+
+def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
+    """What the columns of a file are for a mechanism: at most one for each column of the schema."""
+    search = _Search(raw, names)
+    for rule in _RULES:
+        search.take(rule(search))
+    found = search.found
     frames = {one.frame for one in found.values() if one.target.startswith(("u.", "udot."))}
-    known = all(target in found for target in _targets(names)["udot"])
-    if not known or (frames > {""} and not any(found[t].frame for t in _targets(names)["udot"])):
+    rates = search.targets["udot"]
+    known = all(target in found for target in rates)
+    if not known or (frames > {""} and not any(found[target].frame for target in rates)):
         return [one for one in found.values() if not one.target.startswith("udot.")]
     return list(found.values())
 
@@ -188,12 +223,12 @@ def _readings(column: str, common: str) -> tuple[tuple[str, ...], ...]:
     return tuple(dict.fromkeys((_words(without_unit(column)), _words(column))))
 
 
-def _components(raw: RawLog) -> dict[str, str]:
+def _components(s: _Search) -> dict[str, str]:
     """Columns of arrays of three or four numbers, by the letters of their components."""
     letters = {3: "xyz", 4: "wxyz"}
     return {
         column: f"{group}_{letter}"
-        for group, columns in _groups(raw).items()
+        for group, columns in s.groups.items()
         if len(columns) in letters
         and (len(columns) == 3 or "quat" in group.lower() or "rot" in group.lower())
         for column, letter in zip(columns, letters[len(columns)])
@@ -226,18 +261,18 @@ def _words(name: str) -> tuple[str, ...]:
 # --- time ----------------------------------------------------------------------------------------
 
 
-def _times(raw: RawLog, named: Named) -> Iterator[Recognised]:
+def _times(s: _Search) -> Iterator[Recognised]:
     """Columns that are called a time and increase: one that is sure, or those that may be."""
     times = [
         column
-        for column, words in named.items()
-        if any(map(_is_time, (*words, _last_part(column)))) and _increases(raw.columns[column])
+        for column, words in s.named.items()
+        if any(map(_is_time, (*words, _last_part(column)))) and _increases(s.raw.columns[column])
     ]
-    exact = [c for c in times if {("time",), ("t",), ("tout",)} & set(named[c])]
+    exact = [c for c in times if {("time",), ("t",), ("tout",)} & set(s.named[c])]
     several = exact or times
     if several:
-        first = raw.columns[several[0]]
-        same = all(np.array_equal(raw.columns[other], first) for other in several)
+        first = s.raw.columns[several[0]]
+        same = all(np.array_equal(s.raw.columns[other], first) for other in several)
         for column in several[:1] if same or len(exact) == 1 else several:
             sure = same or len(exact) == 1
             yield Recognised("time", column, "called a time", certain=sure)
@@ -261,20 +296,18 @@ def _is_time(words: tuple[str, ...]) -> bool:
     )
 
 
-def _step(
-    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised]
-) -> Iterator[Recognised]:
+def _step(s: _Search) -> Iterator[Recognised]:
     """A single number that is the time between rows, where no column is the time.
 
     It is sure if the motion agrees; steps of physics may be so many times shorter as another number says.
     """
-    steps = [] if "time" in found else _steps(raw)
+    steps = [] if "time" in s.found else _steps(s)
     if not steps:
         return
-    columns = {one.target: one.column for one in found.values()}
-    rows = len(raw.columns[next(iter(columns.values()))]) if columns else 0
+    columns = s.columns
+    rows = len(s.raw.columns[next(iter(columns.values()))]) if columns else 0
     for word, step in steps:
-        misfit = _misfit(step * np.arange(float(rows)), columns, raw, names)
+        misfit = _misfit(step * np.arange(float(rows)), columns, s)
         if misfit is not None and misfit < AGREES:
             yield _counted(word, step)
             return
@@ -287,12 +320,12 @@ def _counted(word: str, step: float) -> Recognised:
     return Recognised("time", "", why, True, step)
 
 
-def _steps(raw: RawLog) -> list[tuple[str, float]]:
+def _steps(s: _Search) -> list[tuple[str, float]]:
     """What single numbers say of the time between rows (s), and their names.
 
     Steps of physics may be so many times shorter as another number says.
     """
-    plain = [(_words(name.rpartition(".")[2]), value) for name, value in raw.scalars.items()]
+    plain = [(_words(name.rpartition(".")[2]), value) for name, value in s.raw.scalars.items()]
     skips = [value for words, value in plain if value > 1.0 and "".join(words) in SKIPS]
     steps = []
     for words, value in plain:
@@ -363,11 +396,8 @@ def _aliases(names: MechanismNames) -> Iterator[_Joint]:
             yield _Joint(_words(body), joint.targets)
 
 
-def _by_words(
-    named: Named, among: Iterator[_Joint], certain: bool = True
-) -> Iterator[tuple[int, Recognised]]:
+def _by_words(named: Named, joints: Sequence[_Joint], certain: bool = True) -> Iterator[Recognised]:
     """Columns that name a coordinate and what of it, with how many words of them agree."""
-    joints = list(among)
     for column, readings in named.items():
         found = [
             (len(joint.words), joint.targets[kind])
@@ -380,31 +410,28 @@ def _by_words(
         targets = {target for count, target in found if count == most}
         if len(targets) == 1:
             why = "by its name" if certain else "by another name of the joint or its body"
-            yield most, Recognised(targets.pop(), column, why, certain)
+            yield Recognised(targets.pop(), column, why, certain)
 
 
 _ACTUATION = frozenset("force forces actuation actuator motor".split())
 """Words beside the name of a motor that say no more than that it acts."""
 
 
-def _of_motors(
-    raw: RawLog, named: Named, names: MechanismNames
-) -> Iterator[tuple[int, Recognised]]:
+def _of_motors(s: _Search) -> Iterator[Recognised]:
     """Columns that name a motor of the model and say, by a word or their unit, that they are its force."""
-    for speed, channel in names.motors.items():
+    for speed, channel in s.names.motors.items():
         motor = _words(channel.removeprefix("actuator "))
-        si = "N*m" if si_unit(f"u.{speed}", names) == "rad/s" else "N"
-        for column, readings in named.items():
-            told = raw.units.get(column) or column_unit(column, si)
+        si = "N*m" if si_unit(f"u.{speed}", s.names) == "rad/s" else "N"
+        for column, readings in s.named.items():
             known = _ACTUATION | WORDS["force"] | NEUTRAL
-            if in_unit := told is not None and converts(told, si):
+            if in_unit := s.told(column, si) is not None:
                 known |= {"t", "f", "m"}  # T, F and M of a torque or force
             for words in readings:
                 left = _without(words, motor)
                 acts = in_unit or set(words) & (_ACTUATION | WORDS["force"])
                 if left is not None and acts and set(left) <= known:
                     target = f"force.{channel}.{speed}"
-                    yield len(motor), Recognised(target, column, "the motor's name")
+                    yield Recognised(target, column, "the motor's name")
                     break
 
 
@@ -464,46 +491,41 @@ UNREAL = frozenset(
 """Words of columns that are nothing that happened."""
 
 
-def _alike(
-    raw: RawLog, named: Named, names: MechanismNames, found: Mapping[str, Recognised]
-) -> Iterator[Recognised]:
+def _alike(s: _Search) -> Iterator[Recognised]:
     """Columns that name a coordinate beside words that all of these have, which then tell nothing.
 
     They are sure where the coordinates move as their speeds say.
     """
-    joints = list(_joints(names))
     parts = {
         column: tuple(part for word in readings[0] for part in _unglued(word))
-        for column, readings in named.items()
-        if any(_without(readings[0], joint.words) is not None for joint in joints)
+        for column, readings in s.named.items()
+        if any(_without(readings[0], joint.words) is not None for joint in s.joints)
     }
     if len(parts) < 2:
         return
-    several = {word for joint in joints for word in joint.words}
+    several = {word for joint in s.joints for word in joint.words}
     common = set.intersection(*map(set, parts.values())) - _KNOWN - UNREAL - several
     plain: Named = {
         column: (tuple(word for word in words if word not in common),)
         for column, words in parts.items()
     }
-    several_found = list(_unique(_by_words(plain, iter(joints)), raw, names))
-    columns = {one.target: one.column for one in (*several_found, *found.values()) if one.certain}
-    t = _in_si(raw, columns["time"], "s") if columns.get("time") else None
-    misfit = _misfit(t, columns, raw, names) if t is not None else None
+    several_found = list(_unique(s, _by_words(plain, s.joints)))
+    columns = {one.target: one.column for one in (*several_found, *s.found.values()) if one.certain}
+    t = s.in_si(columns["time"], "s") if columns.get("time") else None
+    misfit = _misfit(t, columns, s) if t is not None else None
     sure = misfit is not None and misfit < AGREES
     for one in several_found:
         yield replace(one, certain=one.certain and sure)
 
 
-def _unique(
-    candidates: Iterator[tuple[int, Recognised]], raw: RawLog, names: MechanismNames
-) -> Iterator[Recognised]:
+def _unique(s: _Search, candidates: Iterator[Recognised]) -> Iterator[Recognised]:
     """Of the columns for one target the first, as a guess if several say different things."""
     by_target: dict[str, list[Recognised]] = {}
-    for _, one in candidates:
+    for one in candidates:
         by_target.setdefault(one.target, []).append(one)
     for target, several in by_target.items():
         first = several[0]
-        values = [_in_si(raw, one.column, si_unit(target, names)) for one in several]
+        values = [s.in_si(one.column, si_unit(target, s.names)) for one in several]
         same = all(
             len(v) == len(values[0]) and np.allclose(v, values[0], rtol=1e-4, atol=0.0)
             for v in values[1:]
@@ -515,17 +537,15 @@ def _unique(
             yield Recognised(target, first.column, f"by its name; or {others}", certain=False)
 
 
-def _sole(
-    raw: RawLog, named: Named, names: MechanismNames, taken: set[str]
-) -> Iterator[tuple[int, Recognised]]:
+def _sole(s: _Search) -> Iterator[Recognised]:
     """Columns that say only what they are: of the one joint, or of the one that turns, or slides."""
-    joints = [j for j in _joints(names) if "q" in j.targets and "u" in j.targets]
+    joints = [j for j in s.joints if "q" in j.targets and "u" in j.targets]
     joints = [j for j in joints if j.targets["q"].startswith("q.")]
     letters = {
-        word for readings in named.values() for word in readings[0] if word in ("x", "y", "z")
+        word for readings in s.named.values() for word in readings[0] if word in ("x", "y", "z")
     }
     places = letters if len(letters) > 1 else set()  # of a point, not of a joint
-    for column, readings in named.items():
+    for column, readings in s.named.items():
         parts = [part for word in readings[0] for part in _unglued(word)]
         kind = _kind(
             tuple(part if part not in ("x", "y", "z", "s") else "displacement" for part in parts)
@@ -533,9 +553,9 @@ def _sole(
         telling = set(parts)
         if kind == "udot" and all(len(part) == 1 for part in telling):
             continue  # Simscape's letters beside names of joints; alone they are anything
-        if column in taken or kind is None or not telling - NEUTRAL - _DERIVATIVES.keys():
+        if column in s.taken or kind is None or not telling - NEUTRAL - _DERIVATIVES.keys():
             continue
-        told = _told_unit(raw, column)
+        told = _told_unit(s, column)
         turns, slides = (bool(telling & known) for known in (TURNS, SLIDES))
         if told is not None:
             turns, slides = told == "rad", told == "m"
@@ -543,7 +563,7 @@ def _sole(
             {"rad"} if turns and not slides else {"m"} if slides and not turns else {"rad", "m"}
         )
         fitting = [
-            j for j in joints if kind in j.targets and si_unit(j.targets["q"], names) in wanted
+            j for j in joints if kind in j.targets and si_unit(j.targets["q"], s.names) in wanted
         ]
         if len(fitting) != 1 and len(joints) == 1 and told is None and "v" in telling:
             fitting = joints
@@ -551,7 +571,7 @@ def _sole(
             places
             and telling & places
             and told is None
-            and "rad" in {si_unit(joint.targets["q"], names) for joint in fitting}
+            and "rad" in {si_unit(joint.targets["q"], s.names) for joint in fitting}
         ):
             continue
         sure = len(fitting) == 1
@@ -559,14 +579,13 @@ def _sole(
             fitting = joints  # a pendulum's x may be its angle, or how far its bob is
         if len(fitting) == 1:
             what = "the joint" if len(joints) == 1 else "the joint that turns or slides so"
-            yield 0, Recognised(fitting[0].targets[kind], column, f"of {what}, by its name", sure)
+            yield Recognised(fitting[0].targets[kind], column, f"of {what}, by its name", sure)
 
 
-def _told_unit(raw: RawLog, column: str) -> str | None:
+def _told_unit(s: _Search, column: str) -> str | None:
     """Whether a column's unit is one of turning ("rad") or sliding ("m")."""
     for si in ("rad", "rad/s", "rad/s^2", "m", "m/s", "m/s^2"):
-        told = raw.units.get(column) or column_unit(column, si)
-        if told and converts(told, si):
+        if s.told(column, si):
             return si.partition("/")[0]
     return None
 
@@ -574,27 +593,17 @@ def _told_unit(raw: RawLog, column: str) -> str | None:
 # --- arrays and numbers --------------------------------------------------------------------------
 
 
-def _targets(names: MechanismNames) -> dict[str, list[str]]:
-    return {
-        "q": [f"q.{name}" for name in names.coordinates],
-        "u": [f"u.{name}" for name in names.speeds],
-        "udot": [f"udot.{name}" for name in names.speeds],
-        "force": [f"force.{force_channel(name, names)}.{name}" for name in names.speeds],
-    }
-
-
-def _by_width(raw: RawLog, names: MechanismNames) -> Iterator[Recognised]:
+def _by_width(s: _Search) -> Iterator[Recognised]:
     """Arrays that are called so, where just one has as many columns as the mechanism has entries.
 
     Arrays of joints may leave out the one that floats.
     """
-    groups = _groups(raw)
-    motors = [f"force.{channel}.{speed}" for speed, channel in names.motors.items()]
+    motors = [f"force.{channel}.{speed}" for speed, channel in s.names.motors.items()]
     for kind, keys in _LAYOUTS:
-        for targets in [*_widths(names, kind), *([motors] if kind == "force" and motors else [])]:
+        for targets in [*_widths(s, kind), *([motors] if kind == "force" and motors else [])]:
             fitting = [
                 (group, columns)
-                for group, columns in groups.items()
+                for group, columns in s.groups.items()
                 if len(columns) == len(targets)
                 and columns != ["a"]  # alone it is anything
                 and (_key(group) in keys or (len(columns) > 1 and _array_kind(group) == kind))
@@ -608,20 +617,20 @@ def _by_width(raw: RawLog, names: MechanismNames) -> Iterator[Recognised]:
                 break
 
 
-def _commands(raw: RawLog, names: MechanismNames, taken: set[str]) -> Iterator[Recognised]:
+def _commands(s: _Search) -> Iterator[Recognised]:
     """Arrays of commands, as many as the model has motors: their forces, unless the motors have gears."""
-    for group, columns in _groups(raw).items():
-        free = not taken & set(columns)
-        if free and _key(group) in _COMMANDS and len(columns) == len(names.motors):
-            for (speed, channel), column in zip(names.motors.items(), columns):
+    for group, columns in s.groups.items():
+        free = not s.taken & set(columns)
+        if free and _key(group) in _COMMANDS and len(columns) == len(s.names.motors):
+            for (speed, channel), column in zip(s.names.motors.items(), columns):
                 why = "commands, as many as motors; forces if a command of 1 is 1 N·m or 1 N"
                 yield Recognised(f"force.{channel}.{speed}", column, why, certain=False)
 
 
-def _widths(names: MechanismNames, kind: str) -> list[list[str]]:
+def _widths(s: _Search, kind: str) -> list[list[str]]:
     """All columns of a kind, and those without the one joint that floats."""
-    every = _targets(names)[kind]
-    floating = [n.removesuffix("qw") for n in names.coordinates if n.endswith(".qw")]
+    every = s.targets[kind]
+    floating = [n.removesuffix("qw") for n in s.names.coordinates if n.endswith(".qw")]
     rest = [t for t in every if not any(f".{joint}" in t for joint in floating)]
     return [every, rest] if len(floating) == 1 and rest else [every]
 
@@ -658,10 +667,10 @@ def _key(group: str) -> str:
     return re.sub(r"[_\s]", "", re.split(r"[./]", group)[-1].lower())
 
 
-def _numbered(named: Named, names: MechanismNames) -> Iterator[Recognised]:
+def _numbered(s: _Search) -> Iterator[Recognised]:
     """Columns with consecutive numbers, as many as the mechanism has entries, such as q1 and q2."""
     groups: dict[tuple[str, ...], dict[int, str]] = {}
-    for column, (words, *_) in named.items():
+    for column, (words, *_) in s.named.items():
         places = [k for k, word in enumerate(words) if word.isdecimal()]
         if len(places) == 1 and len(words) > 1:
             k = places[0]
@@ -672,7 +681,7 @@ def _numbered(named: Named, names: MechanismNames) -> Iterator[Recognised]:
         first = min(columns)
         if kind is None or first > 1 or sorted(columns) != list(range(first, first + len(columns))):
             continue
-        fitting = [targets for targets in _widths(names, kind) if len(targets) == len(columns)]
+        fitting = [targets for targets in _widths(s, kind) if len(targets) == len(columns)]
         if fitting:
             by_kind.setdefault(kind, []).append((fitting[0], columns))
     for several in by_kind.values():
@@ -686,56 +695,46 @@ def _numbered(named: Named, names: MechanismNames) -> Iterator[Recognised]:
 # --- guesses -------------------------------------------------------------------------------------
 
 
-def _by_name_and_unit(
-    raw: RawLog, named: Named, names: MechanismNames
-) -> Iterator[tuple[int, Recognised]]:
+def _by_name_and_unit(s: _Search) -> Iterator[Recognised]:
     """Columns called as a joint, and nothing else, in a unit that says what of it: ``elbow_rad_s``."""
     units = {"rad": ("rad", "rad/s", "rad/s^2", "N*m"), "m": ("m", "m/s", "m/s^2", "N")}
-    for joint in _joints(names):
-        si = units.get(si_unit(joint.targets["q"], names) or "", ("",) * 4)
-        for column, readings in named.items():
+    for joint in s.joints:
+        si = units.get(si_unit(joint.targets["q"], s.names) or "", ("",) * 4)
+        for column, readings in s.named.items():
             left = _without(readings[0], joint.words)
             if left is None or set(left) - NEUTRAL:
                 continue
             for kind, of_kind in zip(("q", "u", "udot", "force"), si):
-                told = raw.units.get(column) or column_unit(column, of_kind)
-                if kind in joint.targets and told and converts(told, of_kind):
+                if kind in joint.targets and (told := s.told(column, of_kind)):
                     why = f"by its name and its unit {told}"
-                    yield len(joint.words), Recognised(joint.targets[kind], column, why)
+                    yield Recognised(joint.targets[kind], column, why)
 
 
-def _by_unit(
-    raw: RawLog, named: Named, names: MechanismNames, taken: set[str]
-) -> Iterator[tuple[int, Recognised]]:
+def _by_unit(s: _Search) -> Iterator[Recognised]:
     """Columns that name a joint beside words nobody knows, but have the unit of its position or speed."""
-    for column, readings in named.items():
-        if column in taken:
+    for column, readings in s.named.items():
+        if column in s.taken:
             continue
-        for joint in _joints(names):
+        for joint in s.joints:
             if _without(readings[0], joint.words) is None:
                 continue
             for kind in ("q", "u"):
                 target = joint.targets.get(kind, "")
-                si = si_unit(target, names) if target else None
-                told = raw.units.get(column) or column_unit(column, si)
-                if told and si and converts(told, si):
-                    yield (
-                        len(joint.words),
-                        Recognised(target, column, f"names the joint, and is in {told}", False),
-                    )
+                si = si_unit(target, s.names) if target else None
+                if told := s.told(column, si):
+                    why = f"names the joint, and is in {told}"
+                    yield Recognised(target, column, why, certain=False)
 
 
-def _slips(
-    named: Named, names: MechanismNames, found: Mapping[str, Recognised], taken: set[str]
-) -> Iterator[Recognised]:
+def _slips(s: _Search) -> Iterator[Recognised]:
     """Columns whose names almost fit what is missing."""
-    free = [column for column in named if column not in taken]
+    free = [column for column in s.named if column not in s.taken]
     for kind in ("q", "u"):
-        for target in _targets(names)[kind]:
-            if target not in found:
+        for target in s.targets[kind]:
+            if target not in s.found:
                 name = target.partition(".")[2]
                 scores = [
-                    (_likeness(column, named[column][0], target, name, kind), column)
+                    (_likeness(column, s.named[column][0], target, name, kind), column)
                     for column in free
                 ]
                 best = max(scores, default=(0.0, ""))
@@ -763,22 +762,20 @@ _MOST_PAIRED = 60
 """Columns among which rates are searched for."""
 
 
-def _misfit(
-    t: FloatArray, columns: Mapping[str, str], raw: RawLog, names: MechanismNames
-) -> float | None:
+def _misfit(t: FloatArray, columns: Mapping[str, str], s: _Search) -> float | None:
     """How far coordinates do not move as their speeds say, as a fraction of how far they move.
 
     None where no coordinate with its speed is among the columns (target -> column), or nothing moves.
     """
     rows = slice(0, _LOOKED_AT)
     change = apart = 0.0
-    coordinates, speeds = list(names.coordinates), list(names.speeds)
+    coordinates, speeds = list(s.names.coordinates), list(s.names.speeds)
     kinematics = Kinematics.of(coordinates, speeds)
     for i, j in kinematics.rates:
         pair = [f"q.{coordinates[i]}", f"u.{speeds[j]}"]
-        if not all(target in columns and columns[target] in raw.columns for target in pair):
+        if not all(target in columns and columns[target] in s.raw.columns for target in pair):
             continue
-        q, u = (_in_si(raw, columns[target], si_unit(target, names))[rows] for target in pair)
+        q, u = (s.in_si(columns[target], si_unit(target, s.names))[rows] for target in pair)
         if not len(q) == len(u) == len(t[rows]):
             return None
         dq, integral = np.diff(q), 0.5 * np.diff(t[rows]) * (u[1:] + u[:-1])
@@ -786,30 +783,22 @@ def _misfit(
         apart += float(np.nansum(np.abs(dq - integral)))
     for _, first, _ in kinematics.quaternions:
         parts = [columns.get(f"q.{name}", "") for name in coordinates[first : first + 4]]
-        if all(part in raw.columns for part in parts):
-            norm = sum(raw.columns[part][rows] ** 2 for part in parts)
+        if all(part in s.raw.columns for part in parts):
+            norm = sum(s.raw.columns[part][rows] ** 2 for part in parts)
             if not np.nanmax(np.abs(norm - 1.0)) < AGREES:
                 return np.inf
     return apart / change if change > 0.0 else None
 
 
-def _in_si(raw: RawLog, column: str, si: str | None) -> FloatArray:
-    told = raw.units.get(column) or column_unit(column, si)
-    factor = unit(told).factor if told and si and converts(told, si) else 1.0
-    return factor * raw.columns[column]
-
-
-def _floating(
-    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised], times: Sequence[Recognised]
-) -> Iterator[Recognised]:
+def _floating(s: _Search) -> Iterator[Recognised]:
     """The one body that floats, by how it moves, and the joints in the same arrays."""
-    joints = [name.removesuffix(".qw") for name in names.coordinates if name.endswith(".qw")]
-    if len(joints) != 1 or f"{joints[0]}.vx" not in names.speeds:
+    joints = [name.removesuffix(".qw") for name in s.names.coordinates if name.endswith(".qw")]
+    if len(joints) != 1 or f"{joints[0]}.vx" not in s.names.speeds:
         return
-    for clock, t in _clocks(raw, found, times):
-        columns = [c for c, x in raw.columns.items() if len(x) == len(t) and c != clock.column]
+    for clock, t in _clocks(s):
+        columns = [c for c, x in s.raw.columns.items() if len(x) == len(t) and c != clock.column]
         rows = slice(0, _LOOKED_AT)
-        table = np.column_stack([_factor(raw, c) * raw.columns[c][rows] for c in columns])
+        table = np.column_stack([_factor(s, c) * s.raw.columns[c][rows] for c in columns])
         known = ~np.isnan(table).any(axis=1)
         letters = [_last_letter(c) for c in columns]
         places = {k for k, c in enumerate(columns) if PLACES & set(_words(without_unit(c)))}
@@ -820,7 +809,7 @@ def _floating(
         base = next((one for one in scaled if one is not None), None)
         if base is not None:
             yield clock
-            yield from _of_floating(base, joints[0], columns, t, raw, names)
+            yield from _of_floating(base, joints[0], columns, t, s)
             return
         poses = list(moving_poses(table[known], letters, places))
         if len(poses) == 1:
@@ -859,30 +848,23 @@ def _last_letter(column: str) -> str:
     return words[-1][-1] if words else ""
 
 
-def _clocks(
-    raw: RawLog, found: Mapping[str, Recognised], times: Sequence[Recognised]
-) -> Iterator[tuple[Recognised, FloatArray]]:
+def _clocks(s: _Search) -> Iterator[tuple[Recognised, FloatArray]]:
     """The times that rows may have: the known ones, else by single numbers, or columns that increase."""
-    if "time" in found:
-        yield found["time"], _in_si(raw, found["time"].column, "s")
+    if "time" in s.found:
+        yield s.found["time"], s.in_si(s.found["time"].column, "s")
         return
-    lengths = [len(values) for values in raw.columns.values()]
+    lengths = [len(values) for values in s.raw.columns.values()]
     rows = max(set(lengths), key=lengths.count, default=0)
-    for word, step in _steps(raw):
+    for word, step in _steps(s):
         yield _counted(word, step), step * np.arange(float(rows))
     why = "by it the floating body moves as its speeds say"
-    for column in dict.fromkeys([*(one.column for one in times), *raw.columns]):
-        if _increases(raw.columns[column]):
-            yield Recognised("time", column, why), _in_si(raw, column, "s")
+    for column in dict.fromkeys([*(one.column for one in s.times), *s.raw.columns]):
+        if _increases(s.raw.columns[column]):
+            yield Recognised("time", column, why), s.in_si(column, "s")
 
 
 def _of_floating(
-    base: Floating,
-    joint: str,
-    columns: Sequence[str],
-    t: FloatArray,
-    raw: RawLog,
-    names: MechanismNames,
+    base: Floating, joint: str, columns: Sequence[str], t: FloatArray, s: _Search
 ) -> Iterator[Recognised]:
     """Columns of a floating body, and those of the joints that stand in its arrays."""
     why = f"as the body moves: {base}"
@@ -903,7 +885,7 @@ def _of_floating(
         if target.startswith("u.")
     }
     nameless = all(re.fullmatch(r"column \d+", column) for column in columns)
-    groups = {"the table": list(columns)} if nameless else _groups(raw)
+    groups = {"the table": list(columns)} if nameless else s.groups
     group_of = {column: group for group, several in groups.items() for column in several}
     first_q, first_u = (group_of[columns[k]] for k in (base.quaternion[0], base.angular.start))
     taken = set(targets.values())
@@ -911,7 +893,7 @@ def _of_floating(
         [c for c in groups[group] if c not in taken and c in columns]
         for group in (first_q, first_u)
     )
-    every = _targets(names)
+    every = s.targets
     q, u = ([t for t in every[kind] if t not in targets] for kind in ("q", "u"))
     if first_q == first_u:
         orders = ([*q, *u], [x for pair in zip(q, u) for x in pair], [*u, *q])
@@ -919,7 +901,7 @@ def _of_floating(
     else:
         fits = len(q) == len(rest_q) and len(u) == len(rest_u)
         options = [dict(zip([*q, *u], [*rest_q, *rest_u]))] if fits else []
-    misses = [_misfit(t, option, raw, names) for option in options]
+    misses = [_misfit(t, option, s) for option in options]
     for option, miss in zip(options, misses):
         if miss is None or miss < AGREES:
             targets |= option
@@ -936,49 +918,46 @@ def _of_floating(
         same = [g for g, c in groups.items() if _key(g) in keys and len(c) == len(speeds)]
         for column, target in zip(groups[same[0]] if len(same) == 1 else (), speeds):
             speed = target.removeprefix("u.")
-            of = _of_speed(speed, names)[kind]
+            of = _of_speed(speed, s.names)[kind]
             yield Recognised(
                 of, column, f"in the order of the speeds; {why}", frame=of_speed.get(speed, "")
             )
 
 
-def _orders(names: MechanismNames) -> Iterator[tuple[str, list[str]]]:
+def _orders(s: _Search) -> Iterator[tuple[str, list[str]]]:
     """The usual orders of a state vector."""
-    targets = _targets(names)
-    q, u = targets["q"], targets["u"]
+    q, u = s.targets["q"], s.targets["u"]
     yield "coordinates and speeds", [*q, *u]
     if len(q) == len(u):
-        yield "coordinates, speeds and accelerations", [*q, *u, *targets["udot"]]
+        yield "coordinates, speeds and accelerations", [*q, *u, *s.targets["udot"]]
         yield "each coordinate with its speed", [t for pair in zip(q, u) for t in pair]
         yield "speeds and coordinates", [*u, *q]
 
 
-def _state_vectors(
-    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised]
-) -> Iterator[Recognised]:
+def _state_vectors(s: _Search) -> Iterator[Recognised]:
     """An array, or a table without names, of coordinates and speeds, perhaps after the time.
 
     Its order is the one in which coordinates move as their speeds say; the name decides only between arrays,
     and where nothing moves, or the times are not known.
     """
-    if any(target.startswith(("q.", "u.")) for target in found):
+    if any(target.startswith(("q.", "u.")) for target in s.found):
         return
-    groups = _groups(raw)
-    for column in raw.columns:  # y1, y2; y(1), y(2)
+    groups = dict(s.groups)
+    for column in s.raw.columns:  # y1, y2; y(1), y(2)
         if not column.endswith("]") and (match := _NUMBERED.fullmatch(column)):
             groups.setdefault(match[1].strip(), []).append(column)
-    nameless = [column for column in raw.columns if _NAMELESS.fullmatch(column)]
-    if nameless and len(nameless) == len(raw.columns):
+    nameless = [column for column in s.raw.columns if _NAMELESS.fullmatch(column)]
+    if nameless and len(nameless) == len(s.raw.columns):
         groups = {"the table": nameless, **groups}
-    time = found["time"].column if "time" in found else None
-    times = [time] if time else [c for c, values in raw.columns.items() if _increases(values)]
+    time = s.found["time"].column if "time" in s.found else None
+    times = [time] if time else [c for c, values in s.raw.columns.items() if _increases(values)]
     agreeing: list[tuple[dict[str, str], str, str]] = []
     named: list[tuple[dict[str, str], str, str]] = []
     guessed: list[tuple[dict[str, str], str, str]] = []
     for group, columns in groups.items():
-        for name, targets in _orders(names):
+        for name, targets in _orders(s):
             after = len(columns) - len(targets)
-            first = raw.columns[columns[0]]
+            first = s.raw.columns[columns[0]]
             if after not in (0, 1) or (after and not _increases(first)):
                 continue
             mapped = dict(zip(["time", *targets] if after else targets, columns, strict=True))
@@ -986,13 +965,13 @@ def _state_vectors(
             found_misfits = [
                 m
                 for c in ([columns[0]] if after else times)
-                if (m := _misfit(_in_si(raw, c, "s"), mapped, raw, names)) is not None
+                if (m := _misfit(s.in_si(c, "s"), mapped, s)) is not None
             ]
             misfit = min(found_misfits, default=None)
             if misfit is not None and "udot" in targets[-1]:  # speeds must move so, too
                 rates = {t: mapped[_next(t)] for t in mapped if t.startswith(("q.", "u."))}
-                clock = _in_si(raw, columns[0] if after else times[0], "s")
-                misfit = max(misfit, _misfit(clock, rates, raw, names) or 0.0)
+                clock = s.in_si(columns[0] if after else times[0], "s")
+                misfit = max(misfit, _misfit(clock, rates, s) or 0.0)
             if misfit is not None and misfit < AGREES:
                 agreeing.append((mapped, f"{why} and how they move", group))
             elif name == "coordinates and speeds" and misfit != np.inf:
@@ -1016,50 +995,45 @@ def _next(target: str) -> str:
     return f"u.{name}" if kind == "q" else f"udot.{name}"
 
 
-def _moving_times(
-    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised]
-) -> Iterator[Recognised]:
+def _moving_times(s: _Search) -> Iterator[Recognised]:
     """The one increasing column by which the coordinates move as their speeds say, whatever its name."""
-    if "time" in found:
+    if "time" in s.found:
         return
-    columns = {one.target: one.column for one in found.values()}
+    columns = s.columns
     fitting = [
         column
-        for column, values in raw.columns.items()
+        for column, values in s.raw.columns.items()
         if column not in columns.values() and _increases(values)
-        if (misfit := _misfit(_in_si(raw, column, "s"), columns, raw, names)) is not None
-        and misfit < AGREES
+        if (misfit := _misfit(s.in_si(column, "s"), columns, s)) is not None and misfit < AGREES
     ]
     if fitting:
-        first = raw.columns[fitting[0]]
+        first = s.raw.columns[fitting[0]]
         shifts = [
-            np.ptp(raw.columns[c] - first) if len(raw.columns[c]) == len(first) else np.inf
+            np.ptp(s.raw.columns[c] - first) if len(s.raw.columns[c]) == len(first) else np.inf
             for c in fitting
         ]
         same = bool(np.max(shifts) <= 1e-3 * np.ptp(first))
         yield Recognised("time", fitting[0], "by it coordinates move as their speeds say", same)
 
 
-def _moving(
-    raw: RawLog, names: MechanismNames, found: Mapping[str, Recognised], taken: set[str]
-) -> Iterator[Recognised]:
+def _moving(s: _Search) -> Iterator[Recognised]:
     """Columns of unknown names that are rates of others: as many pairs as coordinates are missing."""
-    coordinates, speeds = list(names.coordinates), list(names.speeds)
+    coordinates, speeds = list(s.names.coordinates), list(s.names.speeds)
     pairs = [
         (f"q.{coordinates[i]}", f"u.{speeds[j]}")
         for i, j in Kinematics.of(coordinates, speeds).rates
     ]
-    missing = [pair for pair in pairs if pair[0] not in found and pair[1] not in found]
-    time = raw.columns.get(found["time"].column) if "time" in found else None
+    missing = [pair for pair in pairs if pair[0] not in s.found and pair[1] not in s.found]
+    time = s.raw.columns.get(s.found["time"].column) if "time" in s.found else None
     if not missing or time is None:
         return
     rows = slice(0, _LOOKED_AT)
     free = [
         c
-        for c, values in raw.columns.items()
-        if c not in taken and len(values) == len(time) and np.ptp(values[rows]) > 0.0
+        for c, values in s.raw.columns.items()
+        if c not in s.taken and len(values) == len(time) and np.ptp(values[rows]) > 0.0
     ][:_MOST_PAIRED]
-    values = {c: _in_si(raw, c, None)[rows] * _factor(raw, c) for c in free}
+    values = {c: s.in_si(c, None)[rows] * _factor(s, c) for c in free}
     h = np.diff(time[rows])
     changes = {c: np.diff(v) for c, v in values.items()}
     integrals = {c: 0.5 * h * (v[1:] + v[:-1]) for c, v in values.items()}
@@ -1080,11 +1054,33 @@ def _moving(
             yield Recognised(u, b, why, certain=False)
 
 
-def _factor(raw: RawLog, column: str) -> float:
+def _factor(s: _Search, column: str) -> float:
     """The factor to SI of the unit in brackets, or that the file says."""
-    told = raw.units.get(column) or column_unit(column)
+    told = s.raw.units.get(column) or column_unit(column)
     return unit(told).factor if told else 1.0
 
 
 _NAMELESS = re.compile(r"column \d+|.*\[\d+\]")
 _NUMBERED = re.compile(r"(.*?[^\W\d_])[ _]?[(\[]?\d+[)\]]?")
+
+_RULES: Sequence[Callable[[_Search], Iterator[Recognised]]] = (
+    lambda s: iter(s.times if len(s.times) == 1 else ()),
+    _floating,
+    lambda s: _unique(s, _by_name_and_unit(s)),
+    lambda s: _unique(s, _by_words(s.named, s.joints)),
+    lambda s: _unique(s, _of_motors(s)),
+    _by_width,
+    _numbered,
+    _alike,
+    lambda s: _unique(s, _sole(s)),
+    _state_vectors,
+    _moving_times,
+    lambda s: iter(s.times),
+    _step,
+    lambda s: _unique(s, _by_unit(s)),
+    lambda s: _unique(s, _by_words(s.named, list(_aliases(s.names)), certain=False)),
+    _slips,
+    _moving,
+    _commands,
+)
+"""What recognises columns, the surest first."""

@@ -126,8 +126,10 @@ def test_the_page_of_codes_lists_them_all() -> None:
     assert of_commands <= set(listed)
 
 
-def test_every_cause_has_a_code() -> None:
+def test_every_cause_has_a_code_and_is_documented() -> None:
     assert set(PREFERENCE) <= set(FINDINGS)
+    page = (DOCS / "explain.md").read_text("utf-8")
+    assert [kind for kind in PREFERENCE if f"`{kind}`" not in page] == []
     with pytest.raises(AssertionError, match="codes.py"):
         Finding("no-such-kind", "a", "b", "c")
 

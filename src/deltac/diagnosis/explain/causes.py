@@ -1,8 +1,8 @@
-"""A candidate: a change of a mechanism that a person would name, one to six numbers θ.
+"""Causes: the changes of a mechanism that a person would name, of one to six numbers θ.
 
-A cause maps its numbers to coefficients of the columns, θ ↦ L θ + θᵀQθ: linear for almost all;
-a mass centre that moves changes the moments of inertia about the joint by squares, and a delay has
-f(t − τ) = f − τ ḟ + τ² f̈/2.
+`KINDS` says what there is, in words; `candidates` where a mechanism may have it. A cause maps its numbers to
+coefficients of the columns, θ ↦ L θ + θᵀQθ: linear for almost all; a mass centre that moves changes the
+moments of inertia about the joint by squares, and a delay has f(t − τ) = f − τ ḟ + τ² f̈/2.
 """
 
 from __future__ import annotations
@@ -568,9 +568,8 @@ def _on_a_speed(
     mechanism, log = evaluator.mechanism, evaluator.log.places
     joint = mechanism.joint(entry.joint)
     row = entry.index - mechanism.speeds.of(joint.name).start
-    own = [
-        e for name, e in _of_joints(mechanism).items() if e.joint == joint.name and name in acting
-    ]
+    of_joints = reversed(_of_joints(mechanism).items())
+    own = [e for name, e in of_joints if e.joint == joint.name and name in acting]
     damper = next((e for e in own if isinstance(e, JointDamper)), None)
     spring = next((e for e in own if isinstance(e, JointSpring)), None)
 
@@ -587,13 +586,7 @@ def _on_a_speed(
     offset = places(*(Column("offset", entry.name, k) for k in range(2)))
     limit = MOST_OFFSET[of_joint("{q}", entry)]
     yield from cause(
-        "zero-offset",
-        entry.name,
-        offset,
-        _FIRST,
-        entry=entry,
-        quadratic=_SQUARE,
-        limit=limit,
+        "zero-offset", entry.name, offset, _FIRST, entry=entry, quadratic=_SQUARE, limit=limit
     )
     if f"friction {joint.name}" not in acting:
         yield from one("missing-friction", "friction")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from deltac.errors import InputError
-from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tracer import branches
+from deltac.repair.tracing.source import Source, read_source
+from deltac.repair.tracing.tracer import branches, trace
 
 STYLES = {
     "class __call__": """
@@ -359,3 +360,28 @@ def test_what_has_effects_or_no_end_is_refused(line: str) -> None:
     text = f"import itertools\nimport numpy as np\ndef rhs(t, q, u):\n    {line}\n    return q\n"
     with pytest.raises(InputError, match=r"eom\.py"):
         branches(Source("eom.py", text, "rhs"), *states())
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "np.zeros = 3",
+        "del np.zeros",
+        "setattr(np, 'zeros', 3)",
+        "np.__dict__['zeros'] = 3",
+        "vars(np)['zeros'] = 3",
+        "for np.zeros in [3]: pass",
+        "np.zeros, x = 3, 4",
+        "np.linalg.solve.deltac = 3",
+    ],
+)
+def test_what_others_use_too_is_not_changed(statement: str, tmp_path: Path) -> None:
+    """The function is run in this process, and NumPy is everyone's."""
+    before = (np.zeros, dict(vars(np.linalg.solve)))
+    path = tmp_path / "setting.py"
+    path.write_text(
+        f"import numpy as np\ndef rhs(t, q, u):\n    {statement}\n    return -q\n", "utf-8"
+    )
+    with pytest.raises(InputError):
+        trace(read_source(f"{path}:rhs"), np.zeros(2), np.ones((1, 2)), np.ones((1, 2)))
+    assert (np.zeros, dict(vars(np.linalg.solve))) == before

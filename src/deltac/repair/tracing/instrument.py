@@ -204,7 +204,8 @@ class _Rewriter:
                 base = _hook("into", self.number[id(t)], self.plain(t.value))
                 return make.Subscript(base, self.index(t.slice), t.ctx)
             case ast.Attribute():
-                return make.Attribute(self.plain(t.value), t.attr, t.ctx)
+                holder = _hook("holder", self.number[id(t)], self.plain(t.value))
+                return make.Attribute(holder, t.attr, t.ctx)
             case ast.Tuple() | ast.List():
                 return getattr(make, type(t).__name__)([self.target(e) for e in t.elts], t.ctx)
             case ast.Starred():
@@ -254,7 +255,7 @@ class _Rewriter:
         return s
 
     def visit_Delete(self, s: ast.Delete) -> Any:
-        return s
+        return make.Delete([self.target(t) for t in s.targets])
 
     def visit_Raise(self, s: ast.Raise) -> Any:
         return s

@@ -757,6 +757,8 @@ class _Hooks:
 
     def attribute(self, place: int, base: Any, name: str) -> Any:
         """An attribute; those of arrays that only some libraries' arrays have."""
+        if name == "__dict__":
+            self.holder(place, base)
         if isinstance(base, np.ndarray) and name == "at":
             return library.At(base)
         if isinstance(base, np.matrix) and name == "I":
@@ -781,6 +783,14 @@ class _Hooks:
             if not base.flags.writeable:
                 self.refuse(place, f"changes its argument {shown!r}, a side effect; copy it first")
             return _Entries(self, place, base)
+        return base
+
+    def holder(self, place: int, base: Any) -> Any:
+        """What attributes are set in: the function's own objects, never those that others use too."""
+        others = callable(base) and getattr(base, "__module__", NAME) != NAME
+        if isinstance(base, types.ModuleType) or others:
+            shown = getattr(base, "__name__", type(base).__name__)
+            self.refuse(place, f"sets an attribute of {shown!r}, which others use too")
         return base
 
     def update(self, place: int, op: str, old: Any, value: Any) -> Any:
@@ -871,6 +881,8 @@ class _Hooks:
             function = function.func
         if isinstance(function, Foreign):
             return self.foreign(place, function, arguments, named)
+        if function in (setattr, delattr, vars) and arguments:
+            self.holder(place, arguments[0])
         act = library.known(function)
         module = (
             getattr(function, "__module__", None)

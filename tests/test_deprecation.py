@@ -8,6 +8,7 @@ from inspect import currentframe, signature
 
 import pytest
 
+import deltac
 from deltac.calls.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
 from deltac.errors import InputError
 
@@ -79,3 +80,16 @@ def test_an_example_is_shown():
     with pytest.warns(DeprecationWarning) as told:
         warn_renamed("f(tolerance=…)", "S(tolerance=…)", write="f(solver=S(tolerance=1e-9))")
     assert "; write f(solver=S(tolerance=1e-9)); " in str(told[0].message)
+
+
+def test_warnings_of_a_run_blame_the_line_that_called_it():
+    with pytest.warns(deltac.SimulationStoppedWarning) as told:
+        deltac.simulate("stiff-governor", None, 1.0, 0.1, "ode4")
+        at = line() - 1
+    assert {(w.filename, w.lineno) for w in told} == {(__file__, at)}
+
+
+def test_old_arguments_of_simulate_blame_the_line_that_called_it():
+    with pytest.warns(DeprecationWarning) as told:
+        deltac.simulate("simple-pendulum", None, 0.1, 0.01, testing=("wang",), tolerance=None)
+    assert {w.filename for w in told} == {__file__}

@@ -323,10 +323,9 @@ def _named(text: str) -> Model:
         raise ArgumentsError(
             f"model {text}: this is a log of a motion; the model comes first, then the log"
         )
-    raise UnknownName(
-        f"unknown model {text!r}: expected {TAKEN}; the library has no such problem"
-        f"{closest(text, problems.names())}"
-    )
+    hint = closest(text, problems.names()).replace("; known", "; problems of the library")
+    end = "" if hint.endswith("?") else "."
+    raise UnknownName(f"unknown model {text!r}{hint}{end} Expected {TAKEN}")
 
 
 def _imported(source: Any) -> Model:

@@ -304,6 +304,11 @@ def percent(share: float) -> str:
     return f"{value:.0f} %" if 99.5 <= abs(value) < 1e6 else f"{value:.2g} %"
 
 
+def worst_code(codes: Iterable[int]) -> int:
+    """The exit code that hides the others: an error before what is wrong, and that before the unresolved."""
+    return min(codes, key=(70, 2, 1, 3, 0).index, default=0)
+
+
 # --- findings and reports ------------------------------------------------------------------------
 
 Weight = Literal["cause", "doubt", "note"]

@@ -127,3 +127,20 @@ def test_bad_input(
     status, out, err = run(f"{eom}:pendulum", *given, capsys=capsys)
     assert (status, out) == (2, "")
     assert said in err
+
+
+@pytest.mark.parametrize("more", [(), ("--repair",)])
+@pytest.mark.parametrize(
+    "kept", ["pass", "try:\n            x = 1\n        except:\n            pass"]
+)
+def test_a_function_that_never_ends_is_ended(
+    tmp_path: Path, more: tuple[str, ...], kept: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Also where the function is tried in one form after another, or keeps every exception."""
+    path = tmp_path / "turning.py"
+    path.write_text(f"def rhs(t, q, u):\n    while True:\n        {kept}\n", "utf-8")
+    limit = ("--time-limit", "0.3")
+    status, _, said = run("double-pendulum", f"{path}:rhs", *limit, *more, capsys=capsys)
+    assert status == 2
+    assert "E-LIMIT" in said
+    assert "at " in said and f"{path}:" in said.split("at ", 1)[1]

@@ -9,8 +9,9 @@ from xml.etree import ElementTree
 import pytest
 
 import deltac as dc
-from deltac.cli.formats import Case, github, junit, sarif, worst
+from deltac.cli.formats import Case, github, junit, sarif
 from deltac.errors import LogError
+from deltac.results import worst_code
 from tests.support.commands import command
 
 WRONG = """\
@@ -93,7 +94,8 @@ def test_junit_counts_failures_and_errors(logs: Path) -> None:
     assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("3", "1", "1")
     found = [[(child.tag, child.get("type")) for child in case] for case in root.iter("testcase")]
     assert found == [[], [("failure", "integration-error")], [("error", "E-LOG")]]
-    assert worst(cases) == 2 and worst(cases[:2]) == 1 and worst([]) == 0
+    codes = [case.exit_code for case in cases]
+    assert worst_code(codes) == 2 and worst_code(codes[:2]) == 1 and worst_code([]) == 0
     assert github(cases[2:]).startswith("::error file=c.csv,")
 
 

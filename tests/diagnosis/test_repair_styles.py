@@ -310,7 +310,8 @@ def traced(text: str) -> Any:
 def test_a_style_is_traced_as_python_runs_it(style: str) -> None:
     t, q, u = states()
     namespace: dict[str, Any] = {"__name__": "eom"}
-    exec(STYLES[style].replace("from __future__ import annotations\n", ""), namespace)
+    text = STYLES[style].replace("from __future__ import annotations\n", "")
+    exec(compile(text, "eom.py", "exec", dont_inherit=True), namespace)
     want = [namespace["rhs"](t[b], q[:, b].copy(), u[:, b].copy()) for b in range(len(t))]
     # the same operations in the same order, but for sums and squares: some ulps
     np.testing.assert_allclose(traced(STYLES[style]), np.array(want, dtype=float).T, rtol=1e-12)

@@ -113,3 +113,20 @@ def test_damping_taken_in_part_from_the_end_is_no_rotor(share: float) -> None:
     found = dc.audit(system.mechanism(), damped(system, share, 0.0)).verdict
     assert found.kind in ("consistent", "integration-error")
     assert "F-MISSING-ROTOR-INERTIA" not in {f.code for f in found.findings}
+
+
+def test_a_kick_in_one_step_is_told_from_the_error_of_the_steps() -> None:
+    """One interval is too few for a cause; but its energy is not the integrator's."""
+    problem = dc.problems.load("double-pendulum")
+    mechanism = problem.mechanism
+    first = dc.simulate(mechanism, problem.state, 1.0, 1e-3, "ode4")
+    kicked = dc.State(float(first.t[-1]), first.q[-1], first.u[-1] + np.array([0.5, 0.0]))
+    second = dc.simulate(mechanism, kicked, 1.0, 1e-3, "ode4")
+    t, q, u = (
+        np.concatenate([a, b[1:]])
+        for a, b in zip((first.t, first.q, first.u), (second.t, second.q, second.u))
+    )
+    run = dc.Trajectory(t=t, q=q, u=u, coordinates=first.coordinates, speeds=first.speeds)
+    found = dc.audit(mechanism, run)
+    assert found.verdict.kind == "unresolved", found.verdict.explain()
+    assert any("t = 1" in sentence for sentence in found.verdict.evidence)

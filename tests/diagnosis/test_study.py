@@ -334,6 +334,9 @@ def test_a_step_that_does_not_divide_is_left_out() -> None:
         ({"steps": (0.01,), "runs": simulator, "solver": "ode5"}, "leave out solver"),
         ({"steps": (0.01,), "runs": simulator, "constraints": None}, "constraints"),
         ({"runs": [1]}, "found int, expected Trajectories"),
+        ({"runs": 3}, "found int, expected Trajectories"),
+        ({"runs": []}, "runs= is empty"),
+        ({"steps": (0.01,), "solver": 3}, "expected a name"),
         ({"runs": [1], "steps": (0.01,)}, "leave out steps"),
         ({"steps": (0.01,), "step": 0.01}, "did you mean 'steps'"),
         ({}, "give steps="),
@@ -391,3 +394,11 @@ def test_logs_of_an_adaptive_solver_have_no_order_in_their_tolerance() -> None:
     found = dc.study(mechanism, runs=runs)
     assert found.nominal is None and "order-below-nominal" not in kinds(found)
     assert found.measures.knob == "tolerance"
+
+
+def test_a_summary_never_says_that_a_consistent_motion_exceeds_its_tolerance() -> None:
+    """A body that turns freely, by equations of its own: of its energy only rounding is exchanged."""
+    box = dc.problems.load("torque-free-box")
+    found = dc.study(box, duration=1.0, steps=(0.02, 0.01, 0.005), solver="ode4")
+    assert found.verdict.kind == "consistent"
+    assert ">" not in found.summary() or found.relative <= found.tolerance

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,8 @@ from deltac.analysis.matrices import Matrices, matrices_at, stacked
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.kkt import least_squares
 from deltac.errors import InputError
+from deltac.mechanism.laws import as_law
+from deltac.mechanism.scene import Constraint, Scene
 from deltac.problems.triple_pendulum_equations import HandEquations
 from tests.systems.constrained_mechanisms import Tied, condition, four_bar, parallelogram, tied
 from tests.systems.machines import pendulum
@@ -307,6 +309,36 @@ def test_reactions_against_mujoco() -> None:
         np.testing.assert_allclose(m.reaction_force[k], force, atol=1e-10)
         at_joint = moment + np.cross(about - m.reaction_place[k], force)
         np.testing.assert_allclose(m.reaction_moment[k], at_joint, atol=1e-10)
+
+
+@dataclass(frozen=True)
+class Wire(Constraint):
+    """Rows of what a scene also answers with: coordinates, speeds, velocities of points."""
+
+    name: str
+
+    noun = "wire"
+
+    def positions(self, scene: Scene) -> list[Any]:
+        """A coordinate, tied to the height of a point."""
+        return [scene.coordinate("hinge0")[0] - scene.point("bar1", (0.3, 0.1, 0.0)).place[1]]
+
+    def motions(self, scene: Scene) -> list[Any]:
+        """Speeds, tied to a velocity and to time."""
+        velocity = scene.point("bar2", (0.1, 0.0, 0.0)).velocity
+        factor, drift = (scene.number(as_law(law, "wire")) for law in ("2 + t", "sin(t)"))
+        return [scene.speeds("hinge1") * factor - velocity[0] + drift]
+
+
+def test_rows_of_a_constraint_of_ones_own() -> None:
+    """J B and A B are the Jacobians that simulations use, and f_t and b what is left without motion."""
+    mechanism = replace(four_bar(), constraints=(Wire("wire"),))
+    state = mechanism.state([0.3, -0.7, 1.1], [1.0, -0.4, 0.6], 0.8)
+    m = matrices_at(mechanism, state.t, state.q, state.u)
+    rows = equations_of_motion(mechanism).terms(state.t, state.q, state.u)
+    near(np.vstack([m.J, m.A]) @ m.B, rows.G)
+    near(np.concatenate([m.f_t, m.b]), rows.psi - rows.G @ state.u)
+    near(rows.G @ m.udot, -rows.gamma)
 
 
 # --- choices and bad input -------------------------------------------------------------------------------

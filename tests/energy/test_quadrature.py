@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import deltac as dc
 from deltac.energy.sampling import quadrature
-from deltac.energy.sampling.quadrature import cumulated, integrate, lagrange
+from deltac.energy.sampling.quadrature import hermite, integrate, lagrange
 from deltac.energy.sampling.samples import Between, Samples, Smooth, at_samples, spline_rate
 from tests.support.slow import repeated
 from tests.systems.machines import robot, workshop
@@ -28,6 +28,11 @@ def analytic(t: Array, derived: bool = False) -> Samples:
     return Samples(
         t, {"y": Smooth(y, lambda: dy)}, {"z": z}, {}, frozenset({"y"} if derived else ())
     )
+
+
+def cumulated(samples: Samples, powers: Any, window: int) -> Array:
+    """∫ from the first sample to each of them, (T, m), by Hermite interpolation in a window."""
+    return hermite(samples, powers, at_samples(samples, powers), window, samples.smooth).T
 
 
 def integrand(t: Array, between: Between) -> Array:

@@ -68,6 +68,13 @@ TEXTS = {
         _stamps(lambda _, s: f"3/4/2024 11:59:{s}"),
         *MOTION,
     ),
+    "phases of a motion": text(
+        "t,percent,phase,shoulder,elbow,shoulder_vel,elbow_vel",
+        T,
+        [*range(30), *range(30)],
+        ["swing"] * 30 + ["stance"] * 30,
+        *MOTION,
+    ),
     "long": LONG.write_csv().encode(),
     "long, joint after joint": LONG.sort("joint", "time").write_csv().encode(),
     "long, a row for each number": LONG.unpivot(

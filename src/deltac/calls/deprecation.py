@@ -22,18 +22,21 @@ from functools import wraps
 from typing import Any
 
 from deltac.calls.arguments import Target, checked
-from deltac.errors import ArgumentsError
+from deltac.errors import ArgumentsError, warn_user
 
 
-def warn_renamed(old: str, new: str, *, write: str = "", stacklevel: int = 2) -> None:
+def warn_renamed(old: str, new: str, *, write: str = "", stacklevel: int | None = 2) -> None:
     """Warn that `old` is now `new`; `write` is an example of the new way, if the name does not say it.
 
     `stacklevel` counts the frames up to the line to blame: 1 is the caller of this function, 2 (the
-    default) that function's caller.
+    default) that function's caller, None the first line outside deltac, whatever decorators are between.
     """
     example = f"; write {write}" if write else ""
     message = f"{old} is now {new}{example}; the old name goes in the next release"
-    warnings.warn(message, DeprecationWarning, stacklevel=stacklevel + 1)
+    if stacklevel is None:
+        warn_user(message, DeprecationWarning)
+    else:
+        warnings.warn(message, DeprecationWarning, stacklevel=stacklevel + 1)
 
 
 def renamed_keywords(**names: str) -> Callable[[Target], Target]:

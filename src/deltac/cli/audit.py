@@ -11,7 +11,7 @@ import typer
 
 from deltac.calls.progress import counted
 from deltac.cli import options
-from deltac.cli.formats import Case, worst
+from deltac.cli.formats import Case
 from deltac.cli.options import Verb, of
 from deltac.cli.output import (
     deliver,
@@ -23,7 +23,7 @@ from deltac.cli.output import (
 )
 from deltac.cli.sweep import deliver_fleet, run
 from deltac.errors import ArgumentsError, FileError, InputError
-from deltac.results import Table, number, plain
+from deltac.results import Table, number, plain, worst_code
 
 if TYPE_CHECKING:
     from deltac.trajectories.formats.reading import ColumnReading
@@ -131,7 +131,7 @@ def audit(
         with progress_bar(f"auditing {len(logs)} logs") as progress:
             cases = [_case(each, loaded, audit) for each in counted(logs, progress)]
         _print_several(cases, form)
-        raise typer.Exit(worst(cases))
+        raise typer.Exit(worst_code(case.exit_code for case in cases))
     judged: Any = log
     if episode is not None:
         from deltac.fleets.episodes import read_episode
@@ -161,7 +161,9 @@ def _print_several(cases: Sequence[Case], form: options.Form) -> None:
     """The outcome of each log in a line, then at length where it is not consistent."""
     if form is options.Form.json:
         told = [{"log": case.name, **_contents(case)} for case in cases]
-        print_json("Audits", {"exit_code": worst(cases), "audits": told})
+        print_json(
+            "Audits", {"exit_code": worst_code(case.exit_code for case in cases), "audits": told}
+        )
     elif form in (options.Form.text, options.Form.github):
         rows = tuple((case.name, case.summary()) for case in cases)
         print_sections([Table(("log", "outcome"), rows)])

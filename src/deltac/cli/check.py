@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -77,7 +79,18 @@ def check(
 
     names = _names(model, coordinates) if equations.endswith(".fmu") else ()
     rhs = load_equations(equations, names)
-    # First, because it reads the function without running it: one that never ends is named, not awaited.
+    count, failure = check_equations.keywords["count"], None
+    try:
+        with (
+            progress_bar(f"checking at {count} random states") as progress,
+            time_limit(limit, equations),
+        ):
+            accepted = {} if tolerance is None else {"tolerance": tolerance}
+            found = check_equations(model, rhs, **accepted, progress=progress)
+    except LimitError:
+        raise
+    except InputError as error:  # an edit may mend what the function cannot do
+        failure = error
     repaired: Any = None
     if repair or write:
         from deltac.repair.repair import TIME_LIMIT
@@ -85,18 +98,10 @@ def check(
         seed = check_equations.keywords["seed"]
         with progress_bar(f"seeking the edit, at most {TIME_LIMIT:g} s"):
             repaired = _repair(model, equations, rhs, coordinates, seed)
-    count = check_equations.keywords["count"]
-    try:
-        with (
-            progress_bar(f"checking at {count} random states") as progress,
-            time_limit(limit, f"{equations} has not answered"),
-        ):
-            accepted = {} if tolerance is None else {"tolerance": tolerance}
-            found = check_equations(model, rhs, **accepted, progress=progress)
-    except InputError:
+    if failure is not None:
         if not getattr(repaired, "right", True) and not deliver.keywords["as_json"]:
             print(f"Repair. {repaired.explain()}\n")
-        raise
+        raise failure
     fixes = getattr(repaired, "fixes", None)
     if write is not None and fixes:
         from deltac.report.files import write_text
@@ -135,22 +140,38 @@ def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Rep
         return NoRepair(f"the search failed, please report it: {type(error).__name__}: {error}")
 
 
-@contextmanager
-def time_limit(seconds: float, what: str) -> Iterator[None]:
-    """Raise LimitError where a block takes longer, on systems that have alarms."""
+class _Late(BaseException):
+    """The time is over; no `except Exception`, of ours or of the user's function, keeps it."""
 
-    def late(number: int, frame: Any) -> None:
-        raise LimitError(
-            f"{what} within {seconds:g} s; look for a loop that does not end, or --time-limit"
-        )
+
+@contextmanager
+def time_limit(seconds: float, function: str) -> Iterator[None]:
+    """Raise LimitError where the calls of ``FILE:NAME`` take longer, on systems that have alarms."""
+    file = function.rpartition(":")[0]
+    lines: list[int] = []
+
+    def late(number: int, frame: FrameType | None) -> None:
+        while frame is not None and os.path.abspath(frame.f_code.co_filename) != os.path.abspath(
+            file
+        ):
+            frame = frame.f_back
+        lines.extend([] if frame is None else [frame.f_lineno])
+        raise _Late
 
     if not hasattr(signal, "SIGALRM") or threading.current_thread() is not threading.main_thread():
         yield
         return
     before = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    # It rings again every second, because a bare `except` in the function keeps the first one.
+    signal.setitimer(signal.ITIMER_REAL, seconds, 1.0)
     try:
         yield
+    except _Late:
+        where = f"; it was at {file}:{lines[-1]}" if lines else ""
+        raise LimitError(
+            f"{function} has not answered within {seconds:g} s{where}; look for a loop that does not end, "
+            "or --time-limit"
+        ) from None
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)

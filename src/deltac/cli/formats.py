@@ -46,15 +46,6 @@ class Case:
         return as_text(self.report.sections())
 
 
-WORST_FIRST = (70, 2, 1, 3, 0)
-"""Exit codes in the order in which one hides another."""
-
-
-def worst(cases: Iterable[Case]) -> int:
-    """The exit code of several cases."""
-    return min((case.exit_code for case in cases), key=WORST_FIRST.index, default=0)
-
-
 def github(cases: Sequence[Case]) -> str:
     """Workflow commands that annotate files; the reports go to the summary of the job, where there is one."""
     summary = os.environ.get("GITHUB_STEP_SUMMARY")

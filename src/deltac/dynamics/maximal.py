@@ -163,11 +163,12 @@ def body_rows(system: System) -> BodyRows:
     holonomic: list[bool] = []
     rows: list[SX] = []
     x, v = (ca.SX.sym(name, 6 * len(system.mechanism.bodies)) for name in "xv")
-    # Laws have symbols of their own, so that what they depend on is told from where the bodies are.
+    # Coordinates in laws have symbols of their own: where the bodies are does not depend on them here.
     q, u = (ca.SX.sym(name, column.shape[0]) for name, column in (("q", system.q), ("u", system.u)))
     own = {f"q.{e.name}": q[e.index] for e in system.mechanism.coordinates}
     own |= {f"u.{e.name}": u[e.index] for e in system.mechanism.speeds}
-    scene = LooseBodies(replace(system, values={**system.values, **own}), x, v)
+    apart = replace(system, q_all=q, u_all=u, values={**system.values, **own})
+    scene = LooseBodies(apart, x, v)
     qdot = ca.substitute(system.qdot_all, system.u, u)
     for constraint in system.mechanism.constraints:
         for phi in constraint.positions(scene):

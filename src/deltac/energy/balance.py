@@ -416,12 +416,10 @@ def _at_samples(kernel: Kernel, samples: Samples, log: LoggedForces) -> dict[str
     return {name: found[p][0] if p.stop - p.start == 1 else found[p].T for name, p in places}
 
 
-def _evaluation(
-    kernel: Kernel, log: LoggedForces, *, reused: bool = True
-) -> tuple[Powers, tuple[str, ...]]:
+def _evaluation(kernel: Kernel, log: LoggedForces) -> tuple[Powers, tuple[str, ...]]:
     """A kernel as a function of times and quantities there, (rows, m), and what it needs rates of.
 
-    Where memory is `reused`, a result is overwritten by the next call in the same thread.
+    A result is overwritten by the next call in the same thread.
     """
     rated = ("u",) if "udot" in kernel.input_names else ()
     buffers = threading.local()
@@ -430,7 +428,7 @@ def _evaluation(
         if getattr(buffers, "size", None) != len(t):
             buffers.size = len(t)
             buffers.x = np.empty((kernel.n_in, len(t)))
-            buffers.y = np.empty((kernel.n_out, len(t))) if reused else None
+            buffers.y = np.empty((kernel.n_out, len(t)))
         x = buffers.x
         for name, where in kernel.input_slices.items():
             if name == "t":

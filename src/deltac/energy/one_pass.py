@@ -125,7 +125,7 @@ class _Layout:
     def _rows(self, kernels: LedgerKernels, driven: Mapping[int, int]) -> Kernel:
         """Of a row, its columns and those of the next one.
 
-        ``flow``: ∫|P| dt between the two of each channel with a potential, as `flowed` takes it; ``gain``:
+        ``flow``: ∫|P| dt between the two of each channel with a potential, as `exchanged` takes it; ``gain``:
         E − ∫ of each testing function; ``kinetic`` energy. All in J.
         """
         now, then = (ca.SX.sym(name, self.n_columns) for name in ("now", "then"))

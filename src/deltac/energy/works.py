@@ -104,24 +104,16 @@ def exchanged(work: Work, power: Array, t: Array) -> float:
     By trapezoids, less what the work may be off in the whole run. Where the work is known without the powers
     at the samples, an interval counts no more than `LIKELY` times the work that was done in it.
     """
-    known = np.diff(work.value) if work.way in ("potential", "in-loop") else None
-    return certain(float(flowed(power, np.diff(t), known)), work)
+    size = np.abs(power)
+    flow = 0.5 * np.diff(t) * (size[1:] + size[:-1])
+    if work.way in ("potential", "in-loop"):
+        flow = np.minimum(flow, LIKELY * np.abs(np.diff(work.value)))
+    return certain(float(flow.sum()), work)
 
 
 def certain(flow: float, work: Work) -> float:
     """What of ∫|P| dt is certain (J): less what the work may be off in the whole run."""
     return max(0.0, flow - float(np.ptp(work.bar)))
-
-
-def flowed(power: Array, width: Array | float, work: Array | None = None) -> Array:
-    """∫|P| dt along the last axis, by trapezoids; bounded by the `work` in each interval if given."""
-    size = np.abs(power)
-    if work is None and np.ndim(width) == 0:
-        return np.asarray(width * (size.sum(axis=-1) - 0.5 * (size[..., 0] + size[..., -1])))
-    flow = 0.5 * width * (size[..., 1:] + size[..., :-1])
-    if work is not None:
-        flow = np.minimum(flow, LIKELY * np.abs(work))
-    return np.asarray(flow.sum(axis=-1))
 
 
 def unresolved(works: ByChannel, bars: ByChannel, energy: float) -> tuple[ChannelName, ...]:

@@ -9,24 +9,17 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from deltac.calls.arguments import checked
+from deltac.diagnosis.verdict import EXIT_CODES
 from deltac.errors import listed
 from deltac.fleets.rows import FAILED, SETTING, is_point
 from deltac.fleets.store import RESULTS, Store
-from deltac.results import Report, Section, Table, number, percent
+from deltac.results import Report, Section, Table, number, percent, worst_code
 
 if TYPE_CHECKING:
     import polars
 
 WORST_FIRST = (FAILED, "integration-error", "equation-error", "unresolved", "consistent")
 """Verdicts, the one to look at first at the front."""
-
-EXIT_CODES = {
-    FAILED: 2,
-    "integration-error": 1,
-    "equation-error": 1,
-    "unresolved": 3,
-    "consistent": 0,
-}
 
 OUTSIDE = "outside of the table"
 """Where rows are that the plan does not have."""
@@ -228,15 +221,11 @@ def _counted(frame: polars.DataFrame) -> dict[str, int]:
     return {str(v): int(n) for v, n in frame["verdict"].value_counts(sort=True).iter_rows()}
 
 
-def worst_code(codes: Iterable[int]) -> int:
-    """The exit code that hides the others."""
-    return min(codes, key=(2, 1, 3, 0).index, default=0)
-
-
 def _exit_codes(frame: polars.DataFrame) -> tuple[int, ...]:
     if "exit_code" in frame.columns:
         return tuple(sorted(int(code) for code in frame["exit_code"].drop_nulls().unique()))
-    return tuple(sorted({EXIT_CODES[verdict] for verdict in _counted(frame)}))
+    codes = {FAILED: 2, **{str(verdict): code for verdict, code in EXIT_CODES.items()}}
+    return tuple(sorted({codes[verdict] for verdict in _counted(frame)}))
 
 
 HIDDEN = ("details", "text", "report", "confidence", "seconds", "evaluations", "energy")

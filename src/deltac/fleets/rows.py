@@ -5,9 +5,12 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from deltac.foreign.isolation import Failure
+
+if TYPE_CHECKING:
+    import polars
 
 TEXT, NUMBER = "text", "number"
 """Kinds of columns."""
@@ -91,9 +94,14 @@ class Piece:
             polars.Series(name, values, types[kind], strict=False)
             for name, (kind, values) in columns.items()
         ).with_columns(polars.col(polars.Float64).fill_nan(None))
-        target = io.BytesIO()
-        frame.write_parquet(target)
-        return target.getvalue()
+        return parquet(frame)
+
+
+def parquet(frame: polars.DataFrame) -> bytes:
+    """A table as the content of a Parquet file."""
+    target = io.BytesIO()
+    frame.write_parquet(target)
+    return target.getvalue()
 
 
 def failed_outcome(failure: Failure) -> dict[str, list[Any]]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import io
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deltac.errors import FileError, InputError
+from deltac.fleets.rows import parquet
 from deltac.foreign.files import appearing, read_bytes, remove_abandoned
 from deltac.foreign.isolation import Failure
 from deltac.foreign.limits import parse_json
@@ -257,9 +257,7 @@ class Store:
             if len(left) == len(frame):
                 continue
             if len(left):
-                target = io.BytesIO()
-                left.write_parquet(target)
-                self.keep(target.getvalue(), left["address"].to_list())
+                self.keep(parquet(left), left["address"].to_list())
             path.unlink(missing_ok=True)
 
     def take_back(self, addresses: Iterable[str]) -> None:
@@ -277,9 +275,7 @@ class Store:
 
     def write_frame(self, name: str, frame: polars.DataFrame) -> None:
         """Write a table of the folder."""
-        target = io.BytesIO()
-        frame.write_parquet(target)
-        self.write(name, target.getvalue())
+        self.write(name, parquet(frame))
 
     def write(self, name: str, content: bytes) -> None:
         """Write a file of the folder."""

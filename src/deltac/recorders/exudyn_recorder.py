@@ -40,7 +40,7 @@ class ExudynRecorder(Recorder):
             are derived from the speeds.
         constraints: name -> number of an Exudyn object with algebraic equations (a joint, a coordinate
             constraint): its forces −C_qᵀλ on the tree become the channel ``constraint <name>``. Only the
-                implicit solvers have multipliers. Exudyn computes C_q row by row when `trajectory` is called.
+            implicit solvers have multipliers. Exudyn computes C_q row by row when `trajectory` is called.
         monitor: a monitor that takes the rows, which are then not kept; without forces of constraints.
 
     Raises:

@@ -428,7 +428,7 @@ def _positive(name: str, value: float) -> float:
     return float(value)
 
 
-# --- muJoCo as a simulator of a study: `simulator(step)` runs the same motion at any step --------
+# --- MuJoCo as a simulator of a study: `simulator(step)` runs the same motion at any step --------
 
 ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
 """Order of each integrator in the state, for smooth forces."""

@@ -110,11 +110,9 @@ def replay_mujoco(
     if steps < 1 or np.abs(ratios - steps).max() > WHOLE * max(steps, 1):
         row = int(np.argmax(np.abs(ratios - steps)))
         raise LogError(
-            f"--replay: rows {row} and {row + 1} are {t[row + 1] - t[row]:.6g} s apart, which is no whole "
-            f"number "
-            f"of the model's steps of {h:g} s, or another than elsewhere ({steps}); give the model the "
-            f"timestep of "
-            "the run, and log at equal distances"
+            f"--replay: rows {row} and {row + 1} are {t[row + 1] - t[row]:.6g} s apart; expected a "
+            f"whole number of the model's steps of {h:g} s, the same between all rows (elsewhere {steps}). "
+            "Give the model the timestep of the run, and log at equal distances"
         )
     rows = range(min(len(t) - 1, TRIED))
     shifts = (0, 1) if own.nu else (0,)

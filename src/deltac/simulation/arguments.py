@@ -103,7 +103,7 @@ def check_correction(keeping: Keeping, solver: Solver, *, watching: bool) -> Non
     if not (isinstance(keeping, Projection) and keeping.energy):
         return
     if solver.multistep or solver.family == "taylor":
-        raise StateError(
+        raise SolverError(
             f"the energy is corrected after each step, and solver {solver.name!r} builds on earlier states; "
             "use a one-step solver such as 'ode5', 'implicit-midpoint' or 'DOP853'"
         )

@@ -58,10 +58,9 @@ class Equations:
     insists on the former, False on the latter.
 
     `rhs` may also be what SciPy's solvers take, a function of (t, y) or (y, t) that returns ẏ: `form` = "ode"
-    says so; by default the names of the arguments decide. `order` names the entries of y, such as ``("a",
-    "u.a", "b",
-    "u.b")``, or is "interleaved" for that order. By default it is inferred from the returned rates q̇. These
-    must follow from the speeds: deltac integrates the mechanism's own q̇ = W u.
+    says so; by default the names of the arguments decide. `order` names the entries of y, such as
+    ``("a", "u.a", "b", "u.b")``, or is "interleaved" for that order. By default it is inferred from the
+    returned rates q̇. These must follow from the speeds: deltac integrates the mechanism's own q̇ = W u.
     """
 
     rhs: Callable[..., Any]

@@ -354,7 +354,7 @@ def _as_before(
     for name in old:
         if name not in _RENAMED:
             raise unknown_argument("simulate", name, named(inspect.signature(simulate)))
-        warn_renamed(f"simulate({name}=…)", _RENAMED[name], stacklevel=5)
+        warn_renamed(f"simulate({name}=…)", _RENAMED[name], stacklevel=None)
     wanted = Record.of(record)
     wanted = Record(
         old.get("testing", wanted.testing),

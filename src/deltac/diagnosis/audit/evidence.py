@@ -79,7 +79,7 @@ def gather(
         without = samples.unaccelerated_terms(mechanism, log.run)
         found += samples.differing_channels(reference, log, without)
     if step is not None and not any(f.weight == "cause" for f in found):
-        step, more = steps.causes_by_steps(reference, log, step, terms, deadline, progress)
+        step, more = steps.causes_by_steps(reference, log, step, deadline, progress)
         again = {("not-reproducible", ""), *((f.kind, f.element) for f in more)}
         found = [f for f in found if (f.kind, f.element) not in again] + more
     if foreign:

@@ -101,7 +101,6 @@ RULES = (
     # The balance, between gaps where rows are missing.
     Rule("unresolved", "high", lambda f: f.lost_in_gaps and not f.borne_out, say.missing_rows),
     Rule("consistent", _tested, lambda f: f.judged.within and f.judged.fine),
-    Rule("consistent", "medium", lambda f: f.judged.within and f.borne_out),
     Rule(
         "consistent", "medium", lambda f: f.judged.may_be_within and f.known_by_steps, say.by_steps
     ),

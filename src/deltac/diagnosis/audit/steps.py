@@ -27,7 +27,6 @@ from deltac.diagnosis.explain.search import MOST
 from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.measurements.digits import LEVELS
 from deltac.diagnosis.measurements.kinematics import unsteadiness
-from deltac.diagnosis.residuals.at_samples import EquationTerms
 from deltac.diagnosis.residuals.one_step import (
     FEWEST,
     LEAST,
@@ -77,19 +76,10 @@ def first_tests(mechanism: Mechanism, logs: Sequence[Known]) -> list[OneStep | N
 
 
 def causes_by_steps(
-    reference: Reference,
-    log: Log,
-    step: OneStep,
-    terms: EquationTerms | None,
-    deadline: Deadline,
-    progress: Progress,
+    reference: Reference, log: Log, step: OneStep, deadline: Deadline, progress: Progress
 ) -> tuple[OneStep, list[Finding]]:
-    """Causes of what the test leaves, and the test with these; `terms` are the equations at the samples."""
+    """The test with the causes that are known, and causes of what it leaves."""
     step, found = _causes(reference, log, step, deadline, progress)
-    held = terms is not None and not terms.significant.any() and terms.relative.max() <= LEAST
-    if held and not _isolated(step):
-        # A force that lasts longer than a step shows in the accelerations.
-        found = [f for f in found if f.kind != "missing-contact"]
     if not any(f.weight == "cause" and f.kind != "missing-contact" for f in found):
         found = _in_a_part(reference, log, step, deadline) or found
     return step, found
@@ -219,12 +209,6 @@ def _now_and_then(log: Log, step: OneStep) -> list[Finding]:
     if (~near).sum() < FEWEST or share > SHORT or near.mean() > SHORT:
         return []
     return _missing(step, share)
-
-
-def _isolated(step: OneStep) -> bool:
-    """Whether the windows that stand out are single steps, as of impacts."""
-    out = step.standing_out
-    return bool(out.any() and not (out[1:] & out[:-1]).any())
 
 
 def _at_times(log: Log, step: OneStep) -> NDArray[np.bool_]:

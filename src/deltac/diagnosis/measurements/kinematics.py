@@ -56,7 +56,7 @@ FAR = 30.0
 """A defect of so many times its error bar, and the scatter of the others, is no error of quadrature."""
 
 
-ARRAYS = ("defect", "bar", "moved", "told", "h", "outliers")
+ARRAYS = ("defect", "bar", "moved", "told", "outliers")
 """What a comparison tells of each interval, beside the row at its start."""
 
 
@@ -72,7 +72,6 @@ class Comparison:
         moved: the change of each interval (I,).
         told: ∫x' dt of each (I,).
         start: the row at the start of each interval (I,).
-        h: length of each (I,), s.
         off: root mean square of the defects, as a share of the movement; the largest tenth left out.
         alike: correlation of the change and ∫x' dt, without sign; 0 where one is none.
         significant: whether the defects are beyond their error bars.
@@ -91,7 +90,6 @@ class Comparison:
     moved: Array
     told: Array
     start: NDArray[np.intp]
-    h: Array
     off: float
     alike: float
     significant: bool
@@ -210,7 +208,6 @@ def _compared(
     outliers = size > FAR * (bars + 1.4826 * medians(size)[:, None]) + 1e-6 * extent[:, None]
     squared = np.vecdot(D, D) * np.vecdot(I, I)
     alike = np.abs(np.vecdot(D, I)) / np.sqrt(np.where(squared > 0.0, squared, np.inf))
-    h = np.diff(t)[start]
     for k, column in enumerate(moving):
         found[column] = Comparison(
             float(r[k]),
@@ -221,7 +218,6 @@ def _compared(
             D[k],
             I[k],
             start,
-            h,
             float(defect[k] / max(extent[k], 1e-300)),
             float(alike[k]),
             bool(defect[k] > 4.0 * max(barred[k], 1e-300)),
@@ -262,7 +258,7 @@ def _of_a_scheme(
     none = np.zeros(len(h), dtype=np.bool_)
     return [
         Comparison(
-            1.0, LEAST_RATIO, late, left[k], noise[k], moved[k], trapezoid[k], start, h,
+            1.0, LEAST_RATIO, late, left[k], noise[k], moved[k], trapezoid[k], start,
             off[k], 1.0, False, none, False, instant[k], 0.0,
         )
         for k in range(len(moved))

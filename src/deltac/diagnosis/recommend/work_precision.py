@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import Protocol, TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -37,29 +37,16 @@ ROUNDING = 1e-13
 What moves with less than this share of it does not move: its range is rounding."""
 
 
-class Rows(Protocol):
-    """Times t (T,) in s, coordinates q (T, nq) and speeds u (T, nu): a trajectory, or a `Motion`."""
-
-    @property
-    def t(self) -> Array:
-        """Times, s."""
-
-    @property
-    def q(self) -> Array:
-        """Coordinates."""
-
-    @property
-    def u(self) -> Array:
-        """Speeds."""
-
-
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The rows of a run without its forces."""
+    """The rows of a run without its forces: t (T,) in s, coordinates q (T, nq), speeds u (T, nu)."""
 
     t: Array
     q: Array
     u: Array
+
+
+Rows: TypeAlias = Trajectory | Motion
 
 
 @dataclass(frozen=True, eq=False)

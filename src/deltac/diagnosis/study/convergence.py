@@ -79,7 +79,6 @@ class Convergence:
         steps: of the runs that gave the order, coarsest first.
         sizes: largest |y| for each step of the study (of the differences, for a state).
         floors: what rounding and quadrature explain of each.
-        alike: cosine between the curves (or differences) that gave the order: near 1, they have one shape.
         end_order: the order that the end value shows by itself.
     """
 
@@ -91,7 +90,6 @@ class Convergence:
     steps: tuple[float, ...] = ()
     sizes: tuple[float, ...] = ()
     floors: tuple[float, ...] = ()
-    alike: float = math.nan
     end_order: float | None = None
 
     def __str__(self) -> str:
@@ -161,9 +159,9 @@ def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
     count = len(h) if clear.all() else int(np.argmin(clear))
     limit, limit_error, three = _limit(h, y, floors)
     if three is not None and abs(limit) > SURE * limit_error:
-        order, error, alike, places = three
-        used = tuple(float(h[i]) for i in places)
-        return Convergence("tends to a limit", order, error, limit, limit_error, used, alike=alike)
+        return Convergence(
+            "tends to a limit", *three, limit, limit_error, tuple(map(float, h[-3:]))
+        )
     pairs = [
         (i, _estimates(h[i : i + 2], y[i : i + 2])) for i in range(len(h) - 1) if i + 1 < count
     ]
@@ -188,7 +186,6 @@ def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
         limit,
         limit_error,
         (float(h[last]), float(h[last + 1])),
-        alike=_cosine(y[last], y[last + 1]),
         end_order=_pair_order(h[last : last + 2], ends) if (ends > 0.0).all() else None,
     )
 
@@ -228,7 +225,6 @@ def _to_a_limit(h: Array, steps: Array, rms: Array, sizes: Array, floors: Array)
         order if settles else None,
         error if settles else None,
         steps=tuple(float(s) for s in h[first : first + 3]),
-        alike=_cosine(steps[first], steps[first + 1]),
     )
 
 
@@ -241,8 +237,8 @@ def _told(found: Convergence, sizes: Array, floors: Array) -> Convergence:
 
 def _limit(
     h: Array, y: Array, floors: Array
-) -> tuple[float, float, tuple[float | None, float | None, float, tuple[int, int, int]] | None]:
-    """Largest |L| and its uncertainty; with (order, error, alike, runs) where three runs tell.
+) -> tuple[float, float, tuple[float | None, float | None] | None]:
+    """Largest |L| and its uncertainty; with (order, error) where the last three runs tell.
 
     The uncertainty takes the correction that first order would ask for, where the observed order is
     higher: an order that was hit by chance must not make a limit certain.
@@ -250,26 +246,23 @@ def _limit(
     size = float(np.abs(y[-1]).max())
     if len(h) < 3:
         return size, math.inf, None
-    i = len(h) - 3
-    coarse, fine = y[i] - y[i + 1], y[i + 1] - y[i + 2]
+    coarse, fine = y[-3] - y[-2], y[-2] - y[-1]
     largest = float(np.abs(fine).max())
-    noise = float(floors[i + 1 :].max())
+    noise = float(floors[-2:].max())
     if largest <= CLEAR * noise and size > CLEAR * noise:
         # The curves coincide as far as can be seen.
-        return size, SAFETY * max(largest, CLEAR * noise), (None, None, 1.0, (i, i + 1, i + 2))
-    estimates = _difference_orders(h[i:], np.abs(coarse), np.abs(fine))
+        return size, SAFETY * max(largest, CLEAR * noise), (None, None)
+    estimates = _difference_orders(h[-3:], np.abs(coarse), np.abs(fine))
     order, error = _centre(estimates) if estimates else (0.0, 0.0)
     if order < LEAST_ORDER:
         # They differ at no order that could be told: as far as that goes, they are the limit themselves.
         largest = max(largest, float(np.abs(coarse).max()))
         slowly = _weight(h[-2], h[-1], LEAST_ORDER)
-        places = (None, None, _cosine(y[-2], y[-1]), (i, i + 1, i + 2))
-        return size, SAFETY * slowly * largest + noise, places
+        return size, SAFETY * slowly * largest + noise, (None, None)
     extrapolated = y[-1] - _weight(h[-2], h[-1], order) * fine
     careful = _weight(h[-2], h[-1], min(order, 1.0))
     uncertainty = SAFETY * careful * largest + noise
-    limit = float(np.abs(extrapolated).max())
-    return limit, uncertainty, (order, error, _cosine(coarse, fine), (i, i + 1, i + 2))
+    return float(np.abs(extrapolated).max()), uncertainty, (order, error)
 
 
 def _weight(coarse: float, fine: float, order: float) -> float:
@@ -280,10 +273,7 @@ def _weight(coarse: float, fine: float, order: float) -> float:
 
 def _estimates(h: Array, y: Array) -> list[float]:
     """Orders of a pair of curves (2, T) that fall to zero: by maximum, mean square, parts of the time."""
-    found = []
-    for a, b in _measures(np.abs(y[0]), np.abs(y[1])):
-        found.append(_pair_order(h, np.array([a, b])))
-    return found
+    return [_pair_order(h, np.array(pair)) for pair in _measures(np.abs(y[0]), np.abs(y[1]))]
 
 
 def _pair_order(h: Array, sizes: Array) -> float:
@@ -364,9 +354,3 @@ def _with_neighbours(
         if abs(order - other) <= AGREE:
             order = round(0.5 * (order + other), 12)
     return order, error
-
-
-def _cosine(a: Array, b: Array) -> float:
-    x, y = a.ravel(), b.ravel()
-    size = float(np.linalg.norm(x) * np.linalg.norm(y))
-    return float(x @ y) / size if size > 0.0 else 1.0

@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
@@ -24,11 +23,12 @@ from deltac.diagnosis.residuals.at_samples import (
     constraint_rates,
     equation_terms,
 )
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import states_along
 from deltac.diagnosis.study.convergence import Convergence
 from deltac.diagnosis.study.curves import FEWEST
 from deltac.diagnosis.verdict import Finding, percent
-from deltac.dynamics.coordinates import trace_map
-from deltac.dynamics.equations_of_motion import equations_of
+from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Serialisable
@@ -127,7 +127,7 @@ def residuals_of(
         return None
     finest = known[-1][1]
     terms = equation_terms(mechanism, finest)
-    names, relative = _in_own(mechanism, terms, own)
+    names, relative = _in_own(mechanism, finest, terms, own)
     constraints = constraint_rates(terms, finest)
     worst = [max(_worst(terms), *constraints.values(), 0.0)]
     findings: list[Finding] = []
@@ -200,24 +200,21 @@ def _differences(run: Trajectory) -> bool:
 
 
 def _in_own(
-    mechanism: Mechanism, terms: EquationTerms, own: CoordinateMap | None
+    mechanism: Mechanism, run: Trajectory, terms: EquationTerms, own: CoordinateMap | None
 ) -> tuple[tuple[str, ...], Array]:
     """Names and relative residuals, in own speeds u = Y u′ + Z: the residual is Yᵀ times ours."""
+    ours = terms.speeds, np.where(terms.significant, terms.relative, 0.0)
     if own is None:
-        return terms.speeds, np.where(terms.significant, terms.relative, 0.0)
-    system = terms.evaluator.symbols.system
-    traced = trace_map(system, own, equations_of(system).rows)
-    if traced.inverse is None:
-        return terms.speeds, np.where(terms.significant, terms.relative, 0.0)
-    Y = ca.substitute(traced.Y, traced.own_q, traced.inverse)
-    function = ca.Function("Y", [system.t, system.q], [ca.densify(ca.vec(Y))])
-    n, m = Y.shape
-    flat = np.array(function.map(len(terms.t))(terms.t[None, :], terms.q.T)).T
-    # vec() stacks columns, so this is Yᵀ, sample by sample.
-    Yt = flat.reshape(-1, m, n)
-    residual = np.einsum("tji,ti->tj", Yt, terms.residual)
-    scale = np.sqrt(np.mean(np.einsum("tji,i->tj", np.abs(Yt), terms.scale) ** 2, axis=0))
-    precision = np.sqrt(np.mean(np.einsum("tji,i->tj", np.abs(Yt), terms.precision) ** 2, axis=0))
+        return ours
+    kane = Kane(mechanism, own)
+    try:
+        states = states_along(kane, run, terms.rows)
+    except InputError:  # a map without inverse
+        return ours
+    Y = kane.point(states.t, states.q, states.u).Y
+    residual = np.einsum("tij,ti->tj", Y, terms.residual)
+    scale = np.sqrt(np.mean(np.einsum("tij,i->tj", np.abs(Y), terms.scale) ** 2, axis=0))
+    precision = np.sqrt(np.mean(np.einsum("tij,i->tj", np.abs(Y), terms.precision) ** 2, axis=0))
     size = np.sqrt(np.mean(residual**2, axis=0))
     relative = np.divide(size, scale, out=np.zeros_like(size), where=scale > 0.0)
     clear = (size > CLEAR * precision) & (relative > LEAST)

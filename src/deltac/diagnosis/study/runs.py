@@ -18,7 +18,7 @@ from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_l
 from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
-from deltac.errors import NO_NUMBER, DeltacError, InputError, WrongType
+from deltac.errors import NO_NUMBER, ArgumentsError, DeltacError, InputError, WrongType
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.arguments import IllConditionedWarning
 from deltac.simulation.simulate import SimulationStoppedWarning
@@ -158,7 +158,10 @@ def simulated(
 def logged(mechanism: Mechanism, given: Sequence[Trajectory | str | Path]) -> list[StudyRun]:
     """Finished runs of one motion at several steps, the coarsest first."""
     runs = []
-    for source in [given] if isinstance(given, str | Path | Trajectory) else given:
+    several = list(given) if isinstance(given, list | tuple) else [given]
+    if not several:
+        raise ArgumentsError("runs= is empty; give a run for each step, or a function of the step")
+    for source in several:
         if isinstance(source, str | Path):
             run = read_trajectory(Path(source), None, mechanism)
         elif isinstance(source, Trajectory):

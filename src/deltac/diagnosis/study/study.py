@@ -151,10 +151,14 @@ class Study(
         """Verdict, and the energy error at the finest step beside the tolerance."""
         m = self.measures
         runs = f"{len(self.runs)} {m.knob}s"
-        if self.energy_exchanged < STILL * m.scale:  # a share of rounding would tell nothing
+        held = self.verdict.kind == "consistent" and self.relative > self.tolerance
+        if (
+            held or self.energy_exchanged < STILL * m.scale
+        ):  # a share of rounding would tell nothing
+            exchanged = "hardly any" if held else "none"
             return (
-                f"{self.verdict.kind}: |ΔC| {m.left[-1]:.2g} J beside {m.scale:.4g} J, of which none is "
-                f"exchanged, at the finest of {runs} of {self.solver} (confidence "
+                f"{self.verdict.kind}: |ΔC| {m.left[-1]:.2g} J beside {m.scale:.4g} J, of which {exchanged} "
+                f"is exchanged, at the finest of {runs} of {self.solver} (confidence "
                 f"{self.verdict.confidence})"
             )
         sign = ">" if self.relative > self.tolerance else "≤"
@@ -479,7 +483,7 @@ def study(
 
 def _refined(solver: str | Options | Sequence[Options]) -> tuple[Options, tuple[float, ...]]:
     """A solver, and the tolerances at which it is run; none of them for one that takes steps."""
-    several = [solver] if isinstance(solver, str | Options) else list(solver)
+    several: list[Any] = list(solver) if isinstance(solver, list | tuple) else [solver]
     options = [solver_options(one) for one in several]
     if not options:
         raise InputError(
@@ -531,13 +535,12 @@ def _as_before(
     Simulator | Sequence[Trajectory | str | Path] | None,
 ]:
     """Solver, steps and runs as arguments of version 0.1 say them, which leave `old`; each with a warning."""
-    at_caller = 5  # above this, `study`, and its two decorators
     if "stabilisation" in old:
-        warn_renamed("study(stabilisation=…)", "study(constraints=…)", stacklevel=at_caller)
+        warn_renamed("study(stabilisation=…)", "study(constraints=…)", stacklevel=None)
         old["constraints"] = stabilised(old.pop("stabilisation"))
     if "mapping" in old:
         write = "runs=[deltac.read_trajectory(log, mapping, mechanism) for log in …]"
-        warn_renamed("study(mapping=…)", "study(runs=…)", write=write, stacklevel=at_caller)
+        warn_renamed("study(mapping=…)", "study(runs=…)", write=write, stacklevel=None)
         mapping = old.pop("mapping")
         if runs is not None and not callable(runs):
             runs = [
@@ -548,7 +551,7 @@ def _as_before(
             ]
     if "tolerances" in old:
         write = "solver=[deltac.solvers.Scipy('DOP853', tolerance=t) for t in …]"
-        warn_renamed("study(tolerances=…)", "study(solver=…)", write=write, stacklevel=at_caller)
+        warn_renamed("study(tolerances=…)", "study(solver=…)", write=write, stacklevel=None)
         tolerances = old.pop("tolerances")
         if tolerances is not None and steps is not None:
             raise ArgumentsError("give steps= or tolerances=, not both")

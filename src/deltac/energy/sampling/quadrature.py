@@ -59,12 +59,6 @@ in a batch.
 """
 
 
-def cumulated(samples: Samples, powers: Powers, window: int) -> Array:
-    """∫ from the first sample to each of them, (T, m), by Hermite interpolation in a window."""
-    known = at_samples(samples, powers)
-    return hermite(samples, powers, known, window, samples.smooth).T
-
-
 def lagrange(samples: Samples, known: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
     t, window = samples.clock, min(SAMPLED, len(samples.t))

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from deltac.trajectories.formats.recognition import is_time
+
 if TYPE_CHECKING:
     import polars
 
@@ -142,6 +144,8 @@ def _long(frame: polars.DataFrame) -> polars.DataFrame:
     index = next((n for n in rest if frame[n].n_unique() * count == frame.height), None)
     if index is None or len(rest) < 2:
         return frame
+    if any(is_time(n) and n != index and frame[n].n_unique() == frame.height for n in rest):
+        return frame  # a row has a time of its own: texts are phases of the motion
     table = frame.select(*rest).with_columns(key)
     values = [name for name in rest if name != index]
     if table.select(index, "key").is_duplicated().any():

@@ -10,7 +10,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.errors import SolverError, StateError
+from deltac.dynamics.forces import channels
+from deltac.errors import SolverError
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
@@ -236,16 +237,13 @@ def _check_conservative(flow: Flow) -> None:
         rows = flow.bound.rows
         for k, name in enumerate(rows.names):
             if ca.sparsify(ca.simplify(rows.b[k])).nnz():
-                raise StateError(
+                raise SolverError(
                     f"solver 'discrete-gradient' conserves the energy, and constraint {name!r}, which moves "
                     f"in time, feeds it; {advice}"
                 )
-    from deltac.dynamics.forces import channels
-
     for channel in channels(flow.system):
         if channel.explicit is not None:
             raise SolverError(
                 f"solver 'discrete-gradient' conserves the energy, and {channel.name!r}, whose law "
-                f"depends on "
-                f"time, feeds it; {advice}"
+                f"depends on time, feeds it; {advice}"
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from importlib import import_module
 
 import pytest
 
@@ -13,6 +14,12 @@ from website.docstrings import listed
 import deltac as dc
 from deltac.cli import COMMANDS
 from deltac.results import Report
+
+
+@pytest.mark.parametrize("program", ["animation", "gallery", "notebooks"])
+def test_the_programs_of_the_site_import_what_there_is(program: str) -> None:
+    pytest.importorskip("PIL", reason="pictures of the site need Pillow")
+    import_module(f"website.{program}")
 
 
 def test_every_command_and_its_options_are_told() -> None:

@@ -228,3 +228,12 @@ def test_tests_that_do_not_load_the_equations_are_refused(
         dc.mutate_equations(rod, "rod.py:Rod.rates", tests=command)
     with pytest.raises(dc.InputError, match="no such command"):
         dc.mutate_equations(rod, "rod.py:Rod.rates", tests="no-such-program-here")
+
+
+@pytest.mark.parametrize("options", [{"names": -1}, {"most": 0}])
+def test_numbers_of_mutants_that_cannot_be_are_refused(
+    rod: dc.Mechanism, options: dict[str, int]
+) -> None:
+    with pytest.raises(dc.InputError, match=next(iter(options))) as refused:
+        dc.mutate_equations(rod, "rod.py:Rod.rates", **options)  # type: ignore[arg-type]
+    assert refused.value.code == "E-VALUE"

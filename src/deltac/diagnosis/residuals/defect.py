@@ -405,7 +405,7 @@ def _fitted(intervals: Intervals) -> tuple[Intervals, Array]:
 def _trimmed_fit(
     blocks: Sequence[tuple[Array, Array, Array, Array]], bounds: Array, prior: float = 0.0
 ) -> tuple[Array, Array]:
-    """Coefficients (m,) within their bounds by least squares, the largest defects left out; and AᵀA.
+    """Coefficients (m,) within their bounds by least squares, the largest defects left out; their covariance.
 
     Of each block: defects (I, n), columns X (I, n, m), N X, and the metric N. Coefficients are `prior` times
     as sure as their bounds to be zero.
@@ -413,7 +413,7 @@ def _trimmed_fit(
     from scipy.optimize import lsq_linear
 
     count = len(bounds)
-    c, A = np.zeros(count), np.zeros((count, count))
+    c, covariance = np.zeros(count), np.zeros((count, count))
     for _ in range(3 if count else 0):
         A, b = np.diag((prior / bounds) ** 2), np.zeros(count)
         for w, X, NX, N in blocks:
@@ -431,7 +431,9 @@ def _trimmed_fit(
         if np.any(np.abs(found) > most):
             found = lsq_linear(roots[:, None] * vectors.T, right, (-most, most)).x
         c = found / scale
-    return c, A
+        half = vectors / roots / scale[:, None]
+        covariance = half @ half.T
+    return c, covariance
 
 
 def _fitted_under_noise(found: Residual) -> tuple[Array, Array]:
@@ -448,9 +450,9 @@ def _fitted_under_noise(found: Residual) -> tuple[Array, Array]:
     unlike = float(np.min(rms(found.forces) ** 2 / np.maximum(inertia, 1e-300)))
     weight = 1.0 / np.maximum(found.bars["noise"] ** 2 + unlike * inertia, 1e-300)
     block = intervals.defects, X, X * weight[:, None], np.diag(weight)
-    c, A = _trimmed_fit([block], intervals.bounds, prior=1.0)
+    c, covariance = _trimmed_fit([block], intervals.bounds, prior=1.0)
     # Windows overlap by half, so that every row counts twice.
-    errors = np.einsum("wnp,pq,wnq->wn", X, 2.0 * np.linalg.inv(A), X)
+    errors = np.einsum("wnp,pq,wnq->wn", X, 2.0 * covariance, X)
     return c, np.asarray(np.sqrt(np.mean(errors, axis=0)))
 
 

@@ -359,7 +359,7 @@ def labelled(found: Mapping[str, Any]) -> dict[str, Any]:
         beside = [n for n in found if n != key and (n.startswith(group) or f"{n}/" == group)]
         # joint_names are none of root_quat, though there are four
         for name in [n for n in beside if stem and stem in _plain(n)] or beside:
-            table = result[name]
+            table = result.get(name)  # none: an earlier list of names
             fits = isinstance(table, np.ndarray) and table.ndim == 2
             if fits and table.shape[1] == len(names) and table.dtype.kind in "iuf":
                 result[name] = dict(zip(names, table.T, strict=True))

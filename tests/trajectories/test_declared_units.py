@@ -134,3 +134,23 @@ def test_units_beside_records(tmp_path, pendulum):
     records = [{"time": t, "q": q, "u": u} for t, q, u in zip(T, np.degrees(Q), np.degrees(U))]
     log = as_json(tmp_path, {"units": {"q": "deg", "u": "deg/s"}, "data": records})
     np.testing.assert_allclose(read_trajectory(log, None, pendulum).q[:, 0], Q, rtol=1e-12)
+
+
+def test_a_column_of_units_in_a_table(tmp_path, pendulum):
+    log = tmp_path / "log.csv"
+    rows = [f"{t!r},{q!r},deg" for t, q in zip(T.tolist(), np.degrees(Q).tolist())]
+    log.write_text("\n".join(["time,q.pivot,unit", *rows]))
+    np.testing.assert_allclose(read_trajectory(log, None, pendulum).q[:, 0], Q, rtol=1e-12)
+    rows = [f"{t!r},{q!r},{u!r},deg" for t, q, u in zip(T.tolist(), Q.tolist(), U.tolist())]
+    log.write_text("\n".join(["time,q.pivot,u.pivot,unit", *rows]))
+    with pytest.raises(dc.errors.InputError, match="deg"):
+        read_trajectory(log, None, pendulum)
+
+
+def test_dates_beside_a_column_that_never_changes_are_times(tmp_path, pendulum):
+    log = tmp_path / "log.csv"
+    rows = [f"2026-03-04 10:00:{t:09.6f},{q!r},1" for t, q in zip(T.tolist(), Q.tolist())]
+    log.write_text("\n".join(["time,q.pivot,mode", *rows]))
+    run = read_trajectory(log, None, pendulum)
+    np.testing.assert_allclose(run.t, T, atol=1e-9)
+    np.testing.assert_array_equal(run.q[:, 0], Q)

@@ -238,12 +238,12 @@ class Collector:
                 columns[column] = values.astype(np.float64)
                 if name in self.units:
                     units[column] = self.units[name]
-        declared = self._declare(columns, units)
+        declared = self.declare(columns, units)
         return RawLog(
             columns, units=units, skipped=self.skipped, scalars=self.scalars, declared=declared
         )
 
-    def _declare(self, columns: Mapping[str, FloatArray], units: dict[str, str]) -> dict[str, str]:
+    def declare(self, columns: Mapping[str, FloatArray], units: dict[str, str]) -> dict[str, str]:
         """Put down the units of columns that are declared beside them; return those of none by name."""
         declared: dict[str, str] = {}
         for place, texts in self._declared.items():
@@ -359,7 +359,9 @@ def labelled(found: Mapping[str, Any]) -> dict[str, Any]:
         beside = [n for n in found if n != key and (n.startswith(group) or f"{n}/" == group)]
         # joint_names are none of root_quat, though there are four
         for name in [n for n in beside if stem and stem in _plain(n)] or beside:
-            table = result.get(name)  # none: an earlier list of names
+            if name not in result:  # an earlier list of names
+                continue
+            table = result[name]
             fits = isinstance(table, np.ndarray) and table.ndim == 2
             if fits and table.shape[1] == len(names) and table.dtype.kind in "iuf":
                 result[name] = dict(zip(names, table.T, strict=True))

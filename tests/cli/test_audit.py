@@ -44,7 +44,7 @@ run = partial(command, "audit")
         ("good.parquet", 0, "consistent"),
         ("coarse.csv", 1, "integration-error"),
         ("damped.parquet", 1, "equation-error"),
-        ("degrees.parquet", 3, "degrees in place of radians"),
+        ("degrees.parquet", 3, "[F-DEGREES]"),
     ],
 )
 def test_status_and_verdict(

@@ -423,7 +423,8 @@ def _trimmed_fit(
             flat = NX[kept].reshape(-1, count)
             A += X[kept].reshape(-1, count).T @ flat
             b += w[kept].ravel() @ flat
-        scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        # of a column that is zero in all rows that are kept; its variance must stay a number
+        scale = np.sqrt(np.maximum(np.diag(A), 1e-200))
         values, vectors = np.linalg.eigh(A / np.outer(scale, scale))
         roots = np.sqrt(np.maximum(values, 1e-14 * values.max()))
         right = (vectors.T @ (b / scale)) / roots

@@ -154,3 +154,28 @@ def test_dates_beside_a_column_that_never_changes_are_times(tmp_path, pendulum):
     run = read_trajectory(log, None, pendulum)
     np.testing.assert_allclose(run.t, T, atol=1e-9)
     np.testing.assert_array_equal(run.q[:, 0], Q)
+
+
+@pytest.mark.parametrize("form", ["h5", "npz"])
+def test_units_and_names_beside_arrays_of_episodes(tmp_path, form):
+    problem = problems.load("double-pendulum")
+    mechanism = problem.mechanism
+    run = dc.simulate(mechanism, problem.state, 0.2, 0.005, "ode4")
+    one, other = run.coordinates
+    arrays = {
+        "time": run.t,
+        "q": np.degrees(np.stack([run.q[:, ::-1]] * 2, axis=1)),
+        "u": np.degrees(np.stack([run.u[:, ::-1]] * 2, axis=1)),
+    }
+    told = {"joint_names": [other, one], "units": ["s", "deg", "deg/s"]}
+    log = tmp_path / f"log.{form}"
+    if form == "npz":
+        np.savez(log, **arrays, **told)
+    else:
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(log, "w") as file:
+            for name, values in arrays.items():
+                file[name] = values
+            file.attrs.update(told)
+    fleet = dc.audit_many(mechanism, log, out=tmp_path / "out", workers=1)
+    assert fleet.exit_code == 0

@@ -71,16 +71,27 @@ def read_hdf5(path: Path) -> RawLog:
 def read_arrays(path: Path, parts: Mapping[str, slice] | None = None) -> dict[str, Any]:
     """The datasets of numbers at the top of a file, as they are; "deltac" is there in deltac's own files.
 
-    Of those that `parts` names only that part of their second axis, which is then all that is in memory.
+    Texts that say their units and the names of their columns are there as well. Of those arrays that `parts`
+    names only that part of their second axis, which is then all that is in memory.
     """
     wanted = parts or {}
     with opened_hdf5(path) as log:
         members = dict(log.members(log.root))
-        return {
-            name: log.values(item, wanted.get(name))
-            for name, item in members.items()
-            if name == "deltac" or (getattr(item, "shape", None) and item.dtype.kind in "iuf")
-        }
+        found = {k: v for k, v in log.root.attrs.items() if is_label(k) or is_unit(k)}
+        for name, item in members.items():
+            if getattr(item, "shape", None) is None:
+                continue
+            kind, said = item.dtype.kind, is_label(name) or is_unit(name)
+            if name == "deltac" or (item.shape and kind in "iuf"):
+                found[name] = log.values(item, wanted.get(name))
+                found |= {
+                    f"{name}/{k.lower()}": v
+                    for k, v in item.attrs.items()
+                    if is_label(k) or is_unit(k)
+                }
+            elif said and kind in "OS" and not log.refers(item):
+                found[name] = log.values(item)
+        return found
 
 
 @apart

@@ -176,6 +176,7 @@ def test_states_of_files(arm: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("state", "said"),
     [
+        ("pivot=1,q.pivot=2", "given twice"),
         (None, "does not say where its motion starts"),
         ("hip:0.3", "expected name=value"),
         ("pivot=fast", "such as hip=0.3"),

@@ -351,9 +351,12 @@ def _told(model: Model, text: str) -> State:
             f"state {text!r}: expected name=value,… or a file (.json, .toml, or a log){known}"
         )
     values: dict[str, dict[str, float]] = {"q": {}, "u": {}}
-    t = 0.0
+    t, said = 0.0, set[str]()
     for part in text.split(","):
         name, _, value = (piece.strip() for piece in part.partition("="))
+        if (whole := name.removeprefix("q.")) in said:
+            raise InputError(f"state {text!r}: {name!r} is given twice; leave one out")
+        said.add(whole)
         number = _number(value, f"state {part.strip()!r}")
         if name == "t":
             t = number

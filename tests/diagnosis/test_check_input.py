@@ -69,6 +69,8 @@ def test_bad_options() -> None:
         check(HAND.free, count=0)
     with pytest.raises(dc.InputError, match="tolerance is -1"):
         check(HAND.free, tolerance=-1.0)
+    with pytest.raises(dc.InputError, match="tolerance is 0"):
+        check(HAND.free, tolerance=0.0)
     with pytest.raises(dc.InputError, match="expected a function"):
         check(3.0)
 

@@ -367,6 +367,23 @@ def test_bad_input() -> None:
         dc.matrices(mechanism, state, inputs={"motor": 1.0})
 
 
+def test_motions_without_inertia_are_named_at_every_attitude() -> None:
+    """Two slender rods: by rounding alone the mass matrix would have an inverse, and u̇ 10¹⁵ rad/s²."""
+    mechanism = dc.Mechanism(
+        bodies=[dc.bodies.rod("a", 1.0, 1.0), dc.bodies.rod("b", 2.0, 1.0)],
+        joints=[
+            dc.joints.spherical("s", "ground", "a"),
+            dc.joints.universal("hook", "a", "b", position=(1, 0, 0)),
+        ],
+    )
+    rng = np.random.default_rng(0)
+    for turned in rng.normal(size=(4, 4)):
+        state = mechanism.state({"s": turned / np.linalg.norm(turned), "hook": rng.normal(size=2)})
+        with pytest.raises(InputError, match="'s.wx'") as raised:
+            dc.matrices(mechanism, state)
+        assert raised.value.code == "E-MODEL"
+
+
 def test_motors_without_a_law() -> None:
     mechanism = replace(pendulum(), forces=[dc.forces.joint_torque("motor", "hinge")])
     state = mechanism.state({"hinge": 0.3})

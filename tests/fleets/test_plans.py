@@ -90,6 +90,12 @@ def test_lines_of_long_files() -> None:
         assert line_of(text, (f"t{k}", "b", "c")) == start + 9
 
 
+def test_the_line_of_a_quoted_name_with_a_dot() -> None:
+    text = '[vary]\n"parameter.m" = [1, 2]\nq.hip = 0\n'
+    assert line_of(text, ("vary", "parameter.m", 0)) == 2
+    assert line_of(text, ("vary", "q", "hip")) == 3
+
+
 @pytest.mark.parametrize(
     ("plan", "words"),
     [

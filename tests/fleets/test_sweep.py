@@ -213,6 +213,15 @@ def test_studies(tmp_path: Path, crew: ThreadPoolExecutor) -> None:
     assert row["verdict"] == "consistent" and row["order"] == pytest.approx(4.0, abs=0.15)
 
 
+@pytest.mark.heyoka
+def test_studies_by_a_solver_without_a_tolerance_of_its_own(
+    tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
+    plan = {"model": "simple-pendulum", "verb": "study", "duration": 0.5, "solver": "taylor"}
+    (row,) = dc.sweep(plan, tmp_path / "out", executor=crew).frame.iter_rows(named=True)
+    assert row["verdict"] == "consistent"
+
+
 def names(problem: str) -> tuple[str, ...]:
     return dc.problems.load(problem).mechanism.coordinates.names
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -156,3 +157,34 @@ def test_a_switch_within_a_switch_follows_it() -> None:
     assert run.provenance.completed
     assert len(run.events) > 3
     np.testing.assert_allclose(run.q[-1], fine.q[-1], atol=1e-3)
+
+
+@pytest.mark.parametrize("hold", [True, False])
+def test_switches_with_a_controller(hold: bool) -> None:
+    """A controller that says what a law says leaves the switches where they are."""
+    law = dc.forces.joint_torque("rub", "x", "-2*q.x - 0.05*sign(u.x)")
+    model = slider("0.2")
+    by_law = replace(model, forces=(law, *model.forces))
+    free = replace(model, forces=(law, dc.forces.joint_torque("motor", "x")))
+    controller = dc.Controller(lambda t, q, u: {"motor": 0.2}, hold=hold)
+    start = free.state({"x": 1.0}, speeds={"x": 0.1})
+    options = FixedStep("ode8", switches=True)
+    expected = dc.simulate(by_law, start, 2.0, 0.02, options)
+    run = dc.simulate(free, start, 2.0, 0.02, options, controller=controller)
+    assert [e.t for e in run.events] == pytest.approx([e.t for e in expected.events], abs=1e-9)
+    np.testing.assert_allclose(run.q, expected.q, atol=1e-12)
+
+
+@pytest.mark.parametrize("compiled", [None, False])
+def test_events_of_equations_in_their_own_coordinates(compiled: bool | None) -> None:
+    """ẍ = −x in s = 2x: u passes zero at π/2, and so does the law's sign."""
+    mechanism = replace(slider("-q.x - 0.1*sign(u.x)"), events=(dc.events.event("turn", "u.x"),))
+    own = dc.CoordinateMap(("s",), q={"x": "0.5*q.s"})
+    equations = dc.Equations(lambda t, q, u: np.array([-q[0]]), own, compiled=compiled)
+    start = mechanism.state(speeds={"x": 1.0})
+    for switches in (False, True):
+        run = dc.simulate(
+            mechanism, start, 2.0, 0.02, FixedStep("ode8", switches=switches), equations=equations
+        )
+        assert [e.t for e in run.events] == pytest.approx([math.pi / 2], abs=1e-10)
+        np.testing.assert_allclose(run.q[:, 0], np.sin(run.t), atol=1e-12)

@@ -261,7 +261,7 @@ def test_a_mat_of_version_7_3(tmp_path: Path) -> None:
     with matlab73(path) as file:
         put(file, "tout", T[None, :])  # a column vector, transposed
         put(file, "state", np.array([T**2, 2 * T]))  # (3, 2) in MATLAB
-        put(file, "units", [[100], [101], [103]], b"char")
+        put(file, "remark", [[100], [101], [103]], b"char")
         put(file, "empty", [0, 0], MATLAB_empty=1)
         put(file, "out", [[1, 2, 3]], b"Simulink.SimulationOutput", MATLAB_object_decode=3)
         cells = [file["#refs#"].create_dataset(name, data=T[None, :]).ref for name in "ab"]

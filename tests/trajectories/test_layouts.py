@@ -12,6 +12,7 @@ from scipy.io import savemat
 from deltac.errors import InputError
 from deltac.trajectories import explain, read_trajectory
 from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.formats.objects import read_table
 
 NAMES = MechanismNames(
     {"hip": "rad", "knee": "rad", "slide": "m"},
@@ -65,3 +66,11 @@ def test_what_does_not_fit_or_is_there_twice_is_not_guessed(
         return
     with pytest.raises(InputError, match=r"no column 'q\.hip'"):
         read_trajectory(tmp_path / "log.npz", None, NAMES)
+
+
+def test_of_two_lists_of_names_the_first_holds() -> None:
+    q = np.column_stack([T, T**2])
+    lists = {"joints": ["b", "a"], "labels": ["left", "right"]}
+    raw = read_table({"time": T, "q": q, **lists})
+    assert {"q.b", "q.a"} <= set(raw.columns)
+    np.testing.assert_array_equal(raw.columns["q.a"], T**2)

@@ -20,6 +20,8 @@ from deltac.trajectories.formats.units import column_unit, unit
         ("rpm", 2 * math.pi / 60, "rad/s"),
         ("rev/min", 2 * math.pi / 60, "rad/s"),
         ("mm", 1e-3, "m"),
+        ("inches", 0.0254, "m"),
+        ("newton millimetres", 1e-3, "N*m"),
         ("ms", 1e-3, "s"),
         ("km/h", 1 / 3.6, "m/s"),
         ("m/s/s", 1.0, "m/s**2"),

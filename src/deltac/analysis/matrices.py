@@ -25,6 +25,7 @@ from deltac.analysis.model import instants
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.maximal import maximal
+from deltac.dynamics.singular_inertia import singular_inertia, without_inertia
 from deltac.dynamics.system import trace
 from deltac.errors import InputError, UnknownName, closest
 from deltac.mechanism.mechanism import Mechanism
@@ -331,8 +332,12 @@ class _Instant:
             _, sizes, V = np.linalg.svd(G)
             R_hat = V[int((sizes > 1e-9 * sizes.max(initial=0.0)).sum()) :].T
         R = P @ R_hat
-        force = R.T @ (F - self.M @ self.v_dot(udot) - self.beta)
-        udot[free] += R_hat @ np.linalg.solve(R.T @ self.M @ R, force)
+        mass, force = R.T @ self.M @ R, R.T @ (F - self.M @ self.v_dot(udot) - self.beta)
+        if len(without_inertia(mass)) and (
+            error := singular_inertia(self.mechanism, P.T @ self.M @ P)
+        ):
+            raise error
+        udot[free] += R_hat @ np.linalg.solve(mass, force)
         return udot
 
     # --- independent speeds ----------------------------------------------------------------------

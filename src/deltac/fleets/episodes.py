@@ -185,8 +185,7 @@ def _of_arrays(path: Path, places: Sequence[int]) -> Iterator[tuple[str, RawLog]
     arrays = _format(path).read_arrays(path, parts)
     for k in places:
         collector = Collector()
-        for name, values in arrays.items():
-            collector.add(name, values[:, k - first] if name in several else values)
+        collector.add_all({n: v[:, k - first] if n in several else v for n, v in arrays.items()})
         yield str(k), collector.log()
 
 

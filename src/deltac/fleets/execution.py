@@ -58,7 +58,7 @@ class Crew:
 
 @contextlib.contextmanager
 def local_crew(workers: int | None) -> Iterator[Crew]:
-    """Pieceer processes of this machine, by default one a core."""
+    """Worker processes of this machine, by default one a core."""
     size, own = workers or cores(), Workers()
     executor = ThreadPoolExecutor(size, "deltac-fleet")
     try:

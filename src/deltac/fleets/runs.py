@@ -321,16 +321,19 @@ def _study(piece: RunPiece) -> dict[str, Any]:
     Of solvers that choose their steps at 100, 10 and 1 times their tolerance.
     """
     from deltac.diagnosis.study.study import study
-    from deltac.simulation.solvers import solver_options
+    from deltac.simulation.solvers import DEFAULT_TOLERANCE, find_solver, solver_options
 
     task, (row,) = piece.task, piece.values
     assert isinstance(task, Task)
     mechanism = task.mechanism.with_parameters(**_parameters(task, row))
     Q, U = _states(task, piece.values)
     began = time.process_time()
-    solver = solver_options(task.solver, task.solver_tolerance)
+    stepping = find_solver(task.solver).takes_steps
+    # Taylor's method has no tolerance by default, which could be refined.
+    refined = None if stepping else task.solver_tolerance or DEFAULT_TOLERANCE
+    solver = solver_options(task.solver, refined)
     steps = None
-    if solver.solver.takes_steps and task.step is not None:
+    if stepping and task.step is not None:
         ratio = task.duration / (4.0 * task.step)
         whole = abs(ratio - round(ratio)) < 1e-9 * ratio
         steps = [task.step * f for f in ((4.0, 2.0, 1.0) if whole else (1.0, 0.5, 0.25))]

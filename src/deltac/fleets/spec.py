@@ -238,7 +238,8 @@ def _within(document: Any, place: Sequence[int | str]) -> tuple[int | str, ...]:
 
 
 _HEADER = re.compile(r"\s*\[\[?(?P<header>[^\[\]=]+)\]\]?\s*(#.*)?$")
-_KEY = re.compile(r"\s*(?P<key>[\w.\-\"' ]+?)\s*=")
+_PART = r"\"[^\"]*\"|'[^']*'|[\w\-]+"
+_KEY = re.compile(rf"\s*(?P<key>(?:{_PART})(?:\s*\.\s*(?:{_PART}))*)\s*=")
 
 
 def line_of(text: str, place: Sequence[int | str]) -> int:
@@ -264,4 +265,4 @@ def line_of(text: str, place: Sequence[int | str]) -> int:
 
 
 def _dotted(key: str) -> list[str]:
-    return [part.strip(" \"'") for part in key.split(".")]
+    return [part.strip("\"'") for part in re.findall(_PART, key)]

@@ -173,8 +173,8 @@ def simulate(
     rate = StageRate(moving, controller, p)
     events = None
     if ready is not None:
+        events = EventRun(ready.watch, ready.collider, rate, p)  # gives the rate sides of its laws
         rate.hold(state.t, x0)
-        events = EventRun(ready.watch, ready.collider, rate, p)
         check_apart(events, state.t, x0)
         p_run = events.p
     else:

@@ -230,8 +230,8 @@ def check_equations(
         InputError: a function that raises, returns no u̇, or has a memory; a map that does not fit; states
             that the mechanism cannot take.
     """
-    if not 0.0 <= tolerance < 1.0:
-        raise InputError(f"tolerance is {tolerance}; expected a fraction from 0 to 1, such as 1e-8")
+    if not 0.0 < tolerance < 1.0:
+        raise InputError(f"tolerance is {tolerance}; expected a fraction above 0, such as 1e-8")
     loaded = load_model(model)
     own = as_equations(equations)
     if coordinates is None and isinstance(equations, Equations):

@@ -159,6 +159,9 @@ class Collider:
         functions = testing_functions(flow.testing)
         fed = ca.vertcat(ca.SX(0, 1), *(function.P(known) for function in functions))
         columns = list(impulses.columns().values())
+        if (own := flow.own) is not None:  # x holds coordinates of their own
+            replaced = [system.q, system.u], [own.q, own.u]
+            *outputs, fed = ca.substitute([*outputs, fed], *replaced)
         return Collider(
             flow,
             points,

@@ -139,8 +139,8 @@ def _long(frame: polars.DataFrame) -> polars.DataFrame:
     of = polars.concat_str([polars.col(name).str.strip_chars() for name in texts], separator=".")
     key = frame.select(of.alias("key"))["key"]
     count = key.n_unique()
-    if not 1 < count <= _MOST_KEYS or frame.height % count:
-        return frame
+    if not 1 < count <= _MOST_KEYS or frame.height % count or count == frame.height:
+        return frame  # as many texts as rows are their times
     index = next((n for n in rest if frame[n].n_unique() * count == frame.height), None)
     if index is None or len(rest) < 2:
         return frame

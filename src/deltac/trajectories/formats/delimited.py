@@ -22,7 +22,15 @@ from deltac.errors import FileError, InputError, LogError, WrongType, shown
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import Limits, require_memory
 from deltac.trajectories.formats.arrangement import arranged
-from deltac.trajectories.formats.raw import Budget, Header, RawLog, parse_header, seconds_of
+from deltac.trajectories.formats.raw import (
+    Budget,
+    Collector,
+    Header,
+    RawLog,
+    is_unit,
+    parse_header,
+    seconds_of,
+)
 from deltac.trajectories.formats.units import unit
 from deltac.trajectories.trajectory import FloatArray, Trajectory, row_name
 
@@ -331,6 +339,8 @@ def raw_log(frame: polars.DataFrame, header: Header, first_line: int | None = No
 
     In other programs' tables, times may be texts or whole numbers since 1970, and values missing (NaN).
     """
+    import polars
+
     columns: dict[str, FloatArray] = {}
     skipped: dict[str, str] = {}
     units: dict[str, str] = {}
@@ -344,7 +354,18 @@ def raw_log(frame: polars.DataFrame, header: Header, first_line: int | None = No
             columns[name] = numbers(name, series, first_line, missing=header is None)
         except InputError as error:
             skipped[name] = str(error)
-    return RawLog(columns, header, skipped=skipped, units=units)
+    declared: dict[str, str] = {}
+    if header is None:
+        collector = Collector()
+        for (
+            series
+        ) in frame.get_columns():  # before they are arranged, which drops what never changes
+            if is_unit(series.name) and series.dtype == polars.String:
+                texts = series.drop_nulls().str.strip_chars().unique(maintain_order=True)
+                if texts.cast(polars.Float64, strict=False).is_null().all():
+                    collector.add(series.name, texts.to_list())
+        declared = collector.declare(columns, units)
+    return RawLog(columns, header, skipped=skipped, units=units, declared=declared)
 
 
 def _instants(series: polars.Series) -> FloatArray | None:

@@ -29,6 +29,7 @@ from deltac.trajectories.formats.raw import (
     damage_named,
     from_arrays,
     is_label,
+    is_unit,
     parse_header,
     to_arrays,
 )
@@ -70,16 +71,27 @@ def read_hdf5(path: Path) -> RawLog:
 def read_arrays(path: Path, parts: Mapping[str, slice] | None = None) -> dict[str, Any]:
     """The datasets of numbers at the top of a file, as they are; "deltac" is there in deltac's own files.
 
-    Of those that `parts` names only that part of their second axis, which is then all that is in memory.
+    Texts that say their units and the names of their columns are there as well. Of those arrays that `parts`
+    names only that part of their second axis, which is then all that is in memory.
     """
     wanted = parts or {}
     with opened_hdf5(path) as log:
         members = dict(log.members(log.root))
-        return {
-            name: log.values(item, wanted.get(name))
-            for name, item in members.items()
-            if name == "deltac" or (getattr(item, "shape", None) and item.dtype.kind in "iuf")
-        }
+        found = {k: v for k, v in log.root.attrs.items() if is_label(k) or is_unit(k)}
+        for name, item in members.items():
+            if getattr(item, "shape", None) is None:
+                continue
+            kind, said = item.dtype.kind, is_label(name) or is_unit(name)
+            if name == "deltac" or (item.shape and kind in "iuf"):
+                found[name] = log.values(item, wanted.get(name))
+                found |= {
+                    f"{name}/{k.lower()}": v
+                    for k, v in item.attrs.items()
+                    if is_label(k) or is_unit(k)
+                }
+            elif said and kind in "OS" and not log.refers(item):
+                found[name] = log.values(item)
+        return found
 
 
 @apart
@@ -101,15 +113,15 @@ def _gather(
     for key, value in group.attrs.items():
         if isinstance(value, np.number | int | float):
             collector.scalars[f"{prefix}{key}"] = float(value)
-        elif is_label(key):
+        elif is_label(key) or is_unit(f"{prefix}{key}"):
             yield f"{prefix}{key}", value
     for key, item in log.members(group):
         name = prefix + key
         if not hasattr(item, "shape"):
             yield from _gather(collector, units, log, item, f"{name}/", depth + 1)
             continue
-        unit = next((item.attrs[k] for k in ("units", "unit") if k in item.attrs), None)
-        text = unit.decode() if isinstance(unit, bytes) else unit
+        unit = next((v for k, v in item.attrs.items() if k.lower() in ("unit", "units")), None)
+        text = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
         told = {name: text} if isinstance(text, str) else {}
         if item.shape is None:
             collector.skip(name, "is empty")
@@ -119,11 +131,13 @@ def _gather(
                 units |= {f"{name}/{field}": text for text in told.values()}
                 yield f"{name}/{field}", table[field]
         elif item.dtype.kind in "iufb" or (
-            item.dtype.kind in "OS" and is_label(name) and not log.refers(item)
+            item.dtype.kind in "OS" and (is_label(name) or is_unit(name)) and not log.refers(item)
         ):
             units |= told
             yield name, log.values(item)
             yield from ((f"{name}/{k}", v) for k, v in item.attrs.items() if is_label(k))
+            if not told and unit is not None:  # one for each column
+                yield f"{name}/units", unit
         else:
             collector.skip(name, f"holds values of type {item.dtype}, not numbers")
 

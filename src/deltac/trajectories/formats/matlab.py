@@ -30,6 +30,7 @@ from deltac.trajectories.formats.raw import (
     RawLog,
     damage_named,
     from_arrays,
+    is_unit,
     labelled,
     parse_header,
     to_arrays,
@@ -184,7 +185,7 @@ def _flatten(collector: Collector, name: str, value: Any) -> None:
         for key, item in labelled(value).items():
             if key in _VALUES and isinstance(item, np.ndarray):
                 collector.add(f"{name}.{key}", item, unit)
-            elif not (key in _UNITS and isinstance(item, str)):
+            elif not (key in _UNITS and item is unit and any(k in value for k in _VALUES)):
                 _flatten(collector, f"{name}.{key}", item)
     elif isinstance(value, list) and _records(value):
         for key in value[0]:
@@ -199,7 +200,7 @@ def _flatten(collector: Collector, name: str, value: Any) -> None:
         named = all(isinstance(text, str) for text in told) and len(set(told)) == len(value)
         for index, item in enumerate(value):
             _flatten(collector, name if named else f"{name}[{index}]", item)
-    elif isinstance(value, str):
+    elif isinstance(value, str) and not is_unit(name):
         collector.skip(name, "is text, not numbers")
     else:
         collector.add(name, value)

@@ -42,8 +42,11 @@ def read_table(source: Any) -> RawLog:
 
 def _members(source: Any) -> Iterator[tuple[str, Any]]:
     if hasattr(source, "data_vars"):  # of xarray: coordinates are times and labels
-        yield from ((str(name), source[name].values) for name in source.coords)
-        yield from ((str(name), source[name].values) for name in source.data_vars)
+        for name in (*source.coords, *source.data_vars):
+            yield str(name), source[name].values
+            told = getattr(source[name], "attrs", {}).get("units")  # by the CF conventions
+            if isinstance(told, str):
+                yield f"units.{name}", told
     elif isinstance(source, Mapping):
         yield from entries(source)
     else:
@@ -56,6 +59,8 @@ def _members(source: Any) -> Iterator[tuple[str, Any]]:
 
 def _array(values: Any) -> Any:
     """As an array where it is one; lists in cells become its columns."""
+    if values is None:
+        return None
     if hasattr(values, "to_numpy"):
         values = values.to_numpy()
     try:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from deltac.errors import FileError, InputError, LimitError, LogError, WrongType, shown
 from deltac.foreign.limits import Limits, parse_json
+from deltac.trajectories.formats.units import is_known, unit
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 Header: TypeAlias = Mapping[str, Any] | None
@@ -35,6 +36,7 @@ class RawLog:
     skipped     what else is in the file -> a message that says why it is no column of numbers
     scalars     single numbers in the file, such as a step
     resampled   name -> what is to be told of a column that was interpolated to the times of others
+    declared    where -> a unit that the file declares beside its columns, and of none of them by name
     """
 
     columns: Mapping[str, FloatArray]
@@ -46,6 +48,7 @@ class RawLog:
     skipped: Mapping[str, str] = field(default_factory=dict)
     scalars: Mapping[str, float] = field(default_factory=dict)
     resampled: Mapping[str, str] = field(default_factory=dict)
+    declared: Mapping[str, str] = field(default_factory=dict)
 
 
 EPOCHS = ((1e17, 1e-9), (1e14, 1e-6), (1e11, 1e-3))
@@ -124,6 +127,10 @@ def checked_raw(raw: RawLog) -> RawLog:
     return raw
 
 
+UNREAD = "values that are no texts"
+"""What stands for a unit that a file declares in a form that is not read."""
+
+
 class Collector:
     """Gathers arrays of a file that holds more than one: NPZ, HDF5, MATLAB, JSON.
 
@@ -136,10 +143,14 @@ class Collector:
         self.scalars: dict[str, float] = {}
         self.arrays: dict[str, npt.NDArray[Any]] = {}
         self.units: dict[str, str] = {}
+        self._declared: dict[str, list[str]] = {}
         self._columns = 0
 
     def add(self, name: str, values: npt.ArrayLike, unit: str | None = None) -> None:
-        """A column, or an array of columns."""
+        """A column, an array of columns, or texts that declare units, see `is_unit`."""
+        if is_unit(name) and (values is None or (texts := _all_texts(values))):
+            self._declared[name] = [] if values is None else texts
+            return
         try:
             array = np.asarray(values)
         except ValueError:
@@ -199,6 +210,8 @@ class Collector:
         """Remember what is no column, to say so where it is missed."""
         self._count(1)
         self.skipped[name] = f"{name!r} {why}"
+        if is_unit(name) and why.startswith("holds"):  # neither texts nor numbers: never overlooked
+            self._declared[name] = [UNREAD]
 
     def _count(self, more: int) -> None:
         self._columns += more
@@ -225,7 +238,28 @@ class Collector:
                 columns[column] = values.astype(np.float64)
                 if name in self.units:
                     units[column] = self.units[name]
-        return RawLog(columns, units=units, skipped=self.skipped, scalars=self.scalars)
+        declared = self.declare(columns, units)
+        return RawLog(
+            columns, units=units, skipped=self.skipped, scalars=self.scalars, declared=declared
+        )
+
+    def declare(self, columns: Mapping[str, FloatArray], units: dict[str, str]) -> dict[str, str]:
+        """Put down the units of columns that are declared beside them; return those of none by name."""
+        declared: dict[str, str] = {}
+        for place, texts in self._declared.items():
+            of = _of_unit(place) or ""
+            inner = r"($|[.\[/])" if of[-1:] not in ("", ".", "/") else r"($|\[)"
+            pattern = re.compile(re.escape(of.rstrip("./")) + inner)
+            own = [name for name in columns if of and pattern.match(name)]
+            if own and (len(texts) == len(own) or len(set(texts)) == 1):
+                each = texts if len(texts) == len(own) else texts[:1] * len(own)
+                units |= {n: t for n, t in zip(own, each, strict=True) if n not in units}
+            elif of in self.scalars and len(texts) == 1 and is_known(texts[0]):
+                self.scalars[of] *= unit(texts[0]).factor
+            elif of not in self.skipped:
+                distinct = enumerate(dict.fromkeys(texts))
+                declared |= {f"{place}[{k}]" if k else place: text for k, text in distinct}
+        return declared
 
 
 _JOINT_STATES = ("jointstates", "jointstate", "getjointstates")
@@ -277,6 +311,29 @@ def is_label(name: str) -> bool:
     return _plain(name) in _LABELS
 
 
+_UNIT = re.compile(r"(?:(\w+?)(?:[ _-]|(?=U)))?[uU](?:nits?|NITS?)(?:\[\d+\])?")
+
+
+def is_unit(name: str) -> bool:
+    """Whether texts of that name declare units: ``unit``, ``units.angle``, ``q_units``."""
+    return _of_unit(name) is not None
+
+
+def _of_unit(name: str) -> str | None:
+    """What the unit under that name is of, by name: `q` for ``units.q``; None where it is no unit."""
+    parts = re.split(r"([./])", name)
+    for k in range(0, len(parts), 2):
+        if match := _UNIT.fullmatch(parts[k]):
+            inner = parts[k + 2 :] if match[1] is None else [match[1], *parts[k + 1 :]]
+            return "".join([*parts[:k], *inner])
+    return None
+
+
+def _all_texts(values: Any) -> list[str]:
+    """The texts of a list or an array of them, or the one that this is."""
+    return _texts([values] if isinstance(values, str | bytes) else values)
+
+
 def _texts(values: Any) -> list[str]:
     """The texts of a list or an array of them; none where anything else is among them."""
     if isinstance(values, str | bytes):
@@ -302,6 +359,8 @@ def labelled(found: Mapping[str, Any]) -> dict[str, Any]:
         beside = [n for n in found if n != key and (n.startswith(group) or f"{n}/" == group)]
         # joint_names are none of root_quat, though there are four
         for name in [n for n in beside if stem and stem in _plain(n)] or beside:
+            if name not in result:  # an earlier list of names
+                continue
             table = result[name]
             fits = isinstance(table, np.ndarray) and table.ndim == 2
             if fits and table.shape[1] == len(names) and table.dtype.kind in "iuf":

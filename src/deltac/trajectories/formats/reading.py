@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -11,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac import rotations
-from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed
+from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed, shown
 from deltac.mechanism.laws import Law, at_times, symbol_names
 from deltac.trajectories.columns import (
     QUATERNION,
@@ -487,6 +488,8 @@ def _reading(
         degrees = target.startswith(("q.", "u.", "udot.")) and si.startswith("rad")
         written, note = (si.replace("rad", "deg") if degrees else None), "inDegrees=yes"
     if written is None:
+        written, note = _declared(target, source, raw, si), "unit declared beside the columns"
+    if written is None:
         factor, note = 1.0, f"{si or 'SI units'}, as nothing else is said"
     else:
         factor = _factor(target, written, si, source, column)
@@ -502,6 +505,46 @@ def _reading(
         note = f"{note}; in {source.frame} components"
     factor *= source.sign
     return ColumnReading(column, target, written or "", factor, offset, note, source.frame)
+
+
+def _declared(target: str, source: Source, raw: RawLog, si: str | None) -> str | None:
+    """The unit of a column's kind that the file declares beside its columns; LogError if that is unclear."""
+    of = f"column {source.column!r}, read as {target!r}"
+    remedy = "say in a mapping file which unit the column has"
+    wanted = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
+    fitting: dict[float, str] = {}
+    rates: list[str] = []
+    for where, text in raw.declared.items():
+        if text.lower().removesuffix(" units") in _NO_OTHERS:
+            continue
+        try:
+            found = unit(text)
+        except InputError:
+            raise LogError(
+                f"{of}: {where!r} of the file declares a unit that is not known, {shown(text)}; {remedy}"
+            ) from None
+        if found.dimension in wanted:
+            if si is None and found.factor != 1.0:
+                raise _unknown_kind(target, source, f"{where!r} of the file is {text!r}")
+            fitting.setdefault(found.factor, text)
+        elif found.factor != 1.0 and any(
+            _of_rate(found.dimension, other, target) for other in wanted
+        ):
+            rates.append(text)
+    if len(fitting) > 1 or (rates and not fitting):
+        told = [*fitting.values(), *rates]
+        raise LogError(f"{of}: the file declares {listed(told)} beside its columns; {remedy}")
+    return next((text for factor, text in fitting.items() if factor != 1.0), None)
+
+
+def _of_rate(one: tuple[int, ...], other: tuple[int, ...], target: str) -> bool:
+    """Whether a speed or an acceleration is the rate of what has the first of two dimensions."""
+    (a, m, _, c), (d, n, _, f) = one, other
+    return target.startswith(("u.", "udot.")) and (a, m, c) == (d, n, f)
+
+
+_NO_OTHERS = ("si", "mks", "", "-", "none", "dimensionless")
+"""What stands for a unit, and changes no number."""
 
 
 def _factor(target: str, written: str, si: str | None, source: Source, column: str) -> float:
@@ -599,6 +642,8 @@ def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
             used.add(column)
             si = si_unit(target, names)
             unit_text = raw.units.get(column) or column_unit(column, si)
+            with suppress(InputError):
+                unit_text = unit_text or _declared(target, Source(column), raw, si)
             entry = f"column = {_quoted(column)}" + (
                 f", unit = {_quoted(unit_text)}" if unit_text else ""
             )

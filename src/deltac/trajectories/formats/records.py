@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from deltac.errors import FileError, InputError, LogError, shown
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import Limits, parse_json
 from deltac.trajectories.formats.arrangement import STAMPS
-from deltac.trajectories.formats.raw import Collector, RawLog, entries
+from deltac.trajectories.formats.raw import Collector, RawLog, entries, is_unit
 
 
 def read_json(path: Path) -> RawLog:
@@ -27,7 +28,8 @@ def read_json(path: Path) -> RawLog:
         if rows is not None and not any(
             isinstance(v, list) and not _records(v) for v in value.values()
         ):
-            return _of_records(rows)
+            beside = {k: v for k, v in entries(value) if is_unit(k)}
+            return _of_records(rows, beside)
         return _of_object({name: _listed(item) for name, item in value.items()})
     if _records(value):
         return _of_records(value)
@@ -78,7 +80,9 @@ def _records(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and all(isinstance(v, Mapping) for v in value)
 
 
-def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
+def _of_records(
+    records: list[Mapping[str, Any]], beside: Mapping[str, Any] = MappingProxyType({})
+) -> RawLog:
     collector = Collector()
     columns: dict[str, list[Any]] = {}
     for row, record in enumerate(records):
@@ -102,7 +106,7 @@ def _of_records(records: list[Mapping[str, Any]]) -> RawLog:
         row = len(columns.pop(name))
         collector.skip(name, f"is missing in record {row} (of 0 to {len(records) - 1})")
         tables.pop(name, None)
-    collector.add_all({**columns, **tables, **alike})
+    collector.add_all({**columns, **tables, **alike, **beside})
     return collector.log()
 
 

@@ -38,17 +38,17 @@ _ATOMS: dict[str, Unit] = {
     for names, factor, dimension in (
         ("1", 1.0, _NUMBER),
         ("m meter meters metre metres", 1.0, _LENGTH),
-        ("cm", 1e-2, _LENGTH),
-        ("mm millimeter millimeters", 1e-3, _LENGTH),
+        ("cm centimeter centimeters centimetre centimetres", 1e-2, _LENGTH),
+        ("mm millimeter millimeters millimetre millimetres", 1e-3, _LENGTH),
         ("km", 1e3, _LENGTH),
-        ("in inch", 0.0254, _LENGTH),
-        ("ft", 0.3048, _LENGTH),
+        ("in inch inches", 0.0254, _LENGTH),
+        ("ft foot feet", 0.3048, _LENGTH),
         ("g", 1e-3, _MASS),
         ("kg", 1.0, _MASS),
         ("s sec second seconds", 1.0, _TIME),
-        ("ms", 1e-3, _TIME),
-        ("us µs μs", 1e-6, _TIME),
-        ("ns", 1e-9, _TIME),
+        ("ms millisecond milliseconds", 1e-3, _TIME),
+        ("us µs μs microsecond microseconds", 1e-6, _TIME),
+        ("ns nanosecond nanoseconds", 1e-9, _TIME),
         ("min", 60.0, _TIME),
         ("h", 3600.0, _TIME),
         ("rad radian radians", 1.0, _ANGLE),
@@ -57,7 +57,7 @@ _ATOMS: dict[str, Unit] = {
         ("rev turn", _TURN, _ANGLE),
         ("rpm", _TURN / 60.0, (0, 0, -1, 1)),
         ("Hz", 1.0, (0, 0, -1, 0)),
-        ("N", 1.0, _FORCE),
+        ("N newton newtons", 1.0, _FORCE),
         ("mN", 1e-3, _FORCE),
         ("kN", 1e3, _FORCE),
         ("lbf", _LBF, _FORCE),
@@ -66,7 +66,7 @@ _ATOMS: dict[str, Unit] = {
         ("Nmm", 1e-3, _TORQUE),
         ("mNm", 1e-3, _TORQUE),
         ("kNm", 1e3, _TORQUE),
-        ("J", 1.0, _TORQUE),
+        ("J joule joules", 1.0, _TORQUE),
         ("mJ", 1e-3, _TORQUE),
         ("kJ", 1e3, _TORQUE),
         ("W", 1.0, _POWER),
@@ -162,7 +162,7 @@ def column_unit(column: str, si: str | None = None) -> str | None:
     A unit without brackets must convert to `si`, the unit of what the column means. None without a unit.
     """
     if match := _BRACKETS.search(column):
-        return match[1].strip() if _is_unit(match[1]) else None
+        return match[1].strip() if is_known(match[1]) else None
     if si is None:
         return None
     if (match := _AFTER.search(column)) and converts(match[1], si):
@@ -176,8 +176,8 @@ def column_unit(column: str, si: str | None = None) -> str | None:
 def without_unit(column: str) -> str:
     """The name of a column without the unit that stands behind it, if one does."""
     if match := _BRACKETS.search(column):
-        return column[: match.start()] if _is_unit(match[1]) else column
-    if (match := _AFTER.search(column)) and _is_unit(match[1]):
+        return column[: match.start()] if is_known(match[1]) else column
+    if (match := _AFTER.search(column)) and is_known(match[1]):
         return column[: match.start()]
     for rest, _ in _suffixes(column):
         return rest
@@ -195,7 +195,8 @@ def _suffixes(column: str) -> Iterator[tuple[str, str]]:
                 yield column[: tail[0].start()].rstrip("_ .-/"), written
 
 
-def _is_unit(text: str) -> bool:
+def is_known(text: str) -> bool:
+    """Whether a text is a unit."""
     text = text.strip()
     if not text or text.isdigit():
         return False  # an index
@@ -208,4 +209,4 @@ def _is_unit(text: str) -> bool:
 
 def converts(text: str, si: str) -> bool:
     """Whether a text is a unit of the kind of the unit `si`."""
-    return _is_unit(text) and unit(text).dimension == unit(si).dimension
+    return is_known(text) and unit(text).dimension == unit(si).dimension

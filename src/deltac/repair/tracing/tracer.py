@@ -43,6 +43,9 @@ STANDARD = Path(sysconfig.get_path("stdlib"))
 TURNS = 20_000
 """Turns of a while loop."""
 
+LINES = 20_000
+"""Lines of a module whose functions are traced; longer ones are generated, as CasADi's 70 000."""
+
 PATHS = 12
 """Ways through branches that depend on the state."""
 
@@ -537,6 +540,8 @@ class _Tracer:
         else:
             try:
                 lines, _ = inspect.findsource(function)
+                if len(lines) > LINES:
+                    return None
                 module = self.opened(UserModule(file.name, ast.parse("".join(lines)), file))
             except (OSError, TypeError, SyntaxError):
                 return None

@@ -16,7 +16,6 @@ from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     TESTING_FUNCTIONS,
-    TestingFunction,
     applicable,
     testing_functions,
 )
@@ -49,6 +48,7 @@ from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, Wro
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.laws import Law
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.trajectories import Trajectory
@@ -67,6 +67,7 @@ def balance(
     testing: Sequence[str] | None = None,
     *,
     coordinates: CoordinateMap | None = None,
+    potential: Law | str | None = None,
     keep: int | None = None,
 ) -> Ledger:
     """Evaluate the energy testing functions on a trajectory.
@@ -81,6 +82,10 @@ def balance(
         testing: names of testing functions; by default those integrated in the loop, or all.
         coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson); by default
             those in which the run's integrals were taken.
+        potential: V(q, t) (J) in E of Wang's and Kane–Levinson's functions, a law or its text; its rate takes
+            the place of V̇ in P. By default the model's potential energy, which the ledger reports in any
+            case. Any function will do (Kane and Levinson's choice of V and G_r): it decides which forces are
+            compared by a difference of V and which are integrated. Along samples only.
         keep: about how many rows the ledger is to have, one in 512 of the run at least: of equal
             parts of the run those where |ΔC| is largest, the first and the last, extremes of K and V.
             Works, ΔC, bars and the energy exchanged are taken over all rows, and violations are the largest
@@ -97,7 +102,11 @@ def balance(
     """
     mechanism = load_model(model).mechanism
     _require_trajectory(run)
-    method = _method(run, work)
+    if potential is not None and work not in (None, "samples"):
+        raise ArgumentsError(
+            f"potential: ΔC with a V of your own is taken along the samples, not {work!r}; leave work out"
+        )
+    method = _method(run, work if potential is None else "samples")
     if keep is not None and keep < 1:
         raise ArgumentsError(
             f"keep={keep}: expected how many rows the ledger is to keep, 1 or more"
@@ -112,7 +121,13 @@ def balance(
     rows = rows_of(run)
     log = LoggedForces.of(rows if rows.starts else run)
     samples, basis = checked_samples(mechanism, rows, log)
-    symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples))
+    symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
+    if potential is not None:
+        symbols = symbols.with_potential(potential)
+    kernels = symbols.once(
+        ("ledger", tuple(function.name for function in functions)),
+        lambda: ledger_kernels(symbols, functions, log.places.keys()),
+    )
     _check_division(symbols, samples)
     passed = None
     if method == "samples" and not run.integrals.keys() & BOOKED:
@@ -389,19 +404,6 @@ def _projected(run: Trajectory, *, potential: bool) -> Array:
         if name in run.integrals:
             total = total + run.integrals[name] - run.integrals[name][0]
     return total
-
-
-def _compiled(
-    mechanism: Mechanism,
-    log: LoggedForces,
-    functions: Sequence[TestingFunction],
-    speeds: CoordinateMap | None,
-    start: tuple[float, Array],
-) -> tuple[LedgerSymbols, LedgerKernels]:
-    """Traced and compiled once for logs of the same mechanism that hold the same forces."""
-    symbols = ledger_symbols(mechanism, log, speeds, start)
-    key = ("ledger", tuple(function.name for function in functions))
-    return symbols, symbols.once(key, lambda: ledger_kernels(symbols, functions, log.places.keys()))
 
 
 def _start(samples: Samples) -> tuple[float, Array]:

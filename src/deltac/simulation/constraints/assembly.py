@@ -104,7 +104,7 @@ def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] 
 def _assembled(
     equations: EquationsOfMotion, t: float, guess: Array, movable: NDArray[np.bool_]
 ) -> Array:
-    """Free coordinates that satisfy the constraints, from perturbed guesses where Newton fails at the guess."""
+    """Free coordinates that satisfy the constraints, perturbed guesses where Newton fails at this one."""
     still = np.zeros(len(movable))
 
     def violation(q: Array) -> Array:

@@ -1,4 +1,4 @@
-"""ΔC with another V(q, t) than the potential energy: the choice of (V, G_r), (2.1.3)-(2.1.4) of the thesis."""
+"""ΔC with another V(q, t) than the potential energy: (V, G_r) as in (2.1.3)-(2.1.4) of the thesis."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_any_potential_serves(V: str) -> None:
 
 
 def test_wrong_equations_show_the_same_whatever_the_potential() -> None:
-    """ε does not depend on V, so where q̇ = u holds ΔC is the same up to quadrature: −2 g₂ (cos θ₂ − cos θ₂(0))."""
+    """ε does not depend on V: where q̇ = u holds, ΔC is the closed form's, −2 g₂ (cos θ₂ − cos θ₂(0))."""
     pendulum = dc.problems.load("triple-pendulum", mistake=True)
     equations = pendulum.equations
     run = dc.simulate(pendulum, None, 1.0, 1e-3, "ode8", equations=equations)
@@ -58,7 +58,7 @@ def test_wrong_equations_show_the_same_whatever_the_potential() -> None:
 
 
 def test_the_potential_decides_what_an_error_of_the_coordinates_shows() -> None:
-    """Euler's q̇ = u is off by h u̇/2: V compares coordinates, the integral of F u does not (docs/thesis.md)."""
+    """Euler's q̇ = u is off by h u̇/2: V compares coordinates, the integral of F u does not."""
     pendulum = dc.problems.load("triple-pendulum")
     run = dc.simulate(pendulum, None, 2.0, 1e-3, "ode1")
     usual = dc.balance(pendulum, run, work="samples", testing=("wang",)).delta_c["wang"]

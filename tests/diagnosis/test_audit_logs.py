@@ -48,7 +48,9 @@ def test_a_decimated_log_is_not_accused() -> None:
 @pytest.mark.parametrize("n", [5, 10, 20, 40])
 def test_contacts_between_the_rows_are_not_accused(n: int) -> None:
     """Error bars of a motion that is not smooth are small by chance now and then."""
-    found = audit(model_of(HOPPER), of_rows_alone(hopper_run()).every(n))  # 1000 Hz to as little as 25 Hz
+    found = audit(
+        model_of(HOPPER), of_rows_alone(hopper_run()).every(n)
+    )  # 1000 Hz to as little as 25 Hz
     assert found.verdict.kind == "unresolved", found.verdict.explain()
 
 

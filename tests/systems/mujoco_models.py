@@ -117,6 +117,4 @@ def scaled(run: Trajectory, channel: str, factor: float) -> Trajectory:
     works = {**run.works}
     if channel in works:
         works[channel] = factor * works[channel]
-    return replace(
-        run, forces={**run.forces, channel: factor * run.forces[channel]}, works=works
-    )
+    return replace(run, forces={**run.forces, channel: factor * run.forces[channel]}, works=works)

@@ -19,7 +19,6 @@ import numpy as np
 
 from deltac.arrays import EPS, SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
-from deltac.calls.deprecation import renamed_keywords
 from deltac.errors import (
     InputError,
     ModelError,
@@ -400,7 +399,7 @@ class _Row:
 Control = Callable[[Model, Data], object]
 
 
-@renamed_keywords(control="controller")
+@checked
 def run_mujoco(
     model: Model | str | Path,
     duration: float,
@@ -533,7 +532,7 @@ class MujocoSimulator:
         )
 
 
-@renamed_keywords(control="controller")
+@checked
 def mujoco_simulator(
     model: Any,
     duration: float,

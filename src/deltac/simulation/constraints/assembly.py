@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import ASSEMBLED, Array
-from deltac.calls.deprecation import renamed_keywords
-from deltac.calls.interrupts import interruptible
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
@@ -20,7 +18,6 @@ from deltac.errors import InputError, StateError, UnknownName, closest
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.models import ModelLike, StateLike, load_model
 
 PERTURBATIONS = (1e-9, 1e-6, 1e-3, 0.1)
 """Perturbations (m or rad) of a guess at which Newton's steps do not exist, until one leads to a solution."""
@@ -43,29 +40,8 @@ class Assembly:
     moved: float
 
 
-@renamed_keywords(mechanism="model")
-@interruptible()
-def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] = ()) -> Assembly:
-    """Find coordinates and speeds near a guess that satisfy every constraint.
-
-    Args:
-        model: with constraints: a Mechanism, a Problem, or what else `load_model` takes.
-        guess: an approximate state, or values by name; its time is kept. By default the model's own start.
-        pinned: names of coordinates and speeds that keep the values of the guess.
-
-    Returns:
-        The assembly. Its state is near the guess: it is found by damped Newton steps of least norm in the
-        mass metric. Where these steps do not exist, because the mass matrix is singular at the guess (polar
-        coordinates at radius zero) or a constraint is stationary there (a circle at its centre), they start
-        from a perturbed guess, and coordinates that need not move keep the values of the guess.
-
-    Raises:
-        InputError: an unknown pinned name, or constraints that cannot be satisfied; the message names the
-            worst constraint and its residual, and the speeds without inertia if the mass matrix is singular
-            at the guess.
-    """
-    loaded = load_model(model)
-    mechanism, guess = loaded.mechanism, loaded.start(guess)
+def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -> Assembly:
+    """Find a state near a guess that satisfies every constraint: the core of `deltac.assemble`."""
     q_free = [mechanism.coordinates[int(i)].name for i in mechanism.free.q]
     u_free = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
     for name in pinned:

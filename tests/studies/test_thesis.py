@@ -440,19 +440,17 @@ def test_axes_are_those_that_the_thesis_labels(whole: Reproduction) -> None:
     """Ticks from the transcript, panel by panel; 4.7 and 4.10 show the angles of the right equations."""
     from deltac.studies.thesis.drawing import draw
 
-    swing, decades = (
-        [-100.0, -50.0, 0.0, 50.0, 100.0],
-        {
-            "4.1": ([1e-20, 1e-10, 1.0], [1e-20, 1e-10, 1.0]),
-            "4.2": ([1e-20, 1e-10, 1.0], [1e-20, 1e-10, 1.0, 1e10]),
-            "4.3": ([1e-10, 1.0],) * 2,
-            "4.4": ([1e-30, 1e-20, 1e-10],) * 2,
-            "4.6": ([1e-20, 1.0],) * 2,
-            "4.7": ([1e-10, 1.0],) * 2,
-            "4.9": ([1e-10, 1e-5, 1.0],) * 2,
-            "4.10": ([1e-10, 1.0],) * 2,
-        },
-    )
+    swing = [-100.0, -50.0, 0.0, 50.0, 100.0]
+    decades = {
+        "4.1": ([1e-20, 1e-10, 1.0], [1e-20, 1e-10, 1.0]),
+        "4.2": ([1e-20, 1e-10, 1.0], [1e-20, 1e-10, 1.0, 1e10]),
+        "4.3": ([1e-10, 1.0],) * 2,
+        "4.4": ([1e-30, 1e-20, 1e-10],) * 2,
+        "4.6": ([1e-20, 1.0],) * 2,
+        "4.7": ([1e-10, 1.0],) * 2,
+        "4.9": ([1e-10, 1e-5, 1.0],) * 2,
+        "4.10": ([1e-10, 1.0],) * 2,
+    }
     angles = {
         "4.8": [[-1000.0, 0.0, 1000.0, 2000.0], [-200.0, -100.0, 0.0, 100.0, 200.0]],
         "4.9": [],
@@ -462,6 +460,7 @@ def test_axes_are_those_that_the_thesis_labels(whole: Reproduction) -> None:
         ticks = []
         for panel in panels:
             low, high = panel.get_ylim()
+            low, high = low - 1e-9 * abs(low), high + 1e-9 * abs(high)
             ticks.append([float(y) for y in panel.get_yticks() if low <= y <= high])
         if experiment.shows == "torque":
             assert ticks == [[-15.0, -10.0, -5.0, 0.0, 5.0, 10.0, 15.0]]

@@ -344,7 +344,7 @@ def _told(model: Model, text: str) -> State:
             return _written(model.mechanism, path)
         files = import_module("deltac.trajectories.formats.files")
         if suffix in files.FORMATS:
-            run = files.read_trajectory(path, mechanism_names=model.mechanism)
+            run = files.read_trajectory(path, model=model.mechanism)
             return Model(model.mechanism, {}).start(State(float(run.t[0]), run.q[0], run.u[0]))
         known = f"; starts of this model: {', '.join(model.starts)}" if model.starts else ""
         raise InputError(

@@ -204,43 +204,19 @@ def test_to_frame_has_the_columns_of_the_schema() -> None:
     assert frame["time"].to_list() == [0.0, 0.5, 1.0]
 
 
-def test_notes_of_older_logs_are_put_in_their_places() -> None:
-    """Version 1 and 2 had lists joined by semicolons, JSON in text, and a key with two meanings."""
+def test_that_nothing_was_held_is_written_and_read() -> None:
     columns = {"time": [0.0, 1.0], "q.a": [0.0, 1.0], "u.a": [1.0, 1.0]}
-    header = {
-        "schema_version": 2,
-        "units": {},
-        "coordinates": ["a"],
-        "speeds": ["a"],
-        "accelerations": False,
-        "channels": [],
-        "integrals": [],
-        "provenance": {
-            "simulator": "MuJoCo 3",
-            "notes": {
-                "held": "actuator m;damper a",
-                "derived": "u",
-                "derived_error": '{"u": {"a": 0.5}}',
-                "corrected": "energy;degrees",
-                "strengths": '{"actuator m": [2]}',
-                "looked_for": "contact;limit",
-                "acted": "",
-                "who": "me",
-            },
-        },
-    }
-    run = from_columns(columns, header)
-    p = run.provenance
-    assert run.works == {}
-    assert p.held == ("actuator m", "damper a") and p.derived == {"u": {"a": 0.5}}
-    assert p.corrected == "energy" and p.repairs == ("degrees",)
-    assert p.strengths == {"actuator m": [2.0]}
-    assert p.looked_for == ("contact", "limit") and p.acted == () and p.notes == {"who": "me"}
+    provenance = Provenance(
+        "MuJoCo 3", held=(), reading="read as time from t", guessed=("q from x",), corrected="energy"
+    )
+    run = replace(from_columns(columns), provenance=provenance)
     again = from_columns(to_columns(run), json.loads(json.dumps(to_metadata(run))))
-    assert again.provenance == p and to_metadata(run)["schema_version"] == 3
-    none_held = from_columns(columns, {**header, "provenance": {"simulator": "x", "held": []}})
-    assert none_held.provenance.held == ()
-    assert to_metadata(none_held)["provenance"]["held"] == ()
-    damaged = {"simulator": "x", "notes": {"strengths": "[", "held": "damper a"}}
-    kept = from_columns(columns, {**header, "provenance": damaged}).provenance
-    assert kept.notes == {"strengths": "["} and kept.held == ("damper a",)
+    assert again.provenance == provenance and again.provenance.held == ()
+
+
+@pytest.mark.parametrize("version", [0, 2, 4])
+def test_other_versions_are_refused(version: int) -> None:
+    columns = {"time": [0.0, 1.0], "q.a": [0.0, 1.0], "u.a": [1.0, 1.0]}
+    header = {**to_metadata(from_columns(columns)), "schema_version": version}
+    with pytest.raises(InputError, match="schema"):
+        from_columns(columns, header)

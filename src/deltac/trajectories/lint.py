@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,7 @@ from deltac.trajectories.rates import rotation_vectors
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
-    from deltac.mechanism.mechanism import Mechanism
+    pass
 
 _DEGREE = math.pi / 180.0
 _FIT, _CLOSE = 0.98, 0.02
@@ -94,18 +94,16 @@ class _Fit:
 
 
 @checked
-def suspicions(
-    run: Trajectory, mechanism_names: MechanismNames | Mechanism | None = None
-) -> list[Suspicion]:
+def suspicions(run: Trajectory, model: Any = None) -> list[Suspicion]:
     """What seems wrong with the units, quaternions and times of a run; empty if nothing does.
 
-    `mechanism_names` distinguishes angles from lengths; without it both are considered.
+    `model` distinguishes angles from lengths; without it both are considered.
     """
     if not isinstance(run, Trajectory):
         raise WrongType(
             f"run: found {type(run).__name__}, expected a Trajectory; deltac.read_trajectory(…) reads a file"
         )
-    names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
+    names = None if model is None else MechanismNames.of(model)
     found = list(_gaps(run.t))
     if len(run) < 4 or "u" in run.provenance.derived:
         return found  # u was derived from q: they agree by construction

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import json
 import math
 import operator
 import unicodedata
@@ -65,10 +63,10 @@ class Provenance:
     strengths  channel of an actuator -> its generalized force at unit control, by speed
     derived    "u", "udot": what was derived from the other columns -> largest error by speed
     converted  columns that a reader converted, with their units; `ignored`: those it did not use
+    reading    what columns of a foreign log were read as, and because of what, in one line
+    guessed    what of that the log does not declare, and the motion decided; an audit is less sure of it
     repairs    slips of the log that were undone, such as "degrees"
     notes      anything else worth keeping, text by text
-
-    What logs of schema version 1 and 2 have of these is among their notes, and is put in its place.
 
     Raises InputError for a value of the wrong type or an impossible step or tolerance.
     """
@@ -94,6 +92,8 @@ class Provenance:
     derived: Mapping[str, Mapping[str, float]] = field(default_factory=dict, hash=False)
     converted: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
+    reading: str = ""
+    guessed: tuple[str, ...] = ()
     repairs: tuple[str, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict, hash=False)
 
@@ -115,11 +115,10 @@ class Provenance:
         _set(self, "completed", bool(self.completed))
         _set(self, "step", _positive("step", self.step, zero=False))
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
-        _take_from_notes(self)
-        for name in ("ended", "equations", "corrected", "singular", "stage"):
+        for name in ("ended", "equations", "corrected", "singular", "stage", "reading"):
             if not isinstance(getattr(self, name), str):
                 raise _unfit(name, getattr(self, name), "text")
-        for name in ("held", "looked_for", "acted", "converted", "ignored", "repairs"):
+        for name in ("held", "looked_for", "acted", "converted", "ignored", "guessed", "repairs"):
             values = getattr(self, name)
             if values is None and name == "held":
                 continue
@@ -494,40 +493,6 @@ class Trajectory(Shown, Once):
         from deltac.trajectories.formats.files import write_trajectory
 
         write_trajectory(self, path)
-
-
-def _take_from_notes(provenance: Provenance) -> None:
-    """Put the notes of older logs in their places; text that is none of theirs stays a note."""
-    if not provenance.notes:
-        return
-    notes = dict(provenance.notes)
-    for name in ("ended", "equations", "singular", "stage"):
-        if name in notes and not getattr(provenance, name):
-            _set(provenance, name, notes.pop(name))
-    for name in ("held", "looked_for", "acted", "converted", "ignored"):
-        if name in notes and not getattr(provenance, name):
-            _set(provenance, name, tuple(filter(None, notes.pop(name).split(";"))))
-    # One key had two meanings: what a solver corrects, and what a reader put right.
-    for text in filter(None, notes.pop("corrected", "").split(";")):
-        if text == "energy":
-            _set(provenance, "corrected", text)
-        else:
-            _set(provenance, "repairs", (*provenance.repairs, text))
-    with contextlib.suppress(ValueError, TypeError, AttributeError):  # notes of somebody else's
-        strengths = json.loads(notes.get("strengths", "{}"))
-        found = {str(n): [float(x) for x in values] for n, values in strengths.items()}
-        _set(provenance, "strengths", {**found, **provenance.strengths})
-        notes.pop("strengths", None)
-    with contextlib.suppress(ValueError, TypeError, AttributeError):
-        errors = json.loads(notes.get("derived_error", "{}"))
-        names = filter(None, notes.get("derived", "").split(";"))
-        _set(
-            provenance,
-            "derived",
-            {n: dict(errors.get(n, {})) for n in names} | {**provenance.derived},
-        )
-        notes.pop("derived", None), notes.pop("derived_error", None)
-    _set(provenance, "notes", notes)
 
 
 def as_numbers(label: str, values: Any) -> FloatArray:

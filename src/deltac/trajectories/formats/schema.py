@@ -27,11 +27,8 @@ from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.trajectory import MAPPINGS, FloatArray, Provenance, Trajectory, as_numbers
 
 SCHEMA_VERSION = 3
-"""Raised whenever a reader of the old version would misread or refuse the new one.
-
-Version 2 has the entry `events`, without which speeds that jump would be integrated across. Version 3 has
-the entry `works`, and entries of the provenance that were notes before.
-"""
+"""Raised whenever a reader of the old version would misread or refuse the new one; versions 1 and 2 were
+never released."""
 
 UNITS: Mapping[str, str] = {
     "time": "s",
@@ -298,8 +295,8 @@ def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
             f"the log has schema version {version}, this deltac reads up to {SCHEMA_VERSION}. "
             "Update deltac."
         )
-    if version < 1:
-        raise LogError(f"metadata: schema_version is {version}, expected 1 or more")
+    if version < SCHEMA_VERSION:
+        raise LogError(f"metadata: schema_version is {version}, expected {SCHEMA_VERSION}")
     for quantity, unit in _entry(metadata, "units", dict).items():
         if unit != UNITS.get(quantity, unit):
             raise LogError(
@@ -311,7 +308,7 @@ def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
         _texts(metadata, "speeds"),
         _entry(metadata, "accelerations", bool),
         _texts(metadata, "channels"),
-        _texts(metadata, "works") if version > 2 else (),
+        _texts(metadata, "works"),
         _texts(metadata, "integrals"),
     )
 

@@ -134,5 +134,7 @@ def test_the_model_is_taken_by_place_and_by_name(tmp_path: Path) -> None:
         dc.read_trajectory(path, model=dc.load_model(ARM)),
     ):
         assert np.array_equal(run.q, whole.q) and run.coordinates == whole.coordinates
-    with pytest.raises(InputError, match=r"model: found int.*read_trajectory\(log, mapping, model\)"):
+    with pytest.raises(
+        InputError, match=r"model: found int.*read_trajectory\(log, mapping, model\)"
+    ):
         dc.read_trajectory(path, model=3)

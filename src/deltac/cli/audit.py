@@ -14,11 +14,11 @@ from deltac.cli import options
 from deltac.cli.formats import Case
 from deltac.cli.options import Verb, of
 from deltac.cli.output import (
+    READ_BY_PEOPLE,
     deliver,
     displayed,
     print_cases,
     print_json,
-    READ_BY_PEOPLE,
     print_sections,
     progress_bar,
 )

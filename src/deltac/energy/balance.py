@@ -10,7 +10,7 @@ from os import PathLike
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
@@ -58,7 +58,7 @@ DIVISIONS = 64
 """Samples at which own speeds are held against the constraints."""
 
 
-@renamed_keywords(mechanism="model", speeds="coordinates")
+@checked
 @interruptible()
 def balance(
     model: ModelLike,
@@ -244,7 +244,7 @@ def balance(
     return replace(ledger, violation=violation)
 
 
-@renamed_keywords(mechanism="model", speeds="coordinates")
+@checked
 def residuals(
     model: ModelLike,
     run: Trajectory,

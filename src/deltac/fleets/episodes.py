@@ -126,7 +126,9 @@ def read_episodes(
                 if name not in raws:
                     raise LogError(f"there is no episode {name!r} any more; run it again")
                 with naming(f"episode {name}"):
-                    found.append(LogReading.of(checked_raw(raws[name]), mapping, known).trajectory())
+                    found.append(
+                        LogReading.of(checked_raw(raws[name]), mapping, known).trajectory()
+                    )
         except InputError as error:
             found.append(error)
     return found

@@ -56,6 +56,10 @@ class Movement:
         """The same over some of the intervals."""
         return Movement(self.moved[intervals], self.told[intervals])
 
+    def column(self, k: int) -> Movement:
+        """That of one coordinate (I, 1)."""
+        return Movement(self.moved[:, k : k + 1], self.told[:, k : k + 1])
+
     def sizes(self) -> tuple[float, float]:
         """The sum of all movement, and of all differences; missing values count nothing."""
         return (

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.calls.caching import LRUCache, derived
-from deltac.calls.deprecation import renamed_keywords
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.errors import ArgumentsError, InputError, ModelError
@@ -120,7 +120,7 @@ class Ensemble:
         )
 
 
-@renamed_keywords(mechanism="model", testing="record", record_every="record")
+@checked
 @interruptible()
 def simulate_ensemble(
     model: ModelLike,

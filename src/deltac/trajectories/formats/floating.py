@@ -136,13 +136,11 @@ def _from(first: str) -> list[str]:
 
 def packed(q: Sequence[str], u: Sequence[str], i: int = 0, j: int = 0) -> Iterator[Layout]:
     """Layouts of a body whose pose begins at the place i of the columns q, and its velocities at j of u."""
-    pose, twist = q[i : i + 7], u[j : j + 6]
-    rest = {"q": (*q[:i], *q[i + 7 :]), "u": (*u[:j], *u[j + 6 :])}
-    for (x, p), (v, w) in product(
-        ((pose[:3], pose[3:]), (pose[4:], pose[:4])),
-        ((twist[:3], twist[3:]), (twist[3:], twist[:3])),
-    ):
-        yield Layout(tuple(x), tuple(p), tuple(v), tuple(w), **rest)
+    pose, twist = tuple(q[i : i + 7]), tuple(u[j : j + 6])
+    rest_q, rest_u = (*q[:i], *q[i + 7 :]), (*u[:j], *u[j + 6 :])
+    for x, p in ((pose[:3], pose[3:]), (pose[4:], pose[:4])):
+        for v, w in ((twist[:3], twist[3:]), (twist[3:], twist[:3])):
+            yield Layout(x, p, v, w, q=rest_q, u=rest_u)
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-Basis: TypeAlias = Literal["declared", "motion", "guess"]
+Basis: TypeAlias = Literal["declared", "motion", "guess", "open"]
 """What a meaning rests on.
 
 "declared": names, widths, the format, a mapping, or the model's order. "motion": what the file says leaves it
 open, or speaks against the numbers, and coordinates move as their speeds say only so. "guess": neither; it is
-only written into the draft of a mapping.
+only written into the draft of a mapping. "open": others are as likely; in the draft it is a comment.
 """
 
 
@@ -39,4 +39,4 @@ class Meaning:
     @property
     def certain(self) -> bool:
         """Whether a log is read so without being asked."""
-        return self.basis != "guess"
+        return self.basis in ("declared", "motion")

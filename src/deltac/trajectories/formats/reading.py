@@ -417,7 +417,10 @@ class LogReading:
         ]
         for table, entries in tables.items():
             if entries:
-                text = [f"# {entry}" if '"?"' in entry else entry for entry in entries]
+                text = [
+                    f"# {entry}" if '"?"' in entry or "  # missing: " in entry else entry
+                    for entry in entries
+                ]
                 lines += ["", f"[{table}]", *text]
         used = {one.column for one in every.values()}
         unused = [name for name in self.raw.columns if name not in used]
@@ -438,7 +441,8 @@ class LogReading:
             text = self._unit(one, si)[0]
         entry = f"column = {_quoted(one.column)}" + (f", unit = {_quoted(text)}" if text else "")
         entry += f", frame = {_quoted(one.frame)}" if one.frame else ""
-        why = one.because if one.certain else f"guessed: {one.because}"
+        words = {"guess": "guessed: ", "open": "missing: perhaps so; "}
+        why = f"{words.get(one.basis, '')}{one.because}"
         return f"{{ {entry} }}  # {why}" + ("" if text else f"; {si or 'SI'} assumed")
 
 

@@ -538,7 +538,7 @@ def _by_width(s: _Search) -> Iterator[Meaning]:
             ):
                 why, basis = (
                     f"{why}; the model branches, and nothing says the joints' order",
-                    "guess",
+                    "open",
                 )
             elif s.floating and targets is widths[0] and key(array) not in _OF_MUJOCO:
                 why, basis = (
@@ -717,14 +717,13 @@ def _packed(s: _Search, clock: str) -> Iterator[Layout]:
             if width == nq + nu:
                 yield from packed(columns[:nq], columns[nq:], i, j)
                 yield from packed(columns[nu:], columns[:nu], i, j)
-            first, rest = columns[:13], columns[13:]
-            q, u = s.targets["q"][7:], s.targets["u"][6:]
-            for order in _joint_orders(q, u) if i == j == 0 else [()]:
+            root, rest = columns[:13], columns[13:]
+            joints = s.targets["q"][7:], s.targets["u"][6:]
+            for order in _joint_orders(*joints) if i == j == 0 else [[]]:
                 place = dict(zip(order, rest))
-                joints = {"q": tuple(place[n] for n in q if n in place)}
-                joints["u"] = tuple(place[n] for n in u if n in place)
-                for pose, twist in ((first[:7], first[7:]), (first[6:], first[:6])):
-                    yield from (replace(one, **joints) for one in packed(pose, twist))
+                of_q, of_u = (tuple(place[n] for n in of if n in place) for of in joints)
+                for pose, twist in ((root[:7], root[7:]), (root[6:], root[:6])):
+                    yield from packed([*pose, *of_q], [*twist, *of_u])
 
 
 def _joint_orders(q: Sequence[str], u: Sequence[str]) -> Iterator[list[str]]:

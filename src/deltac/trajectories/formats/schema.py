@@ -26,9 +26,8 @@ from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.trajectory import MAPPINGS, FloatArray, Provenance, Trajectory, as_numbers
 
-SCHEMA_VERSION = 3
-"""Raised whenever a reader of the old version would misread or refuse the new one; versions 1 and 2 were
-never released."""
+SCHEMA_VERSION = 1
+"""Raised whenever a reader of the version before would misread or refuse the new one."""
 
 UNITS: Mapping[str, str] = {
     "time": "s",
@@ -295,8 +294,8 @@ def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
             f"the log has schema version {version}, this deltac reads up to {SCHEMA_VERSION}. "
             "Update deltac."
         )
-    if version < SCHEMA_VERSION:
-        raise LogError(f"metadata: schema_version is {version}, expected {SCHEMA_VERSION}")
+    if version < 1:
+        raise LogError(f"metadata: schema_version is {version}, expected 1 or more")
     for quantity, unit in _entry(metadata, "units", dict).items():
         if unit != UNITS.get(quantity, unit):
             raise LogError(

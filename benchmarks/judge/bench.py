@@ -309,7 +309,7 @@ def _rates(rows: list[Row], by: str) -> str:
 def _wrong_sizes(rows: list[Row]) -> str:
     """Wrong ones by their true joules beside the tolerance."""
     lines = [
-        "| true joules of the mistake, of the tolerance | wrong | seen | called equation-error | unresolved |",
+        "| true joules of the mistake / tolerance | wrong | seen | called equation-error | unresolved |",
         "|---|--:|--:|--:|--:|",
     ]
     known = [
@@ -396,7 +396,8 @@ def _failures(rows: list[Row]) -> str:
             what.append("accused" if row["verdict"] == "equation-error" else "accused, small")
         if blamed(row):
             what.append(
-                f"integrator blamed: true {row['largest_integrator']:.1e} J, tolerance {row['tolerance']:.1e} J"
+                f"integrator blamed: true {row['largest_integrator']:.1e} J "
+                f"of {row['tolerance']:.1e} J allowed"
             )
         if row["truth"] == "wrong" and not seen(row) and oracle_sees(row):
             what.append("missed")

@@ -9,7 +9,9 @@ C = E − ∫P dt, so what a step adds to C is, to the first order of its defect
 
 and both add up to the step's share of ΔC. The defects are weighed with ∂E/∂x at the end of the step; the flow
 backwards from z_{k+1} weighs them at its beginning. The truth is the mean of the two, and half of their
-difference the `slack`, within which definitions of the shares may differ.
+difference is `slack`, within which definitions of the shares may differ. So is the product of both errors:
+what the step does to the wrong equations differs from what it does to the model's by as much, relatively, as
+the equations do.
 """
 
 from __future__ import annotations
@@ -189,5 +191,8 @@ def joules(simulated_plant: Plant, model: Plant, motion: Motion, right: bool) ->
 
     of_step, step_slack = summed(E(z[1:]) - E(ahead), E(back) - E(z[:-1]))
     of_mistake, mistake_slack = summed(E(ahead) - E(ahead_model), E(back_model) - E(back))
-    effect = float((np.abs(ahead - ahead_model) / (np.abs(z).max(axis=0) + 1e-3)).max())
-    return Joules(of_step, of_mistake, step_slack, mistake_slack, effect)
+    differs, n = ahead - ahead_model, model.nq
+    effect = float((np.abs(differs) / (np.abs(z).max(axis=0) + 1e-3)).max())
+    moves = np.linalg.norm((ahead_model - z[:-1])[:, n:]) + 1e-300
+    product = np.abs(of_step) * min(1.0, float(np.linalg.norm(differs[:, n:]) / moves))
+    return Joules(of_step, of_mistake, step_slack + product, mistake_slack + product, effect)

@@ -93,7 +93,7 @@ def forward(
     rows, free = constrained.rows, system.free_u
     udot = ca.SX(system.udot_all)
     udot[free] = 0
-    r = (tau - rnea(system, udot, base))[free]
+    r = (tau - rnea(system, udot, base))[free, :]
     alpha, beta = damping
     gamma = rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
     multipliers = constrained.schur.multipliers(r, gamma)
@@ -138,7 +138,7 @@ def multipliers(
     """The multipliers that accelerations ask for: what Gᵀλ can explain of −(F + F*)."""
     if constrained is None:
         return ca.SX(0, 1)
-    needed = (rnea(system, udot) - total_force(system, parts))[system.free_u]
+    needed = (rnea(system, udot) - total_force(system, parts))[system.free_u, :]
     return constrained.multipliers_from(needed)
 
 

@@ -54,10 +54,6 @@ def check_request(
             f"{mechanism.name!r} has {len(mechanism.coordinates)} and {len(mechanism.speeds)}. "
             "Make it by mechanism.state(...)"
         )
-    if not len(mechanism.free.u):
-        raise ModelError(
-            f"the mechanism {mechanism.name!r} has no free speeds, so there is nothing to integrate"
-        )
     if step is not None:
         positive(step, "step")
     if solver.takes_steps and step is None:

@@ -280,7 +280,7 @@ def build_flow(
     if written is None:
         motion = forward(system, parts, bound, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
-        q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u]
+        q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u, :]
     else:
         state = written.state
         own, q, u, qdot = state.own, state.q, state.u, state.qdot

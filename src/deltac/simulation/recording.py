@@ -84,7 +84,9 @@ def observer(flow: Flow) -> Kernel:
 
 def observed(flow: Flow, observe: Kernel, motion: Motion, p: Array) -> dict[str, Array]:
     """What the observer sees of the samples of a motion, time first; p (np,), or (T, np) where it varies."""
-    arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
+    arrays: dict[str, Array] = {"t": motion.t}
+    if flow.x.shape[0]:
+        arrays["x"] = motion.x
     if flow.inputs.shape[0]:
         arrays["inputs"] = motion.inputs
     if flow.given.shape[0]:

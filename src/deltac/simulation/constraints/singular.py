@@ -42,7 +42,7 @@ class SingularMotion:
         self._flow, self._equations = flow, equations
         self._p = p[: system.p.shape[0]]
         forces, rows = equations.channels, bound.rows
-        r = (equations.force - equations.bias)[system.free_u]
+        r = (equations.force - equations.bias)[system.free_u, :]
         outputs = [equations.M, rows.G, r, rows.gamma, system.qdot]
         self._pieces = ca.Function("pieces", [flow.t, flow.x, system.p], outputs)
         self._energies = ca.Function("E", [flow.t, flow.x, system.p], [flow.energies])

@@ -68,7 +68,9 @@ class ImplicitMethod:
     def system(self) -> StepSystem:
         """The step's equations, compiled."""
         e = self.equations
-        return StepSystem(e.unknowns, self._data, e.residual, e.speeds)
+        # Speeds that the constraints determine say nothing of the convergence of the multipliers.
+        telling = e.unknowns.shape[0] if self.flow.driven else e.speeds
+        return StepSystem(e.unknowns, self._data, e.residual, telling)
 
     @cached_property
     def ending(self) -> Kernel:

@@ -57,6 +57,7 @@ from deltac.simulation.solvers import (
     Solver,
     Sundials,
     Taylor,
+    find_solver,
     solver_options,
 )
 from deltac.simulation.step_size.stiffness import explained
@@ -182,8 +183,9 @@ def simulate(
     compiled = flow.traced and controller is None
     stepper = _stepper(made, options, rate, p_run, duration, compiled=compiled)
     careful = None
-    if found.step is not None and compiled and flow.bound is not None and equations is None:
-        careful = CarefulStep(moving, found, p_run)
+    if found.passes_singular and compiled and flow.bound is not None and equations is None:
+        explicit = found if found.step else find_solver("ode5")
+        careful = CarefulStep(moving, explicit, p_run, getattr(options, "tolerance", 0.0))
     loop = Loop(
         stepper,
         rate,
@@ -216,7 +218,7 @@ def simulate(
         message=motion.message,
         **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
     )
-    run = recorded(mechanism, flow, seen, motion, p, provenance)
+    run = recorded(mechanism, flow, seen, motion, p, provenance, guarded=careful is not None)
     if events is None:
         return run
     return with_occurrences(moving, made.observe_events, events.happened, run)

@@ -114,13 +114,30 @@ class SingularMotion:
         return qdot.ravel(), udot, independent @ bounded, turning.T @ (dependent @ growing)
 
 
+SHORTEST = 2.0**-10
+"""Share of a step beyond which a careful one is not shortened: on a singular position itself no step is exact."""
+
+
 class CarefulStep:
     """One step of a solver with multipliers by least squares, and a projection to match."""
 
-    def __init__(self, flow: Flow, solver: Solver, p: Array) -> None:
-        """Of a flow and its parameters `p`."""
+    def __init__(self, flow: Flow, solver: Solver, p: Array, tolerance: float = 0.0) -> None:
+        """Of a flow and its parameters `p`; `tolerance` is for `length`."""
         assert solver.step is not None
-        self._flow, self._step, self._p = flow, solver.step, p
+        self._flow, self._step, self._p, self._tolerance = flow, solver.step, p, tolerance
+
+    def length(self, t: float, x: Array, h: float) -> float:
+        """The length, up to h, of a step that two halves agree with to the tolerance, relative to q and u."""
+        shortest = SHORTEST * h
+        while h > shortest:
+            whole, halves = self(t, x, h), self(t + h / 2, self(t, x, h / 2), h / 2)
+            if all(
+                np.abs(whole[part] - halves[part]).max() <= self._tolerance * np.abs(x[part]).max()
+                for part in self._flow.parts[:2]
+            ):
+                break
+            h /= 2
+        return h
 
     @cached_property
     def _motion(self) -> SingularMotion:

@@ -98,9 +98,9 @@ def inverse_dynamics(
     solved, singular = _solved(columns, needed, len(driven))
     if len(singular) == len(at.t):
         raise ModelError(
-            f"the forces of {', '.join(map(repr, channels))} are not determined by the motion: the constraints "
-            f"of {mechanism.name!r} leave fewer degrees of freedom than these {len(driven)} drives have; name "
-            "those that did drive it, drives=[…]"
+            f"the forces of {', '.join(map(repr, channels))} are not determined by the motion: the "
+            f"constraints of {mechanism.name!r} leave fewer degrees of freedom than these {len(driven)} "
+            "drives have; name those that did drive it, drives=[…]"
         )
     pushed = np.zeros_like(needed)
     pushed[:, driven] = solved[:, : len(driven)]
@@ -135,7 +135,9 @@ def _channels(mechanism: Mechanism, drives: Sequence[str] | None) -> dict[Channe
         drives = [drives]
     for name in drives:
         if name not in movable:
-            raise UnknownName(f"drives: no joint that moves is called {name!r}{closest(name, movable)}")
+            raise UnknownName(
+                f"drives: no joint that moves is called {name!r}{closest(name, movable)}"
+            )
     if not drives:
         raise ArgumentsError("drives: no joint is named; leave it out to have all that are driven")
     named = {}

@@ -305,7 +305,9 @@ def _rate_1988(system: System, K: SX, drift: Acatastatic) -> SX:
     along = ca.vertcat(system.q, system.t)
     direction = ca.vertcat(drift.X, 1)
     if not drift.Y.shape[1]:  # without own speeds K depends on t alone
-        return ca.jtimes(K, ca.vertcat(along, system.u), ca.vertcat(direction, drift.udot[system.free_u, :]))
+        return ca.jtimes(
+            K, ca.vertcat(along, system.u), ca.vertcat(direction, drift.udot[system.free_u, :])
+        )
     held = ca.SX.sym("own_u", drift.Y.shape[1])
     u = ca.mtimes(drift.Y, held) + drift.Z
     u_rate = ca.jtimes(u, along, direction)

@@ -110,7 +110,9 @@ def balance(
     rows = rows_of(run)
     log = LoggedForces.of(rows if rows.starts else run)
     samples, basis = checked_samples(mechanism, rows, log)
-    tied = coordinates is None and dependent_speeds(equations_of_motion(mechanism), *_start(samples))
+    tied = coordinates is None and dependent_speeds(
+        equations_of_motion(mechanism), *_start(samples)
+    )
     functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
     if method == "in-loop" and any(f.name.startswith("kane-levinson") for f in functions):
         _require_same_division(run, coordinates)
@@ -269,7 +271,9 @@ def residuals(
     samples, _ = checked_samples(mechanism, rows_of(replace(run, events=())), log)
     symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
     _check_division(symbols, samples)
-    tied = coordinates is None and dependent_speeds(equations_of_motion(mechanism), *_start(samples))
+    tied = coordinates is None and dependent_speeds(
+        equations_of_motion(mechanism), *_start(samples)
+    )
     functions = testing_functions(
         applicable(constrained=tied) if testing is None else testing, constrained=tied
     )

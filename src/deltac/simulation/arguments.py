@@ -20,7 +20,6 @@ from deltac.errors import (
     ArgumentsError,
     InputError,
     LimitError,
-    ModelError,
     SolverError,
     StateError,
     warn_user,

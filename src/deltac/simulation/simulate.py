@@ -145,7 +145,7 @@ def simulate(
     check_correction(kept, found, watching=watching)
     steps = whole_steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
-    rows = constraint_start(mechanism, state, found, equations, kept)
+    rows = constraint_start(mechanism, state, found, kept)
     made = _compiled(
         mechanism,
         found,

@@ -15,7 +15,6 @@ from deltac.dynamics.independence import Independence, independence
 from deltac.errors import ModelError, SolverError, StateError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation.equations import Equations
 from deltac.simulation.flow import Baumgarte, Keeping, Projection, keeping
 from deltac.simulation.solvers import Solver
 
@@ -36,7 +35,6 @@ def constraint_start(
     mechanism: Mechanism,
     state: State,
     solver: Solver,
-    equations: Equations | None,
     constraints: str | Keeping,
     vary: Sequence[str] = (),
     p: Array = NONE,
@@ -76,8 +74,8 @@ def constraint_start(
         )
     if found.freedom == 0 and not driven(motion):
         raise ModelError(
-            f"the constraints leave mechanism {mechanism.name!r} no degree of freedom, and nothing drives it: "
-            "it cannot move. Prescribe a joint (motion=), or let a constraint move in time"
+            f"the constraints leave mechanism {mechanism.name!r} no degree of freedom, and nothing drives "
+            "it: it cannot move. Prescribe a joint (motion=), or let a constraint move in time"
         )
     if found.singular:
         raise StateError(
@@ -88,7 +86,7 @@ def constraint_start(
 
 
 def driven(motion: EquationsOfMotion) -> bool:
-    """Whether a joint is prescribed or a constraint moves in time, so that there is motion without freedom."""
+    """Whether a joint is prescribed or a constraint moves in time: then there is motion without freedom."""
     return bool(motion.system.driven_u) or bool(ca.sparsify(ca.simplify(motion.rows.b)).nnz())
 
 

@@ -115,7 +115,7 @@ class SingularMotion:
 
 
 SHORTEST = 2.0**-10
-"""Share of a step beyond which a careful one is not shortened: on a singular position itself no step is exact."""
+"""Share of a step beyond which a careful one is not shortened: across a singular position none is exact."""
 
 
 class CarefulStep:

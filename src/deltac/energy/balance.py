@@ -10,8 +10,6 @@ from os import PathLike
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.calls.deprecation import renamed_keywords
-from deltac.calls.interrupts import interruptible
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.independence import dependent_speeds
@@ -52,7 +50,6 @@ from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, load_model
 from deltac.trajectories import Trajectory
 
 WORK = ("in-loop", "samples", "discrete")
@@ -60,10 +57,8 @@ DIVISIONS = 64
 """Samples at which own speeds are held against the constraints."""
 
 
-@renamed_keywords(mechanism="model", speeds="coordinates")
-@interruptible()
 def balance(
-    model: ModelLike,
+    mechanism: Mechanism,
     run: Trajectory,
     work: str | None = None,
     testing: Sequence[str] | None = None,
@@ -71,33 +66,7 @@ def balance(
     coordinates: CoordinateMap | None = None,
     keep: int | None = None,
 ) -> Ledger:
-    """Evaluate the energy testing functions on a trajectory.
-
-    Args:
-        model: what the motion is tested against: a Mechanism, a Problem, or what else `load_model` takes.
-        run: the motion. Forces that it holds are used in place of the model's own, and channels that the
-            model does not have are added.
-        work: how the power is integrated. "in-loop": by the integrals that the solver took (the default
-            where the run has them). "samples": by quadrature along the samples. "discrete": a force held over
-                a step does the work h fᵀ(u_k + u_{k+1})/2, for engines of first order.
-        testing: names of testing functions; by default those integrated in the loop, or all.
-        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson); by default
-            those in which the run's integrals were taken.
-        keep: about how many rows the ledger is to have, one in 512 of the run at least: of equal
-            parts of the run those where |ΔC| is largest, the first and the last, extremes of K and V.
-            Works, ΔC, bars and the energy exchanged are taken over all rows, and violations are the largest
-            since the row before. A long log of equidistant samples takes a fraction of the time and of the
-            memory so. By default all rows.
-
-    Returns:
-        The ledger. Works of channels are those that the solver integrated, where `work` is "in-loop" and
-        the run has them, else they are taken along the samples; each has an error bar.
-
-    Raises:
-        InputError: the run is not one of this mechanism, has too few samples, lacks a motor's force, or
-            lacks the integrals asked for.
-    """
-    mechanism = load_model(model).mechanism
+    """Evaluate the energy testing functions on a trajectory: the core of `deltac.balance`."""
     _require_trajectory(run)
     method = _method(run, work)
     if keep is not None and keep < 1:
@@ -248,22 +217,14 @@ def balance(
     return replace(ledger, violation=violation)
 
 
-@renamed_keywords(mechanism="model", speeds="coordinates")
 def residuals(
-    model: ModelLike,
+    mechanism: Mechanism,
     run: Trajectory,
     testing: Sequence[str] | None = None,
     *,
     coordinates: CoordinateMap | None = None,
 ) -> dict[str, Array]:
-    """The testing functions in rate form, ε = Ė − P (W), at every sample, without any integration.
-
-    Returns ε (T,) by the function's name, and under ``"coordinates"`` the residual F_r + F*_r (T, n) of
-    Kane's equations for the free speeds (N·m or N). Needs the run's accelerations.
-
-    Raises InputError as `balance`, and for a run without u̇.
-    """
-    mechanism = load_model(model).mechanism
+    """The testing functions in rate form at every sample: the core of `deltac.residuals`."""
     _require_trajectory(run)
     if run.udot is None:
         raise LogError("residuals need the accelerations u̇ of the run; it has none")

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.calls.caching import FrozenDict
-from deltac.calls.deprecation import RenamedAttribute
 from deltac.energy.works import unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.results import Report, Section, Table, number, percent
@@ -73,8 +72,6 @@ class Ledger(
     violation: Mapping[str, Array]
     basis: Mapping[str, str]
     rule: str = ""
-
-    turnover = RenamedAttribute("energy_exchanged")
 
     def __post_init__(self) -> None:
         for name, what in _WHAT.items():

@@ -80,13 +80,6 @@ Keeping: TypeAlias = Projection | Baumgarte | None
 """How a run stays on its constraints; None: on the level of accelerations alone."""
 
 
-def stabilised(old: object) -> Any:
-    """What the argument `constraints` is for one of the old name, `stabilisation`: "none", (α, β)."""
-    if isinstance(old, tuple) and len(old) == 2:
-        return Baumgarte(*old)
-    return None if old == "none" else old
-
-
 def keeping(constraints: str | Keeping) -> Keeping:
     """What the argument `constraints` says, "projection" written out; InputError for anything else."""
     if isinstance(constraints, str) and constraints == "projection":

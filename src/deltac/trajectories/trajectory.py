@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import json
 import math
 import operator
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -20,6 +17,7 @@ import numpy.typing as npt
 
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
+from deltac.calls.services import service
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
@@ -115,7 +113,6 @@ class Provenance:
         _set(self, "completed", bool(self.completed))
         _set(self, "step", _positive("step", self.step, zero=False))
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
-        _take_from_notes(self)
         for name in ("ended", "equations", "corrected", "singular", "stage"):
             if not isinstance(getattr(self, name), str):
                 raise _unfit(name, getattr(self, name), "text")
@@ -335,7 +332,7 @@ class Trajectory(Shown, Once):
         The sign is that of M u̇ + h = f + Gᵀλ; rows that follow from others have none. Gᵀλ itself is in
         `forces`, as ``constraint <name>``.
         """
-        found = import_module("deltac.analysis.evaluate").evaluate(self._known("multipliers"), self)
+        found = service("evaluate")(self._known("multipliers"), self)
         names = dict.fromkeys(found.rows)
         return MappingProxyType(
             {
@@ -346,7 +343,7 @@ class Trajectory(Shown, Once):
 
     def _kinematics(self) -> Any:
         mechanism = self._known("kinematics")
-        return import_module("deltac.analysis.kinematics").kinematics(mechanism, self)
+        return service("kinematics")(mechanism, self)
 
     def _known(self, what: str) -> Mechanism:
         if self.mechanism is None:
@@ -469,9 +466,7 @@ class Trajectory(Shown, Once):
             InputError: states of another size, or of which no usual order makes sense; the message has the
                 names for `order`.
         """
-        from importlib import import_module
-
-        made: Trajectory = import_module("deltac.recorders.state_vectors").trajectory_of_states(
+        made: Trajectory = service("trajectory_of_states")(
             result,
             model,
             order=order,
@@ -485,49 +480,11 @@ class Trajectory(Shown, Once):
         """A polars DataFrame with the columns of the log schema (see `schema`)."""
         import polars
 
-        from deltac.trajectories.formats.schema import to_columns
-
-        return polars.DataFrame(to_columns(self))
+        return polars.DataFrame(service("to_columns")(self))
 
     def write(self, path: str | Path) -> None:
-        """Write a `.parquet` or `.csv` log; see `files.write_trajectory`."""
-        from deltac.trajectories.formats.files import write_trajectory
-
-        write_trajectory(self, path)
-
-
-def _take_from_notes(provenance: Provenance) -> None:
-    """Put the notes of older logs in their places; text that is none of theirs stays a note."""
-    if not provenance.notes:
-        return
-    notes = dict(provenance.notes)
-    for name in ("ended", "equations", "singular", "stage"):
-        if name in notes and not getattr(provenance, name):
-            _set(provenance, name, notes.pop(name))
-    for name in ("held", "looked_for", "acted", "converted", "ignored"):
-        if name in notes and not getattr(provenance, name):
-            _set(provenance, name, tuple(filter(None, notes.pop(name).split(";"))))
-    # One key had two meanings: what a solver corrects, and what a reader put right.
-    for text in filter(None, notes.pop("corrected", "").split(";")):
-        if text == "energy":
-            _set(provenance, "corrected", text)
-        else:
-            _set(provenance, "repairs", (*provenance.repairs, text))
-    with contextlib.suppress(ValueError, TypeError, AttributeError):  # notes of somebody else's
-        strengths = json.loads(notes.get("strengths", "{}"))
-        found = {str(n): [float(x) for x in values] for n, values in strengths.items()}
-        _set(provenance, "strengths", {**found, **provenance.strengths})
-        notes.pop("strengths", None)
-    with contextlib.suppress(ValueError, TypeError, AttributeError):
-        errors = json.loads(notes.get("derived_error", "{}"))
-        names = filter(None, notes.get("derived", "").split(";"))
-        _set(
-            provenance,
-            "derived",
-            {n: dict(errors.get(n, {})) for n in names} | {**provenance.derived},
-        )
-        notes.pop("derived", None), notes.pop("derived_error", None)
-    _set(provenance, "notes", notes)
+        """Write a `.parquet` or `.csv` log; see `deltac.write_trajectory`."""
+        service("write_trajectory")(self, path)
 
 
 def as_numbers(label: str, values: Any) -> FloatArray:

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.matching import Match, explain_residual
 from deltac.diagnosis.residuals.at_states import EquationTest
@@ -125,7 +125,7 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
             yield f"Power that the model does not supply, at most: {told}."
 
 
-@renamed_keywords(mechanism="model")
+@checked
 @interruptible()
 def localise(
     model: ModelLike, run: Trajectory, *, coordinates: CoordinateMap | None = None

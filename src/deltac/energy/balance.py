@@ -82,10 +82,14 @@ def balance(
     tied = coordinates is None and dependent_speeds(
         equations_of_motion(mechanism), *_start(samples)
     )
-    functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
-    if method == "in-loop" and any(f.name.startswith("kane-levinson") for f in functions):
+    integrated = method == "in-loop" and any(n in run.integrals for n in TESTING_FUNCTIONS)
+    functions = testing_functions(
+        _chosen(run, method, testing, tied=tied, integrated=integrated), constrained=tied
+    )
+    if integrated and any(f.name.startswith("kane-levinson") for f in functions):
         _require_same_division(run, coordinates)
-    symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples))
+    recorded = _recorded(run) if method == "in-loop" and not integrated else frozenset()
+    symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples), recorded)
     _check_division(symbols, samples)
     passed = None
     if method == "samples" and not run.integrals.keys() & BOOKED:
@@ -117,46 +121,57 @@ def balance(
 
     # The testing functions.
     integrals = dict(zip(kernels.functions, sums["functions"]))
+    potential = dict(zip(kernels.potential, here["potential"]))
+    quadrature = dict(zip(kernels.channels, sums["channels"]))
+    growth = growth_of_rounding(places)
+    in_time = {n: ChannelName("prescribed", n.element) for n in symbols.driven}
+
+    def lost(name: ChannelName, works: Mapping[ChannelName, Work]) -> Work:
+        """The work of a channel with a potential; `works` has that of ∂V/∂t."""
+        explicit = works[in_time[name]] if name in in_time else None
+        return of_potential(potential[name], explicit, growth)
+
+    taken = {n: run.works[n] - run.works[n][0] for n in run.works if method == "in-loop"}
     delta_c: dict[str, Array] = {}
     bars: dict[str, Array] = {}
     for function in functions:
         E = function.E(parts)
+        entering = [
+            lost(name, quadrature)
+            if name in kernels.conservative
+            else Work.exact(taken[name], "in-loop")
+            for name in sorted(kernels.entering(function.name))
+        ]
         for name in variants(symbols, function.name):
-            if method == "in-loop":
+            if integrated:
                 if name not in run.integrals:
                     continue
                 flowed, bar = run.integrals[name], np.zeros(len(run))
             elif discrete is not None:
                 flowed, bar = discrete.of(function.name), np.zeros(len(run))
             else:
-                flowed, bar = integrals[name].value, integrals[name].bar
+                flow = sum(entering, start=integrals[name])
+                flowed, bar = flow.value, flow.bar
                 if passed is None:
                     flowed = flowed + _projected(run, potential=function.name != "liu-huston")
-            if method != "in-loop":
+            if not integrated:
                 flowed = flowed + jumped.functions.get(function.name, 0.0)
             delta_c[name] = E - E[0] - (flowed - flowed[0])
             bars[name] = bar
 
     # The works: those of forces, of impulses, and of corrections.
-    growth = growth_of_rounding(places)
-    potential = dict(zip(kernels.potential, here["potential"]))
     corrected = _corrections(mechanism, run)
-    quadrature = dict(zip(kernels.channels, sums["channels"]))
     if discrete is not None:
         nothing = np.zeros(len(run))
         works = {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
     else:
         works = dict(quadrature)
-        if method == "in-loop":
+        if taken:
             left = [d + sum(corrected.values()) for d in delta_c.values()]
             unaccounted = np.maximum.accumulate(np.abs(left).max(axis=0))
-            for name in works.keys() & run.works.keys():
-                value = run.works[name] - run.works[name][0]
-                works[name] = in_loop(value, quadrature[name], unaccounted)
-        for name in kernels.conservative:
-            driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
-            explicit = None if driven is None else works[driven]
-            works[name] = of_potential(potential[name], explicit, growth)
+            for name in works.keys() & taken.keys():
+                works[name] = in_loop(taken[name], quadrature[name], unaccounted)
+        works |= {name: lost(name, works) for name in kernels.conservative}
         works = {name: works[name] for name in kernels.powers}
     if passed is None:
         flows = [exchanged(w, power[name], t) for name, w in works.items()]
@@ -257,15 +272,21 @@ def _require_trajectory(run: object) -> None:
 
 def _method(run: Trajectory, work: str | None) -> str:
     if work is None:
-        return "in-loop" if any(n in run.integrals for n in TESTING_FUNCTIONS) else "samples"
+        in_loop = any(n in run.integrals for n in TESTING_FUNCTIONS) or _recorded(run)
+        return "in-loop" if in_loop else "samples"
     if work not in WORK:
         raise UnknownName(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
-    if work == "in-loop" and not run.integrals:
+    if work == "in-loop" and not run.integrals and not run.works:
         raise LogError(
-            "the run holds no integrals taken in the loop; use work='samples', or simulate with "
+            "the run holds no integrals and no works taken in the loop; use work='samples', or simulate with "
             "record=dc.Record(testing=...)"
         )
     return work
+
+
+def _recorded(run: Trajectory) -> frozenset[ChannelName]:
+    """Channels of which the run holds both forces and works: what acted, and what that did."""
+    return frozenset(run.works.keys() & run.forces.keys())
 
 
 def _require_same_division(run: Trajectory, coordinates: CoordinateMap | None) -> None:
@@ -295,13 +316,13 @@ def _check_division(symbols: LedgerSymbols, samples: Samples) -> None:
 
 
 def _chosen(
-    run: Trajectory, method: str, testing: Sequence[str] | None, *, tied: bool
+    run: Trajectory, method: str, testing: Sequence[str] | None, *, tied: bool, integrated: bool
 ) -> Sequence[str]:
     if isinstance(testing, str):
         testing = (testing,)
     if testing is not None and not len(testing):
         raise ArgumentsError("testing: no function is named; leave it out to have all of them")
-    if method == "in-loop":
+    if integrated:
         chosen = (
             [n for n in TESTING_FUNCTIONS if n in run.integrals] if testing is None else testing
         )
@@ -364,11 +385,15 @@ def _compiled(
     functions: Sequence[TestingFunction],
     speeds: CoordinateMap | None,
     start: tuple[float, Array],
+    recorded: frozenset[ChannelName],
 ) -> tuple[LedgerSymbols, LedgerKernels]:
-    """Traced and compiled once for logs of the same mechanism that hold the same forces."""
+    """Traced and compiled once for logs of the same mechanism that hold the same forces and works."""
     symbols = ledger_symbols(mechanism, log, speeds, start)
-    key = ("ledger", tuple(function.name for function in functions))
-    return symbols, symbols.once(key, lambda: ledger_kernels(symbols, functions, log.places.keys()))
+    recorded = recorded.intersection(part.name for part in symbols.parts)
+    key = ("ledger", tuple(function.name for function in functions), recorded)
+    return symbols, symbols.once(
+        key, lambda: ledger_kernels(symbols, functions, log.places.keys(), recorded)
+    )
 
 
 def _start(samples: Samples) -> tuple[float, Array]:

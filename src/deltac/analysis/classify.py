@@ -171,7 +171,7 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
     velocity = {k for k in range(len(rows)) if not rows.holonomic[k]}
     integrable = _integrable(motion, velocity, t, q)
     nonholonomic = _names(rows, velocity - integrable)
-    functions = applicable(constrained=bool(mechanism.constraints))
+    functions = applicable(constrained=bool(len(rows)) and ranks.freedom > 0)
     nonpotential = tuple(
         part.name
         for part in motion.channels

@@ -275,7 +275,7 @@ def _same_decades(panels: Sequence[Axes], floor: float) -> None:
         _decades(panel, bottom, top, max(1, math.ceil((top - bottom) / 9)))
 
 
-def _decades(panel: Axes, bottom: int, top: int, every: int) -> None:
+def _decades(panel: Axes, bottom: float, top: float, every: float) -> None:
     """A log axis between two powers of ten, with a tick every so many."""
     from matplotlib.ticker import LogLocator, NullLocator
 

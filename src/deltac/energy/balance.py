@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from os import PathLike
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
 from deltac.calls.deprecation import renamed_keywords
@@ -15,17 +17,19 @@ from deltac.calls.interrupts import interruptible
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
+    MOMENTUM,
     TESTING_FUNCTIONS,
     TestingFunction,
     applicable,
     testing_functions,
 )
-from deltac.energy.discrete import discrete_work
+from deltac.energy.discrete import DiscreteWork, discrete_work
 from deltac.energy.ledger import Ledger, worst_rows
-from deltac.energy.one_pass import in_one_pass
+from deltac.energy.one_pass import OnePass, in_one_pass
 from deltac.energy.prepare import checked_samples, violations
+from deltac.energy.sampling.quadrature import Integral
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
-from deltac.energy.sampling.segments import integrate_pieces, jumps, rows_of
+from deltac.energy.sampling.segments import Jumps, Rows, integrate_pieces, jumps, rows_of
 from deltac.energy.terms import (
     LedgerKernels,
     LedgerSymbols,
@@ -78,9 +82,11 @@ def balance(
         work: how the power is integrated. "in-loop": by the integrals that the solver took (the default
             where the run has them). "samples": by quadrature along the samples. "discrete": a force held over
                 a step does the work h fᵀ(u_k + u_{k+1})/2, for engines of first order.
-        testing: names of testing functions; by default those integrated in the loop, or all.
-        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson); by default
-            those in which the run's integrals were taken.
+        testing: names of testing functions; by default those integrated in the loop, or all. "momentum"
+            stands for the functions ΔP_r of all speeds, which are also taken by default; named alone, it is
+            taken beside "wang".
+        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson) and
+            whose momentum functions are taken; by default those in which the run's integrals were taken.
         keep: about how many rows the ledger is to have, one in 512 of the run at least: of equal
             parts of the run those where |ΔC| is largest, the first and the last, extremes of K and V.
             Works, ΔC, bars and the energy exchanged are taken over all rows, and violations are the largest
@@ -106,98 +112,43 @@ def balance(
     if coordinates is None and noted and method == "in-loop":
         coordinates = CoordinateMap(**noted)
     tied = bool(mechanism.constraints) and coordinates is None
-    functions = testing_functions(_chosen(run, method, testing, tied=tied), constrained=tied)
+    names = _chosen(run, method, testing, tied=tied)
+    functions = testing_functions(names, constrained=tied)
     if method == "in-loop" and any(f.name.startswith("kane-levinson") for f in functions):
         _require_same_division(run, coordinates)
     rows = rows_of(run)
     log = LoggedForces.of(rows if rows.starts else run)
     samples, basis = checked_samples(mechanism, rows, log)
-    symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples))
+    symbols, kernels = _compiled(
+        mechanism, log, functions, coordinates, _start(samples), momenta=MOMENTUM in names
+    )
     _check_division(symbols, samples)
-    passed = None
+    one_pass = None
     if method == "samples" and not run.integrals.keys() & BOOKED:
-        passed = in_one_pass(samples, log, symbols, kernels, functions, keep)
-    t = run.t
-    if passed is None:
-        sampled = at_samples(samples, *_evaluation(kernels.at_samples, log))
-        known = sampled[-kernels.between.n_out :]
-        evaluate, rated = _evaluation(kernels.between, log)
-        leading = slice(len(kernels.channels), None)
-        found = integrate_pieces(samples, rows.starts, evaluate, known, rated, leading)
-        own, places = rows.own, np.arange(len(t))
+        one_pass = in_one_pass(samples, log, symbols, kernels, functions, keep)
+    if one_pass is None:
+        seen = _Seen.of_all_rows(samples, rows, log, kernels)
     else:
-        sampled, found, own, places = passed.known, passed.integral, slice(None), passed.rows
-        t = t[places]
-    here = {
-        name: sampled[where][:, own] for name, where in kernels.at_samples.output_slices.items()
-    }
-    power = dict(zip(kernels.powers, (*here["conservative"], *here["channels"])))
-    sums = {
-        name: [Work(found.value[own, k], found.bar[own, k]) for k in _range(where)]
-        for name, where in kernels.between.output_slices.items()
-    }
-    parts = Energies(*here["energies"])
+        seen = _Seen.of_pass(one_pass, kernels)
     jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, coordinates)
     discrete = None
     if method == "discrete":
         discrete = discrete_work(symbols, rows, samples, log).at(rows.own)
-
-    # The testing functions.
-    integrals = dict(zip(kernels.functions, sums["functions"]))
-    delta_c: dict[str, Array] = {}
-    bars: dict[str, Array] = {}
-    for function in functions:
-        E = function.E(parts)
-        for name in variants(symbols, function.name):
-            if method == "in-loop":
-                if name not in run.integrals:
-                    continue
-                flowed, bar = run.integrals[name], np.zeros(len(run))
-            elif discrete is not None:
-                flowed, bar = discrete.of(function.name), np.zeros(len(run))
-            else:
-                flowed, bar = integrals[name].value, integrals[name].bar
-                if passed is None:
-                    flowed = flowed + _projected(run, potential=function.name != "liu-huston")
-            if method != "in-loop":
-                flowed = flowed + jumped.functions.get(function.name, 0.0)
-            delta_c[name] = E - E[0] - (flowed - flowed[0])
-            bars[name] = bar
+    delta_c, bars = _delta_c(functions, symbols, kernels, seen, run, method, jumped, discrete)
 
     # The works: those of forces, of impulses, and of corrections.
-    growth = growth_of_rounding(places)
-    potential = dict(zip(kernels.potential, here["potential"]))
+    t, parts = run.t[seen.rows], seen.energies
+    growth = growth_of_rounding(seen.rows)
     corrected = _corrections(mechanism, run)
-    quadrature = dict(zip(kernels.channels, sums["channels"]))
-    if discrete is not None:
-        nothing = np.zeros(len(run))
-        works = {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
-    else:
-        works = dict(quadrature)
-        if method == "in-loop":
-            left = [d + sum(corrected.values()) for d in delta_c.values()]
-            unaccounted = np.maximum.accumulate(np.abs(left).max(axis=0))
-            for name in works.keys() & run.works.keys():
-                value = run.works[name] - run.works[name][0]
-                works[name] = in_loop(value, quadrature[name], unaccounted)
-        for name in kernels.conservative:
-            driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
-            explicit = None if driven is None else works[driven]
-            works[name] = of_potential(potential[name], explicit, growth)
-        works = {name: works[name] for name in kernels.powers}
-    if passed is None:
-        flows = [exchanged(w, power[name], t) for name, w in works.items()]
-        energies = np.vstack([here["energies"], parts.K])
-        least, largest = energies.min(axis=1), energies.max(axis=1)
-    else:
-        flows = [certain(passed.flow[name], w) for name, w in works.items()]
-        least, largest = passed.least, passed.largest
-    energy_exchanged = (
-        sum(flows) + jumped.exchanged + float((largest - least)[-2:].sum())
-    )  # V and K
-    scale = energy_exchanged + float(np.maximum(np.abs(least), np.abs(largest))[:-1].sum())
-    rounding = EPS * scale * growth
-    bars = {name: bar + rounding for name, bar in bars.items()}
+    power = dict(zip(kernels.powers, (*seen.outputs["conservative"], *seen.outputs["channels"])))
+    potential = dict(zip(kernels.potential, seen.outputs["potential"]))
+    left = [d + sum(corrected.values()) for d in delta_c.values()] if method == "in-loop" else []
+    works = _works(symbols, kernels, seen, run, left, discrete, growth)
+    flow = sum(seen.exchanged(name, w, power[name], t) for name, w in works.items())
+    # Of K2, K1, K0, V and K; the range of the last two is exchanged.
+    energy_exchanged = flow + jumped.exchanged + float((seen.largest - seen.least)[-2:].sum())
+    sizes = np.maximum(np.abs(seen.least), np.abs(seen.largest))[:-1]
+    rounding = EPS * (energy_exchanged + float(sizes.sum())) * growth
     impulsive = {ChannelName("impact", e.name) for e in mechanism.events if e.impulsive}
     for name in dict.fromkeys((*impulsive, *jumped.work)):
         added = Work.exact(jumped.work.get(name, np.zeros(len(t))), "events")
@@ -210,7 +161,7 @@ def balance(
         E = parts.K + parts.V
         missing = np.abs(E - E[0] - sum(w.value for w in free.values()) - delta_c["wang"])
         works |= widened(free, missing)
-    momentum, momentum_bar = _momenta(kernels, here["momentum"], sums["force"], jumped.momentum)
+    momentum, delta_p = _momenta(kernels, seen, run, jumped, growth, in_loop=method == "in-loop")
     violation = violations(mechanism, run)
     ledger = Ledger(
         t=t,
@@ -224,24 +175,201 @@ def balance(
         work_error={name: w.bar for name, w in works.items()},
         work_from={name: w.way for name, w in works.items()},
         delta_c=delta_c,
-        error_bar=bars,
+        error_bar={name: bar + rounding for name, bar in bars.items()},
         energy_exchanged=energy_exchanged,
-        momentum=momentum,
-        momentum_bar=momentum_bar,
-        violation=violation if passed is None else {},
+        momentum={name: departure.value for name, departure in momentum.items()},
+        momentum_bar={name: departure.bar for name, departure in momentum.items()},
+        violation=violation if one_pass is None else {},
         basis={
             **{n: "measured" if n in run.forces else "computed" for n in kernels.powers},
             **basis,
         },
-        rule="discrete" if discrete is not None else found.rule,
+        rule="discrete" if discrete is not None else seen.rule,
+        delta_p={name: departure.value for name, departure in delta_p.items()},
+        delta_p_bar={name: departure.bar for name, departure in delta_p.items()},
+        momentum_exchanged=dict(zip(kernels.speeds, map(float, seen.momentum_exchanged))),
     )
     if keep is None:
         return ledger
-    if passed is None:
-        places = worst_rows(ledger, np.arange(len(run)), len(run), keep)
+    places = seen.rows
+    if one_pass is None:
+        places = worst_rows(ledger, places, len(run), keep)
         ledger = ledger.at(places)
     violation = {n: np.maximum.reduceat(v, places) for n, v in violation.items()}
     return replace(ledger, violation=violation)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What kernels and quadrature say of the rows of a ledger, whichever way they were taken.
+
+    `rows` are their places in the run, `outputs` the kernel's values there, each (n, rows), `sums` the
+    integrals of those of `between`, by `rule`. Over all rows of the run were taken: the `least` and `largest`
+    K2, K1, K0, V and K; ∫|ṗ_r| dt, `momentum_exchanged`; and `flow`, ∫|P| dt by channel, where the rows are
+    only some of the run's.
+    """
+
+    rows: NDArray[np.intp]
+    outputs: dict[str, Array]
+    sums: dict[str, list[Work]]
+    rule: str
+    least: Array
+    largest: Array
+    momentum_exchanged: Array
+    flow: Mapping[ChannelName, float] | None
+
+    @staticmethod
+    def of_all_rows(
+        samples: Samples, rows: Rows, log: LoggedForces, kernels: LedgerKernels
+    ) -> _Seen:
+        """By quadrature over the smooth pieces of a run."""
+        values = at_samples(samples, *_evaluation(kernels.at_samples, log))
+        between = values[-kernels.between.n_out :]
+        evaluate, rated = _evaluation(kernels.between, log)
+        leading = slice(len(kernels.channels), None)
+        integral = integrate_pieces(samples, rows.starts, evaluate, between, rated, leading)
+        outputs, sums = _by_name(kernels, values[:, rows.own], integral, rows.own)
+        energies = np.vstack([outputs["energies"], Energies(*outputs["energies"]).K])
+        rates = np.abs(outputs["force"][len(kernels.momenta) :])
+        t = samples.t[rows.own]
+        return _Seen(
+            np.arange(len(t)),
+            outputs,
+            sums,
+            integral.rule,
+            energies.min(axis=1),
+            energies.max(axis=1),
+            0.5 * ((rates[:, 1:] + rates[:, :-1]) * np.diff(t)).sum(axis=1),
+            None,
+        )
+
+    @staticmethod
+    def of_pass(one_pass: OnePass, kernels: LedgerKernels) -> _Seen:
+        """What one pass kept."""
+        outputs, sums = _by_name(kernels, one_pass.known, one_pass.integral, slice(None))
+        size = one_pass.size[kernels.between.output_slices["force"]][len(kernels.momenta) :]
+        rule, extremes = one_pass.integral.rule, (one_pass.least, one_pass.largest)
+        return _Seen(one_pass.rows, outputs, sums, rule, *extremes, size, one_pass.flow)
+
+    @property
+    def energies(self) -> Energies:
+        """K2, K1, K0 and V (rows,)."""
+        return Energies(*self.outputs["energies"])
+
+    def exchanged(self, name: ChannelName, work: Work, power: Array, t: Array) -> float:
+        """∫|P| dt of a channel over all rows of the run, as far as it is certain (J)."""
+        return exchanged(work, power, t) if self.flow is None else certain(self.flow[name], work)
+
+
+def _by_name(
+    kernels: LedgerKernels, values: Array, integral: Integral, own: NDArray[np.intp] | slice
+) -> tuple[dict[str, Array], dict[str, list[Work]]]:
+    """Outputs of a ledger's kernel and their integrals, by name."""
+    outputs = {name: values[where] for name, where in kernels.at_samples.output_slices.items()}
+    sums = {
+        name: [
+            Work(integral.value[own, k], integral.bar[own, k])
+            for k in range(where.start, where.stop)
+        ]
+        for name, where in kernels.between.output_slices.items()
+    }
+    return outputs, sums
+
+
+def _delta_c(
+    functions: Sequence[TestingFunction],
+    symbols: LedgerSymbols,
+    kernels: LedgerKernels,
+    seen: _Seen,
+    run: Trajectory,
+    method: str,
+    jumped: Jumps,
+    discrete: DiscreteWork | None,
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """ΔC of each testing function (T,), and the bar of its quadrature."""
+    integrals = dict(zip(kernels.functions, seen.sums["functions"]))
+    exact, parts = np.zeros(len(seen.rows)), seen.energies
+    delta_c: dict[str, Array] = {}
+    bars: dict[str, Array] = {}
+    for function in functions:
+        E = function.E(parts)
+        for name in variants(symbols, function.name):
+            bar = exact
+            if method == "in-loop":
+                if name not in run.integrals:
+                    continue
+                flowed = run.integrals[name]
+            elif discrete is not None:
+                flowed = discrete.of(function.name)
+            else:
+                flowed, bar = integrals[name].value, integrals[name].bar
+                if run.integrals.keys() & BOOKED:
+                    flowed = flowed + _projected(run, potential=function.name != "liu-huston")
+            if method != "in-loop":
+                flowed = flowed + jumped.functions.get(function.name, 0.0)
+            delta_c[name] = E - E[0] - (flowed - flowed[0])
+            bars[name] = bar
+    return delta_c, bars
+
+
+def _works(
+    symbols: LedgerSymbols,
+    kernels: LedgerKernels,
+    seen: _Seen,
+    run: Trajectory,
+    left: Sequence[Array],
+    discrete: DiscreteWork | None,
+    growth: Array,
+) -> dict[ChannelName, Work]:
+    """Works of all channels of forces.
+
+    `left` are what the testing functions leave of the balance (T,) where the solver integrated works, too.
+    """
+    if discrete is not None:
+        nothing = np.zeros(len(run))
+        return {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
+    works = dict(zip(kernels.channels, seen.sums["channels"]))
+    if left:
+        unaccounted = np.maximum.accumulate(np.abs(left).max(axis=0))
+        for name in works.keys() & run.works.keys():
+            value = run.works[name] - run.works[name][0]
+            works[name] = in_loop(value, works[name], unaccounted)
+    potential = dict(zip(kernels.potential, seen.outputs["potential"]))
+    for name in kernels.conservative:
+        driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
+        explicit = None if driven is None else works[driven]
+        works[name] = of_potential(potential[name], explicit, growth)
+    return {name: works[name] for name in kernels.powers}
+
+
+def _momenta(
+    kernels: LedgerKernels,
+    seen: _Seen,
+    run: Trajectory,
+    jumped: Jumps,
+    growth: Array,
+    *,
+    in_loop: bool,
+) -> tuple[dict[str, Work], dict[str, Work]]:
+    """p(t) − p(0) − ∫ṗ dt (T,) with its bar: of every momentum balance, and of every speed."""
+    names = (*kernels.momenta, *kernels.speeds)
+    impulses = [jumped.momentum.get(name) for name in kernels.momenta]
+    impulses += [*jumped.speeds.T] or [None] * len(kernels.speeds)
+    departures: list[Work] = []
+    for k, (p, rate, impulse) in enumerate(
+        zip(seen.outputs["momentum"], seen.sums["force"], impulses)
+    ):
+        taken = run.integrals.get(f"{MOMENTUM} {names[k]}") if in_loop else None
+        if k < len(kernels.momenta) or taken is None:
+            flowed, bar = rate.value, rate.bar
+        else:
+            flowed, bar = taken - taken[0], np.zeros(len(p))
+        if impulse is not None:
+            flowed = flowed + impulse
+        rounding = growth * EPS * (largest(p) + largest(flowed))
+        departures.append(Work(p - p[0] - flowed, bar + rounding))
+    own = len(kernels.momenta)
+    return dict(zip(names[:own], departures)), dict(zip(names[own:], departures[own:]))
 
 
 @renamed_keywords(mechanism="model", speeds="coordinates")
@@ -255,7 +383,9 @@ def residuals(
     """The testing functions in rate form, ε = Ė − P (W), at every sample, without any integration.
 
     Returns ε (T,) by the function's name, and under ``"coordinates"`` the residual F_r + F*_r (T, n) of
-    Kane's equations for the free speeds (N·m or N). Needs the run's accelerations.
+    Kane's equations for the free speeds (N·m or N), less what constraint forces explain. Under ``"momentum"``
+    is the rate form of ΔP_r (T, n), ṗ_r − F_r − (Gᵀλ)_r − ṡ_r·H_r, of the free or the own speeds; λ is that
+    of the log, or of the model's equations at the state. Needs the run's accelerations.
 
     Raises InputError as `balance`, and for a run without u̇.
     """
@@ -268,12 +398,12 @@ def residuals(
     symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
     _check_division(symbols, samples)
     tied = bool(mechanism.constraints) and coordinates is None
-    functions = testing_functions(
-        applicable(constrained=tied) if testing is None else testing, constrained=tied
-    )
-    found = _at_samples(residual_kernel(symbols, functions), samples, log)
-    found["coordinates"] = found["coordinates"].reshape(len(run), -1)
-    return found
+    names = (*applicable(constrained=tied), MOMENTUM) if testing is None else testing
+    functions = testing_functions(names, constrained=tied)
+    kernel = residual_kernel(symbols, functions, momenta=MOMENTUM in names)
+    residual = _at_samples(kernel, samples, log)
+    columns = residual.keys() & {"coordinates", MOMENTUM}
+    return residual | {name: residual[name].reshape(len(run), -1) for name in columns}
 
 
 def _require_trajectory(run: object) -> None:
@@ -334,9 +464,13 @@ def _chosen(
         testing = (testing,)
     if testing is not None and not len(testing):
         raise ArgumentsError("testing: no function is named; leave it out to have all of them")
+    if testing is not None and not {*testing} - {MOMENTUM}:
+        testing = ("wang", MOMENTUM)
     if method == "in-loop":
         chosen = (
-            [n for n in TESTING_FUNCTIONS if n in run.integrals] if testing is None else testing
+            [*(n for n in TESTING_FUNCTIONS if n in run.integrals), MOMENTUM]
+            if testing is None
+            else testing
         )
         for name in chosen:
             if name in TESTING_FUNCTIONS and name not in run.integrals:
@@ -346,7 +480,7 @@ def _chosen(
                 )
         return list(chosen)
     if method == "discrete":
-        chosen = ("liu-huston", "wang") if testing is None else testing
+        chosen = ("liu-huston", "wang", MOMENTUM) if testing is None else testing
         for name in chosen:
             if name in TESTING_FUNCTIONS and name not in ("liu-huston", "wang"):
                 raise ArgumentsError(
@@ -356,7 +490,7 @@ def _chosen(
         return chosen
     if testing is not None:
         return testing
-    return applicable(constrained=tied)
+    return (*applicable(constrained=tied), MOMENTUM)
 
 
 CORRECTIONS = ("correction kinetic", "correction potential")
@@ -397,11 +531,15 @@ def _compiled(
     functions: Sequence[TestingFunction],
     speeds: CoordinateMap | None,
     start: tuple[float, Array],
+    *,
+    momenta: bool,
 ) -> tuple[LedgerSymbols, LedgerKernels]:
     """Traced and compiled once for logs of the same mechanism that hold the same forces."""
     symbols = ledger_symbols(mechanism, log, speeds, start)
-    key = ("ledger", tuple(function.name for function in functions))
-    return symbols, symbols.once(key, lambda: ledger_kernels(symbols, functions, log.places.keys()))
+    key = ("ledger", tuple(function.name for function in functions), momenta)
+    logged = log.places.keys()
+    make = partial(ledger_kernels, symbols, functions, logged, momenta=momenta)
+    return symbols, symbols.once(key, make)
 
 
 def _start(samples: Samples) -> tuple[float, Array]:
@@ -444,24 +582,3 @@ def _evaluation(kernel: Kernel, log: LoggedForces) -> tuple[Powers, tuple[str, .
 
     kernel.compile()
     return evaluate, rated
-
-
-def _range(where: slice) -> range:
-    return range(where.start, where.stop)
-
-
-def _momenta(
-    kernels: LedgerKernels,
-    momentum: Array,
-    sums: Sequence[Work],
-    impulses: Mapping[str, Array],
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """h(t) − h(0) − ∫ force dt of every momentum balance (T,), with its bar."""
-    departures: dict[str, Array] = {}
-    bars: dict[str, Array] = {}
-    for name, h, force in zip(kernels.momenta, momentum, sums):
-        impulse = force.value + impulses[name] if name in impulses else force.value
-        departures[name] = h - h[0]
-        departures[name] -= impulse
-        bars[name] = force.bar + 8 * EPS * (largest(h) + largest(impulse))
-    return departures, bars

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
-from deltac.calls.deprecation import RenamedAttribute
 from deltac.codes import FINDINGS, finding_code
 
 if TYPE_CHECKING:
@@ -414,8 +413,6 @@ class Report(Serialisable, Shown):
     A subclass is a frozen dataclass (``repr=False``) with `sections`, `summary` and, where it judges,
     `exit_code`.
     """
-
-    status = RenamedAttribute("exit_code")
 
     @property
     def findings(self) -> tuple[Finding, ...]:

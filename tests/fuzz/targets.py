@@ -316,7 +316,7 @@ def corpus(name: str) -> list[bytes]:
     header = {**to_metadata(RUN)}
     match name:
         case "metadata":
-            events = {**header, "schema_version": 2, "events": [EVENT.to_dict()]}
+            events = {**header, "schema_version": 1, "events": [EVENT.to_dict()]}
             return [json.dumps(header).encode(), json.dumps(events).encode()]
         case "event":
             return [json.dumps(EVENT.to_dict()).encode()]

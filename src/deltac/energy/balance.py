@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
@@ -62,7 +62,7 @@ DIVISIONS = 64
 """Samples at which own speeds are held against the constraints."""
 
 
-@renamed_keywords(mechanism="model", speeds="coordinates")
+@checked
 @interruptible()
 def balance(
     model: ModelLike,
@@ -127,27 +127,29 @@ def balance(
     if method == "samples" and not run.integrals.keys() & BOOKED:
         one_pass = in_one_pass(samples, log, symbols, kernels, functions, keep)
     if one_pass is None:
-        seen = _Seen.of_all_rows(samples, rows, log, kernels)
+        columns = _Columns.of_all_rows(samples, rows, log, kernels)
     else:
-        seen = _Seen.of_pass(one_pass, kernels)
+        columns = _Columns.of_pass(one_pass, kernels)
     jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, coordinates)
     discrete = None
     if method == "discrete":
         discrete = discrete_work(symbols, rows, samples, log).at(rows.own)
-    delta_c, bars = _delta_c(functions, symbols, kernels, seen, run, method, jumped, discrete)
+    delta_c, bars = _delta_c(functions, symbols, kernels, columns, run, method, jumped, discrete)
 
     # The works: those of forces, of impulses, and of corrections.
-    t, parts = run.t[seen.rows], seen.energies
-    growth = growth_of_rounding(seen.rows)
+    t, parts = run.t[columns.rows], columns.energies
+    growth = growth_of_rounding(columns.rows)
     corrected = _corrections(mechanism, run)
-    power = dict(zip(kernels.powers, (*seen.outputs["conservative"], *seen.outputs["channels"])))
-    potential = dict(zip(kernels.potential, seen.outputs["potential"]))
+    power = dict(
+        zip(kernels.powers, (*columns.outputs["conservative"], *columns.outputs["channels"]))
+    )
+    potential = dict(zip(kernels.potential, columns.outputs["potential"]))
     left = [d + sum(corrected.values()) for d in delta_c.values()] if method == "in-loop" else []
-    works = _works(symbols, kernels, seen, run, left, discrete, growth)
-    flow = sum(seen.exchanged(name, w, power[name], t) for name, w in works.items())
+    works = _works(symbols, kernels, columns, run, left, discrete, growth)
+    flow = sum(columns.exchanged(name, w, power[name], t) for name, w in works.items())
     # Of K2, K1, K0, V and K; the range of the last two is exchanged.
-    energy_exchanged = flow + jumped.exchanged + float((seen.largest - seen.least)[-2:].sum())
-    sizes = np.maximum(np.abs(seen.least), np.abs(seen.largest))[:-1]
+    energy_exchanged = flow + jumped.exchanged + float((columns.largest - columns.least)[-2:].sum())
+    sizes = np.maximum(np.abs(columns.least), np.abs(columns.largest))[:-1]
     rounding = EPS * (energy_exchanged + float(sizes.sum())) * growth
     impulsive = {ChannelName("impact", e.name) for e in mechanism.events if e.impulsive}
     for name in dict.fromkeys((*impulsive, *jumped.work)):
@@ -161,7 +163,7 @@ def balance(
         E = parts.K + parts.V
         missing = np.abs(E - E[0] - sum(w.value for w in free.values()) - delta_c["wang"])
         works |= widened(free, missing)
-    momentum, delta_p = _momenta(kernels, seen, run, jumped, growth, in_loop=method == "in-loop")
+    momentum, delta_p = _momenta(kernels, columns, run, jumped, growth, in_loop=method == "in-loop")
     violation = violations(mechanism, run)
     ledger = Ledger(
         t=t,
@@ -184,14 +186,14 @@ def balance(
             **{n: "measured" if n in run.forces else "computed" for n in kernels.powers},
             **basis,
         },
-        rule="discrete" if discrete is not None else seen.rule,
+        rule="discrete" if discrete is not None else columns.rule,
         delta_p={name: departure.value for name, departure in delta_p.items()},
         delta_p_bar={name: departure.bar for name, departure in delta_p.items()},
-        momentum_exchanged=dict(zip(kernels.speeds, map(float, seen.momentum_exchanged))),
+        momentum_exchanged=dict(zip(kernels.speeds, map(float, columns.momentum_exchanged))),
     )
     if keep is None:
         return ledger
-    places = seen.rows
+    places = columns.rows
     if one_pass is None:
         places = worst_rows(ledger, places, len(run), keep)
         ledger = ledger.at(places)
@@ -200,7 +202,7 @@ def balance(
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _Columns:
     """What kernels and quadrature say of the rows of a ledger, whichever way they were taken.
 
     `rows` are their places in the run, `outputs` the kernel's values there, each (n, rows), `sums` the
@@ -221,7 +223,7 @@ class _Seen:
     @staticmethod
     def of_all_rows(
         samples: Samples, rows: Rows, log: LoggedForces, kernels: LedgerKernels
-    ) -> _Seen:
+    ) -> _Columns:
         """By quadrature over the smooth pieces of a run."""
         values = at_samples(samples, *_evaluation(kernels.at_samples, log))
         between = values[-kernels.between.n_out :]
@@ -232,7 +234,7 @@ class _Seen:
         energies = np.vstack([outputs["energies"], Energies(*outputs["energies"]).K])
         rates = np.abs(outputs["force"][len(kernels.momenta) :])
         t = samples.t[rows.own]
-        return _Seen(
+        return _Columns(
             np.arange(len(t)),
             outputs,
             sums,
@@ -244,12 +246,12 @@ class _Seen:
         )
 
     @staticmethod
-    def of_pass(one_pass: OnePass, kernels: LedgerKernels) -> _Seen:
+    def of_pass(one_pass: OnePass, kernels: LedgerKernels) -> _Columns:
         """What one pass kept."""
         outputs, sums = _by_name(kernels, one_pass.known, one_pass.integral, slice(None))
         size = one_pass.size[kernels.between.output_slices["force"]][len(kernels.momenta) :]
         rule, extremes = one_pass.integral.rule, (one_pass.least, one_pass.largest)
-        return _Seen(one_pass.rows, outputs, sums, rule, *extremes, size, one_pass.flow)
+        return _Columns(one_pass.rows, outputs, sums, rule, *extremes, size, one_pass.flow)
 
     @property
     def energies(self) -> Energies:
@@ -280,15 +282,15 @@ def _delta_c(
     functions: Sequence[TestingFunction],
     symbols: LedgerSymbols,
     kernels: LedgerKernels,
-    seen: _Seen,
+    columns: _Columns,
     run: Trajectory,
     method: str,
     jumped: Jumps,
     discrete: DiscreteWork | None,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """ΔC of each testing function (T,), and the bar of its quadrature."""
-    integrals = dict(zip(kernels.functions, seen.sums["functions"]))
-    exact, parts = np.zeros(len(seen.rows)), seen.energies
+    integrals = dict(zip(kernels.functions, columns.sums["functions"]))
+    exact, parts = np.zeros(len(columns.rows)), columns.energies
     delta_c: dict[str, Array] = {}
     bars: dict[str, Array] = {}
     for function in functions:
@@ -315,7 +317,7 @@ def _delta_c(
 def _works(
     symbols: LedgerSymbols,
     kernels: LedgerKernels,
-    seen: _Seen,
+    columns: _Columns,
     run: Trajectory,
     left: Sequence[Array],
     discrete: DiscreteWork | None,
@@ -328,13 +330,13 @@ def _works(
     if discrete is not None:
         nothing = np.zeros(len(run))
         return {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
-    works = dict(zip(kernels.channels, seen.sums["channels"]))
+    works = dict(zip(kernels.channels, columns.sums["channels"]))
     if left:
         unaccounted = np.maximum.accumulate(np.abs(left).max(axis=0))
         for name in works.keys() & run.works.keys():
             value = run.works[name] - run.works[name][0]
             works[name] = in_loop(value, works[name], unaccounted)
-    potential = dict(zip(kernels.potential, seen.outputs["potential"]))
+    potential = dict(zip(kernels.potential, columns.outputs["potential"]))
     for name in kernels.conservative:
         driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
         explicit = None if driven is None else works[driven]
@@ -344,7 +346,7 @@ def _works(
 
 def _momenta(
     kernels: LedgerKernels,
-    seen: _Seen,
+    columns: _Columns,
     run: Trajectory,
     jumped: Jumps,
     growth: Array,
@@ -356,23 +358,22 @@ def _momenta(
     impulses = [jumped.momentum.get(name) for name in kernels.momenta]
     impulses += [*jumped.speeds.T] or [None] * len(kernels.speeds)
     departures: list[Work] = []
+    own = len(kernels.momenta)
     for k, (p, rate, impulse) in enumerate(
-        zip(seen.outputs["momentum"], seen.sums["force"], impulses)
+        zip(columns.outputs["momentum"], columns.sums["force"], impulses)
     ):
-        taken = run.integrals.get(f"{MOMENTUM} {names[k]}") if in_loop else None
-        if k < len(kernels.momenta) or taken is None:
-            flowed, bar = rate.value, rate.bar
-        else:
-            flowed, bar = taken - taken[0], np.zeros(len(p))
+        flowed, bar = rate.value, rate.bar
+        integral = run.integrals.get(f"{MOMENTUM} {names[k]}")
+        if in_loop and k >= own and integral is not None:
+            flowed, bar = integral - integral[0], np.zeros(len(p))
         if impulse is not None:
             flowed = flowed + impulse
         rounding = growth * EPS * (largest(p) + largest(flowed))
         departures.append(Work(p - p[0] - flowed, bar + rounding))
-    own = len(kernels.momenta)
     return dict(zip(names[:own], departures)), dict(zip(names[own:], departures[own:]))
 
 
-@renamed_keywords(mechanism="model", speeds="coordinates")
+@checked
 def residuals(
     model: ModelLike,
     run: Trajectory,

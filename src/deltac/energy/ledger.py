@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.calls.caching import FrozenDict
-from deltac.calls.deprecation import RenamedAttribute
 from deltac.energy.works import unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.results import Report, Section, Table, number, percent
@@ -89,8 +88,6 @@ class Ledger(
     delta_p: Mapping[str, Array] = field(default_factory=dict)
     delta_p_bar: Mapping[str, Array] = field(default_factory=dict)
     momentum_exchanged: Mapping[str, float] = field(default_factory=dict)
-
-    turnover = RenamedAttribute("energy_exchanged")
 
     def __post_init__(self) -> None:
         for name, what in _WHAT.items():

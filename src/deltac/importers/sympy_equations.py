@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from deltac.calls.arguments import checked
-from deltac.calls.deprecation import renamed_keywords
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.errors import ModelError, UnknownName, WrongType, closest
@@ -238,7 +237,7 @@ class SymbolicEquations:
         return lines
 
 
-@renamed_keywords(mechanism="model")
+@checked
 def symbolic_equations(model: ModelLike, *, simplify: bool = True) -> SymbolicEquations:
     """Write a model's equations of motion out in its coordinates, speeds and parameters.
 

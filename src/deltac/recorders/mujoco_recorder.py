@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
-from deltac.calls.deprecation import renamed_keywords
 from deltac.errors import (
     InputError,
     ModelError,
@@ -333,7 +332,7 @@ class _Row:
 Control = Callable[[Model, Data], object]
 
 
-@renamed_keywords(control="controller")
+@checked
 def run_mujoco(
     model: Model | str | Path,
     duration: float,
@@ -469,7 +468,7 @@ class MujocoSimulator:
         )
 
 
-@renamed_keywords(control="controller")
+@checked
 def mujoco_simulator(
     model: Any,
     duration: float,

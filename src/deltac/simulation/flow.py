@@ -82,13 +82,6 @@ Keeping: TypeAlias = Projection | Baumgarte | None
 """How a run stays on its constraints; None: on the level of accelerations alone."""
 
 
-def stabilised(old: object) -> Any:
-    """What the argument `constraints` is for one of the old name, `stabilisation`: "none", (α, β)."""
-    if isinstance(old, tuple) and len(old) == 2:
-        return Baumgarte(*old)
-    return None if old == "none" else old
-
-
 def keeping(constraints: str | Keeping) -> Keeping:
     """What the argument `constraints` says, "projection" written out; InputError for anything else."""
     if isinstance(constraints, str) and constraints == "projection":
@@ -371,8 +364,9 @@ def _integrands(
     integrals: Sequence[str],
     momenta: MomentumFunctions | None,
 ) -> SX:
-    """The rates of works and integrals: powers (W); zero of what corrections book; Q of the energy due;
-    those of `momenta` (N, N·m).
+    """The rates of works and integrals (W): powers; zero of what corrections book; Q of the energy due.
+
+    Of momentum functions, N or N·m: what changes `momenta`.
     """
     rates: dict[str, SX] = {f.name: f.P(known) for f in testing_functions(testing)}
     rates[ENERGY_DUE] = known.nonpotential_power + known.prescribed_power

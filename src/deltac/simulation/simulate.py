@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.calls.arguments import named, unknown_argument
+from deltac.calls.arguments import checked
 from deltac.calls.caching import LRUCache
-from deltac.calls.deprecation import renamed_keywords, warn_renamed
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.errors import ArgumentsError, InputError, warn_user
+from deltac.errors import warn_user
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -39,7 +37,7 @@ from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.equations import Controller, Equations, as_equations, by_hand
 from deltac.simulation.events.run import Eventful, EventRun, check_apart, eventful
-from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
+from deltac.simulation.flow import Flow, Keeping, build_flow, keeping
 from deltac.simulation.recording import (
     RECORD,
     Record,
@@ -77,7 +75,7 @@ class SimulationStoppedWarning(UserWarning):
     """A run ended before its time; the trajectory holds what was computed."""
 
 
-@renamed_keywords(mechanism="model")
+@checked
 @interruptible()
 def simulate(
     model: ModelLike,
@@ -91,7 +89,6 @@ def simulate(
     controller: Controller | None = None,
     constraints: str | Keeping = "projection",
     progress: Progress | None = None,
-    **renamed: Any,
 ) -> Trajectory:
     """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
 
@@ -111,7 +108,6 @@ def simulate(
         constraints: how the run stays on its constraints: "projection" of q and u after each step (least
             in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
         progress: called with the fraction done.
-        **renamed: arguments of version 0.1, with a warning that says what to write now.
 
     Returns:
         Trajectory with q, u, u̇ of all joints, the forces (channels ``prescribed`` and ``actuator``) that
@@ -130,9 +126,6 @@ def simulate(
             scale.
     """
     mechanism, state, duration = opened(model, state, duration)
-    if renamed:
-        solver, record, constraints = _as_before(renamed, solver, record, constraints)
-        mechanism = mechanism.varying(*renamed.get("vary", ()))
     vary = mechanism.varied
     options = solver_options(solver)
     found, wanted, kept = options.solver, Record.of(record), keeping(constraints)
@@ -342,52 +335,3 @@ def _circumstances(
         "held": held,
         "coordinates": {} if coordinates is None else coordinates.to_dict(),
     }
-
-
-def _as_before(
-    old: dict[str, Any],
-    solver: str | Options,
-    record: Record | Sequence[str] | int,
-    constraints: str | Keeping,
-) -> tuple[str | Options, Record, str | Keeping]:
-    """Solver, record and constraints as arguments of version 0.1 say them, each with a warning."""
-    for name in old:
-        if name not in _RENAMED:
-            raise unknown_argument("simulate", name, named(inspect.signature(simulate)))
-        warn_renamed(f"simulate({name}=…)", _RENAMED[name], stacklevel=None)
-    wanted = Record.of(record)
-    wanted = Record(
-        old.get("testing", wanted.testing),
-        old.get("record_every", wanted.every),
-        old.get("coordinates", old.get("speeds", wanted.coordinates)),
-    )
-    solver = solver_options(solver, old.get("tolerance"), old.get("spectral_radius"))
-    if "switches" in old:
-        solver = replace(solver, switches=old["switches"])
-    constraints = stabilised(old["stabilisation"]) if "stabilisation" in old else constraints
-    if old.get("correct") not in (None, "energy"):
-        raise InputError(
-            f"unknown correction {old['correct']!r}; expected 'energy', or None for none"
-        )
-    if old.get("correct") is not None:
-        if constraints not in ("projection", Projection()):
-            raise ArgumentsError(
-                "correct='energy' goes with projection; write constraints=deltac.Projection(energy=True)"
-            )
-        constraints = Projection(energy=True)
-    return solver, wanted, constraints
-
-
-_RENAMED = {
-    "coordinates": "deltac.Record(coordinates=…)",
-    "speeds": "deltac.Record(coordinates=…)",
-    "vary": "Mechanism.varying(…)",
-    "switches": "an option of the solver, such as deltac.solvers.FixedStep('ode5', switches=…)",
-    "testing": "simulate(record=…)",
-    "record_every": "deltac.Record(every=…)",
-    "tolerance": "an option of the solver, such as deltac.solvers.Scipy('DOP853', tolerance=…)",
-    "spectral_radius": "deltac.solvers.GeneralizedAlpha(spectral_radius=…)",
-    "stabilisation": "simulate(constraints=…)",
-    "correct": "simulate(constraints=deltac.Projection(energy=True))",
-}
-"""Arguments of version 0.1, and what to write now; to go in the next release."""

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import json
 import math
 import operator
 import unicodedata
@@ -115,7 +113,6 @@ class Provenance:
         _set(self, "completed", bool(self.completed))
         _set(self, "step", _positive("step", self.step, zero=False))
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
-        _take_from_notes(self)
         for name in ("ended", "equations", "corrected", "singular", "stage"):
             if not isinstance(getattr(self, name), str):
                 raise _unfit(name, getattr(self, name), "text")
@@ -494,40 +491,6 @@ class Trajectory(Shown, Once):
         from deltac.trajectories.formats.files import write_trajectory
 
         write_trajectory(self, path)
-
-
-def _take_from_notes(provenance: Provenance) -> None:
-    """Put the notes of older logs in their places; text that is none of theirs stays a note."""
-    if not provenance.notes:
-        return
-    notes = dict(provenance.notes)
-    for name in ("ended", "equations", "singular", "stage"):
-        if name in notes and not getattr(provenance, name):
-            _set(provenance, name, notes.pop(name))
-    for name in ("held", "looked_for", "acted", "converted", "ignored"):
-        if name in notes and not getattr(provenance, name):
-            _set(provenance, name, tuple(filter(None, notes.pop(name).split(";"))))
-    # One key had two meanings: what a solver corrects, and what a reader put right.
-    for text in filter(None, notes.pop("corrected", "").split(";")):
-        if text == "energy":
-            _set(provenance, "corrected", text)
-        else:
-            _set(provenance, "repairs", (*provenance.repairs, text))
-    with contextlib.suppress(ValueError, TypeError, AttributeError):  # notes of somebody else's
-        strengths = json.loads(notes.get("strengths", "{}"))
-        found = {str(n): [float(x) for x in values] for n, values in strengths.items()}
-        _set(provenance, "strengths", {**found, **provenance.strengths})
-        notes.pop("strengths", None)
-    with contextlib.suppress(ValueError, TypeError, AttributeError):
-        errors = json.loads(notes.get("derived_error", "{}"))
-        names = filter(None, notes.get("derived", "").split(";"))
-        _set(
-            provenance,
-            "derived",
-            {n: dict(errors.get(n, {})) for n in names} | {**provenance.derived},
-        )
-        notes.pop("derived", None), notes.pop("derived_error", None)
-    _set(provenance, "notes", notes)
 
 
 def as_numbers(label: str, values: Any) -> FloatArray:

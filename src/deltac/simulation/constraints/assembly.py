@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import ASSEMBLED, Array
-from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import Rows
@@ -39,7 +39,7 @@ class Assembly:
     moved: float
 
 
-@renamed_keywords(mechanism="model")
+@checked
 @interruptible()
 def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] = ()) -> Assembly:
     """Find coordinates and speeds near a guess that satisfy every constraint.

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.calls.caching import LRUCache, derived
-from deltac.calls.deprecation import renamed_keywords
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
+from deltac.dynamics.testing_functions import MOMENTUM
 from deltac.errors import ArgumentsError, InputError, ModelError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, cores, spread
@@ -120,7 +121,7 @@ class Ensemble:
         )
 
 
-@renamed_keywords(mechanism="model", testing="record", record_every="record")
+@checked
 @interruptible()
 def simulate_ensemble(
     model: ModelLike,
@@ -169,6 +170,11 @@ def simulate_ensemble(
         raise ArgumentsError(
             "record: an ensemble has no coordinates of its own for testing functions; simulate its members "
             "one by one, or leave the coordinates out"
+        )
+    if MOMENTUM in wanted.testing:
+        raise ArgumentsError(
+            "record: an ensemble does not integrate the momentum functions; take dc.balance of its members, "
+            "or leave 'momentum' out"
         )
     if mechanism.events:
         raise ModelError(

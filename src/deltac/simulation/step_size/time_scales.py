@@ -17,8 +17,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.calls.arguments import checked
 from deltac.calls.caching import LRUCache
-from deltac.calls.deprecation import renamed_keywords
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.points import BodyPoint
 from deltac.dynamics.recursions import crba
@@ -56,7 +56,7 @@ class TimeScale:
         return (1j if self.kind == "oscillation" else -1.0) / self.value
 
 
-@renamed_keywords(mechanism="model")
+@checked
 def time_scales(model: ModelLike, state: StateLike = None) -> tuple[TimeScale, ...]:
     """Time scales of a model's friction and contacts at a state, the shortest first.
 

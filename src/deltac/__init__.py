@@ -12,6 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from deltac.calls.services import provide
 from deltac.calls.stubs import listed
 
 __version__ = "0.1.0"
@@ -20,6 +21,20 @@ __version__ = "0.1.0"
 _PUBLIC = listed(__file__)
 
 __all__ = sorted(_PUBLIC)
+
+provide(
+    {
+        "evaluate": "deltac.analysis.evaluate",
+        "figure": "deltac.report.plots",
+        "html_of": "deltac.report.page",
+        "kinematics": "deltac.analysis.kinematics",
+        "to_columns": "deltac.trajectories.formats.schema",
+        "trajectory_of_states": "deltac.recorders.state_vectors",
+        "write_report": "deltac.report.page",
+        "write_summary": "deltac.fleets.summary",
+        "write_trajectory": "deltac.trajectories.formats.files",
+    }
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.calls.arguments import checked
-from deltac.calls.interrupts import interruptible
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
@@ -54,7 +52,6 @@ from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, load_model
 from deltac.trajectories import Trajectory
 
 WORK = ("in-loop", "samples", "discrete")
@@ -62,10 +59,8 @@ DIVISIONS = 64
 """Samples at which own speeds are held against the constraints."""
 
 
-@checked
-@interruptible()
 def balance(
-    model: ModelLike,
+    mechanism: Mechanism,
     run: Trajectory,
     work: str | None = None,
     testing: Sequence[str] | None = None,
@@ -73,35 +68,7 @@ def balance(
     coordinates: CoordinateMap | None = None,
     keep: int | None = None,
 ) -> Ledger:
-    """Evaluate the energy testing functions on a trajectory.
-
-    Args:
-        model: what the motion is tested against: a Mechanism, a Problem, or what else `load_model` takes.
-        run: the motion. Forces that it holds are used in place of the model's own, and channels that the
-            model does not have are added.
-        work: how the power is integrated. "in-loop": by the integrals that the solver took (the default
-            where the run has them). "samples": by quadrature along the samples. "discrete": a force held over
-                a step does the work h fᵀ(u_k + u_{k+1})/2, for engines of first order.
-        testing: names of testing functions; by default those integrated in the loop, or all. "momentum"
-            stands for the functions ΔP_r of all speeds, which are also taken by default; named alone, it is
-            taken beside "wang".
-        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson) and
-            whose momentum functions are taken; by default those in which the run's integrals were taken.
-        keep: about how many rows the ledger is to have, one in 512 of the run at least: of equal
-            parts of the run those where |ΔC| is largest, the first and the last, extremes of K and V.
-            Works, ΔC, bars and the energy exchanged are taken over all rows, and violations are the largest
-            since the row before. A long log of equidistant samples takes a fraction of the time and of the
-            memory so. By default all rows.
-
-    Returns:
-        The ledger. Works of channels are those that the solver integrated, where `work` is "in-loop" and
-        the run has them, else they are taken along the samples; each has an error bar.
-
-    Raises:
-        InputError: the run is not one of this mechanism, has too few samples, lacks a motor's force, or
-            lacks the integrals asked for.
-    """
-    mechanism = load_model(model).mechanism
+    """Evaluate the energy testing functions on a trajectory: the core of `deltac.balance`."""
     _require_trajectory(run)
     method = _method(run, work)
     if keep is not None and keep < 1:
@@ -373,24 +340,14 @@ def _momenta(
     return dict(zip(names[:own], departures)), dict(zip(names[own:], departures[own:]))
 
 
-@checked
 def residuals(
-    model: ModelLike,
+    mechanism: Mechanism,
     run: Trajectory,
     testing: Sequence[str] | None = None,
     *,
     coordinates: CoordinateMap | None = None,
 ) -> dict[str, Array]:
-    """The testing functions in rate form, ε = Ė − P (W), at every sample, without any integration.
-
-    Returns ε (T,) by the function's name, and under ``"coordinates"`` the residual F_r + F*_r (T, n) of
-    Kane's equations for the free speeds (N·m or N), less what constraint forces explain. Under ``"momentum"``
-    is the rate form of ΔP_r (T, n), ṗ_r − F_r − (Gᵀλ)_r − ṡ_r·H_r, of the free or the own speeds; λ is that
-    of the log, or of the model's equations at the state. Needs the run's accelerations.
-
-    Raises InputError as `balance`, and for a run without u̇.
-    """
-    mechanism = load_model(model).mechanism
+    """The testing functions in rate form at every sample: the core of `deltac.residuals`."""
     _require_trajectory(run)
     if run.udot is None:
         raise LogError("residuals need the accelerations u̇ of the run; it has none")
@@ -399,6 +356,8 @@ def residuals(
     symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
     _check_division(symbols, samples)
     tied = bool(mechanism.constraints) and coordinates is None
+    if isinstance(testing, str):
+        testing = (testing,)
     names = (*applicable(constrained=tied), MOMENTUM) if testing is None else testing
     functions = testing_functions(names, constrained=tied)
     kernel = residual_kernel(symbols, functions, momenta=MOMENTUM in names)

@@ -9,9 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.calls.arguments import checked
 from deltac.calls.caching import LRUCache
-from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
@@ -20,7 +18,7 @@ from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, StateLike, opened
+from deltac.mechanism.state import State
 from deltac.simulation.arguments import (
     check_accelerations,
     check_correction,
@@ -75,12 +73,10 @@ class SimulationStoppedWarning(UserWarning):
     """A run ended before its time; the trajectory holds what was computed."""
 
 
-@checked
-@interruptible()
 def simulate(
-    model: ModelLike,
-    state: StateLike = None,
-    duration: float | None = None,
+    mechanism: Mechanism,
+    state: State,
+    duration: float,
     step: float | None = None,
     solver: str | Options = "ode5",
     record: Record | Sequence[str] | int = RECORD,
@@ -90,42 +86,7 @@ def simulate(
     constraints: str | Keeping = "projection",
     progress: Progress | None = None,
 ) -> Trajectory:
-    """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
-
-    Args:
-        model: what moves: a Mechanism, a Problem, or what else `load_model` takes. The code that runs is
-            compiled once for all values of the parameters named by `Mechanism.varying`.
-        state: where it starts (`mechanism.state(...)`), or values by name; by default the model's own start.
-        duration: how long, s; by default the problem's.
-        step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
-            samples; without it they are sampled at their own steps (Taylor, CVODES, IDAS: 200 samples).
-        solver: a name or alias of `solver_names()`, or an object of `deltac.solvers` with options, such as
-            `Scipy("DOP853", tolerance=1e-9)`.
-        record: a `Record`; or just the names of the testing functions, or the number of steps between rows.
-        equations: hand-written equations of motion in place of the mechanism's own: `Equations`, or a
-            function (t, q, u) -> u̇ of the mechanism's coordinates, or (t, y) -> ẏ as SciPy takes it.
-        controller: drives the motors that have no law (`joint_torque` without torque).
-        constraints: how the run stays on its constraints: "projection" of q and u after each step (least
-            in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
-        progress: called with the fraction done.
-
-    Returns:
-        Trajectory with q, u, u̇ of all joints, the forces (channels ``prescribed`` and ``actuator``) that
-        drove it, and the integrals. A run whose state ceases to be finite, or whose implicit step has no
-        solution, stops there with a warning `SimulationStoppedWarning`; the trajectory keeps the rows so far,
-        and its provenance says when and why.
-
-    Raises:
-        InputError: the model or an argument cannot be simulated; raised before anything is computed.
-
-    Warns:
-        EnergyLeftWarning: corrections of the energy could not keep up with what the steps lost.
-        IllConditionedWarning: the accelerations at the start have few digits in double precision, since
-            masses or lengths differ by too many powers of ten.
-        StiffStepWarning: the step is far too large for friction, contact, or the mechanism; it names the time
-            scale.
-    """
-    mechanism, state, duration = opened(model, state, duration)
+    """Simulate a mechanism from a state: the core of `deltac.simulate`, which says what the arguments are."""
     vary = mechanism.varied
     options = solver_options(solver)
     found, wanted, kept = options.solver, Record.of(record), keeping(constraints)

@@ -8,7 +8,6 @@ import operator
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -18,6 +17,7 @@ import numpy.typing as npt
 
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
+from deltac.calls.services import service
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
@@ -332,7 +332,7 @@ class Trajectory(Shown, Once):
         The sign is that of M u̇ + h = f + Gᵀλ; rows that follow from others have none. Gᵀλ itself is in
         `forces`, as ``constraint <name>``.
         """
-        found = import_module("deltac.analysis.evaluate").evaluate(self._known("multipliers"), self)
+        found = service("evaluate")(self._known("multipliers"), self)
         names = dict.fromkeys(found.rows)
         return MappingProxyType(
             {
@@ -343,7 +343,7 @@ class Trajectory(Shown, Once):
 
     def _kinematics(self) -> Any:
         mechanism = self._known("kinematics")
-        return import_module("deltac.analysis.kinematics").kinematics(mechanism, self)
+        return service("kinematics")(mechanism, self)
 
     def _known(self, what: str) -> Mechanism:
         if self.mechanism is None:
@@ -466,9 +466,7 @@ class Trajectory(Shown, Once):
             InputError: states of another size, or of which no usual order makes sense; the message has the
                 names for `order`.
         """
-        from importlib import import_module
-
-        made: Trajectory = import_module("deltac.recorders.state_vectors").trajectory_of_states(
+        made: Trajectory = service("trajectory_of_states")(
             result,
             model,
             order=order,
@@ -482,15 +480,11 @@ class Trajectory(Shown, Once):
         """A polars DataFrame with the columns of the log schema (see `schema`)."""
         import polars
 
-        from deltac.trajectories.formats.schema import to_columns
-
-        return polars.DataFrame(to_columns(self))
+        return polars.DataFrame(service("to_columns")(self))
 
     def write(self, path: str | Path) -> None:
-        """Write a `.parquet` or `.csv` log; see `files.write_trajectory`."""
-        from deltac.trajectories.formats.files import write_trajectory
-
-        write_trajectory(self, path)
+        """Write a `.parquet` or `.csv` log; see `deltac.write_trajectory`."""
+        service("write_trajectory")(self, path)
 
 
 def as_numbers(label: str, values: Any) -> FloatArray:

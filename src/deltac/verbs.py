@@ -209,9 +209,11 @@ def balance(
         model: what the motion is tested against: a Mechanism, a Problem, or what else `load_model` takes.
         run: the motion. Forces that it holds are used in place of the model's own, and channels that the
             model does not have are added.
-        work: how the power is integrated. "in-loop": by the integrals that the solver took (the default
-            where the run has them). "samples": by quadrature along the samples. "discrete": a force held over
-                a step does the work h fᵀ(u_k + u_{k+1})/2, for engines of first order.
+        work: how the power is integrated. "in-loop": by the integrals that the solver took, or by the works
+            of channels that a recorder took by the integrator's own stages, with a quadrature of the
+            powers whose work the run does not hold (the default where the run has either). "samples": by
+            quadrature along the samples. "discrete": a force held over a step does the work
+            h fᵀ(u_k + u_{k+1})/2, for engines of first order.
         testing: names of testing functions; by default those integrated in the loop, or all. "momentum"
             stands for the functions ΔP_r of all speeds, which are also taken by default; named alone, it is
             taken beside "wang".

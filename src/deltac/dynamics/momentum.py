@@ -55,7 +55,7 @@ def momentum_functions(
         turned[link.u] = ca.mtimes(link.S_dot.T, H[k]) - ca.mtimes(
             link.S.T, cross_force(V[k], H[k])
         )
-    p, rate = _generalized_momenta(system, H)[free], (force + turned)[free]
+    p, rate = _generalized_momenta(system, H)[free, :], (force + turned)[free, :]
     names = tuple(system.mechanism.speeds[k].name for k in free)
     if own is None:
         return MomentumFunctions(names, p, rate)

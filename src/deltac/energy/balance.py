@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
 from deltac.dynamics.coordinates import check_split
+from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.independence import dependent_speeds
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     MOMENTUM,
@@ -78,16 +80,21 @@ def balance(
     noted = run.provenance.coordinates
     if coordinates is None and noted and method == "in-loop":
         coordinates = CoordinateMap(**noted)
-    tied = bool(mechanism.constraints) and coordinates is None
-    names = _chosen(run, method, testing, tied=tied)
-    functions = testing_functions(names, constrained=tied)
-    if method == "in-loop" and any(f.name.startswith("kane-levinson") for f in functions):
-        _require_same_division(run, coordinates)
     rows = rows_of(run)
     log = LoggedForces.of(rows if rows.starts else run)
     samples, basis = checked_samples(mechanism, rows, log)
+    tied = coordinates is None and dependent_speeds(
+        equations_of_motion(mechanism), *_start(samples)
+    )
+    integrated = method == "in-loop" and any(n in run.integrals for n in TESTING_FUNCTIONS)
+    names = _chosen(run, method, testing, tied=tied, integrated=integrated)
+    functions = testing_functions(names, constrained=tied)
+    if integrated and any(f.name.startswith("kane-levinson") for f in functions):
+        _require_same_division(run, coordinates)
+    recorded = _recorded(run) if method == "in-loop" and not integrated else frozenset()
+    momenta, start = MOMENTUM in names, _start(samples)
     symbols, kernels = _compiled(
-        mechanism, log, functions, coordinates, _start(samples), momenta=MOMENTUM in names
+        mechanism, log, functions, coordinates, start, recorded, momenta=momenta
     )
     _check_division(symbols, samples)
     one_pass = None
@@ -101,7 +108,11 @@ def balance(
     discrete = None
     if method == "discrete":
         discrete = discrete_work(symbols, rows, samples, log).at(rows.own)
-    delta_c, bars = _delta_c(functions, symbols, kernels, columns, run, method, jumped, discrete)
+    taken = {n: run.works[n] - run.works[n][0] for n in run.works if method == "in-loop"}
+    if integrated:
+        delta_c, bars = _integrated(functions, symbols, columns, run)
+    else:
+        delta_c, bars = _sampled(functions, symbols, kernels, columns, run, jumped, taken, discrete)
 
     # The works: those of forces, of impulses, and of corrections.
     t, parts = run.t[columns.rows], columns.energies
@@ -111,8 +122,12 @@ def balance(
         zip(kernels.powers, (*columns.outputs["conservative"], *columns.outputs["channels"]))
     )
     potential = dict(zip(kernels.potential, columns.outputs["potential"]))
-    left = [d + sum(corrected.values()) for d in delta_c.values()] if method == "in-loop" else []
-    works = _works(symbols, kernels, columns, run, left, discrete, growth)
+    if discrete is not None:
+        nothing = np.zeros(len(run))
+        works = {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
+    else:
+        left = [d + sum(corrected.values()) for d in delta_c.values()]
+        works = _works(symbols, kernels, columns, taken, left)
     flow = sum(columns.exchanged(name, w, power[name], t) for name, w in works.items())
     # Of K2, K1, K0, V and K; the range of the last two is exchanged.
     energy_exchanged = flow + jumped.exchanged + float((columns.largest - columns.least)[-2:].sum())
@@ -225,6 +240,20 @@ class _Columns:
         """K2, K1, K0 and V (rows,)."""
         return Energies(*self.outputs["energies"])
 
+    def lost(
+        self, symbols: LedgerSymbols, kernels: LedgerKernels, works: Mapping[ChannelName, Work]
+    ) -> dict[ChannelName, Work]:
+        """Works of channels with a potential: what it lost; `works` has that of ∂V/∂t."""
+        potential = dict(zip(kernels.potential, self.outputs["potential"]))
+        in_time = {n: ChannelName("prescribed", n.element) for n in symbols.driven}
+        growth = growth_of_rounding(self.rows)
+        return {
+            name: of_potential(
+                potential[name], works[in_time[name]] if name in in_time else None, growth
+            )
+            for name in kernels.conservative
+        }
+
     def exchanged(self, name: ChannelName, work: Work, power: Array, t: Array) -> float:
         """∫|P| dt of a channel over all rows of the run, as far as it is certain (J)."""
         return exchanged(work, power, t) if self.flow is None else certain(self.flow[name], work)
@@ -245,37 +274,55 @@ def _by_name(
     return outputs, sums
 
 
-def _delta_c(
+def _integrated(
+    functions: Sequence[TestingFunction], symbols: LedgerSymbols, columns: _Columns, run: Trajectory
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """ΔC of each testing function (T,) by the solver's integrals, which have no error of quadrature."""
+    parts, delta_c = columns.energies, dict[str, Array]()
+    for function in functions:
+        E = function.E(parts)
+        for name in variants(symbols, function.name):
+            if name in run.integrals:
+                flowed = run.integrals[name]
+                delta_c[name] = E - E[0] - (flowed - flowed[0])
+    return delta_c, {name: np.zeros(len(run)) for name in delta_c}
+
+
+def _sampled(
     functions: Sequence[TestingFunction],
     symbols: LedgerSymbols,
     kernels: LedgerKernels,
     columns: _Columns,
     run: Trajectory,
-    method: str,
     jumped: Jumps,
+    taken: Mapping[ChannelName, Array],
     discrete: DiscreteWork | None,
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """ΔC of each testing function (T,), and the bar of its quadrature."""
-    integrals = dict(zip(kernels.functions, columns.sums["functions"]))
-    exact, parts = np.zeros(len(columns.rows)), columns.energies
+    """ΔC of each testing function (T,) by quadrature or by `discrete` work, and the bar of that.
+
+    `taken` are works that a recorder took, of channels whose powers the kernels lack.
+    """
+    integrals, parts = dict(zip(kernels.functions, columns.sums["functions"])), columns.energies
+    potential = columns.lost(
+        symbols, kernels, dict(zip(kernels.channels, columns.sums["channels"]))
+    )
     delta_c: dict[str, Array] = {}
     bars: dict[str, Array] = {}
     for function in functions:
         E = function.E(parts)
+        entering = [
+            potential[name] if name in potential else Work.exact(taken[name], "in-loop")
+            for name in sorted(kernels.entering(function.name))
+        ]
         for name in variants(symbols, function.name):
-            bar = exact
-            if method == "in-loop":
-                if name not in run.integrals:
-                    continue
-                flowed = run.integrals[name]
-            elif discrete is not None:
-                flowed = discrete.of(function.name)
+            if discrete is not None:
+                flowed, bar = discrete.of(function.name), np.zeros(len(run))
             else:
-                flowed, bar = integrals[name].value, integrals[name].bar
+                flow = sum(entering, start=integrals[name])
+                flowed, bar = flow.value, flow.bar
                 if run.integrals.keys() & BOOKED:
                     flowed = flowed + _projected(run, potential=function.name != "liu-huston")
-            if method != "in-loop":
-                flowed = flowed + jumped.functions.get(function.name, 0.0)
+            flowed = flowed + jumped.functions.get(function.name, 0.0)
             delta_c[name] = E - E[0] - (flowed - flowed[0])
             bars[name] = bar
     return delta_c, bars
@@ -285,29 +332,16 @@ def _works(
     symbols: LedgerSymbols,
     kernels: LedgerKernels,
     columns: _Columns,
-    run: Trajectory,
+    taken: Mapping[ChannelName, Array],
     left: Sequence[Array],
-    discrete: DiscreteWork | None,
-    growth: Array,
 ) -> dict[ChannelName, Work]:
-    """Works of all channels of forces.
-
-    `left` are what the testing functions leave of the balance (T,) where the solver integrated works, too.
-    """
-    if discrete is not None:
-        nothing = np.zeros(len(run))
-        return {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
+    """Works of all channels of forces; `left`, what testing functions leave, bounds those that were `taken`."""
     works = dict(zip(kernels.channels, columns.sums["channels"]))
-    if left:
+    if taken:
         unaccounted = np.maximum.accumulate(np.abs(left).max(axis=0))
-        for name in works.keys() & run.works.keys():
-            value = run.works[name] - run.works[name][0]
-            works[name] = in_loop(value, works[name], unaccounted)
-    potential = dict(zip(kernels.potential, columns.outputs["potential"]))
-    for name in kernels.conservative:
-        driven = ChannelName("prescribed", name.element) if name in symbols.driven else None
-        explicit = None if driven is None else works[driven]
-        works[name] = of_potential(potential[name], explicit, growth)
+        for name in works.keys() & taken.keys():
+            works[name] = in_loop(taken[name], works[name], unaccounted)
+    works |= columns.lost(symbols, kernels, works)
     return {name: works[name] for name in kernels.powers}
 
 
@@ -355,7 +389,9 @@ def residuals(
     samples, _ = checked_samples(mechanism, rows_of(replace(run, events=())), log)
     symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
     _check_division(symbols, samples)
-    tied = bool(mechanism.constraints) and coordinates is None
+    tied = coordinates is None and dependent_speeds(
+        equations_of_motion(mechanism), *_start(samples)
+    )
     if isinstance(testing, str):
         testing = (testing,)
     names = (*applicable(constrained=tied), MOMENTUM) if testing is None else testing
@@ -380,15 +416,21 @@ def _require_trajectory(run: object) -> None:
 
 def _method(run: Trajectory, work: str | None) -> str:
     if work is None:
-        return "in-loop" if any(n in run.integrals for n in TESTING_FUNCTIONS) else "samples"
+        in_loop = any(n in run.integrals for n in TESTING_FUNCTIONS) or _recorded(run)
+        return "in-loop" if in_loop else "samples"
     if work not in WORK:
         raise UnknownName(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
-    if work == "in-loop" and not run.integrals:
+    if work == "in-loop" and not run.integrals and not run.works:
         raise LogError(
-            "the run holds no integrals taken in the loop; use work='samples', or simulate with "
+            "the run holds no integrals and no works taken in the loop; use work='samples', or simulate with "
             "record=dc.Record(testing=...)"
         )
     return work
+
+
+def _recorded(run: Trajectory) -> frozenset[ChannelName]:
+    """Channels of which the run holds both forces and works: what acted, and what that did."""
+    return frozenset(run.works.keys() & run.forces.keys())
 
 
 def _require_same_division(run: Trajectory, coordinates: CoordinateMap | None) -> None:
@@ -418,7 +460,7 @@ def _check_division(symbols: LedgerSymbols, samples: Samples) -> None:
 
 
 def _chosen(
-    run: Trajectory, method: str, testing: Sequence[str] | None, *, tied: bool
+    run: Trajectory, method: str, testing: Sequence[str] | None, *, tied: bool, integrated: bool
 ) -> Sequence[str]:
     if isinstance(testing, str):
         testing = (testing,)
@@ -426,7 +468,7 @@ def _chosen(
         raise ArgumentsError("testing: no function is named; leave it out to have all of them")
     if testing is not None and not {*testing} - {MOMENTUM}:
         testing = ("wang", MOMENTUM)
-    if method == "in-loop":
+    if integrated:
         chosen = (
             [*(n for n in TESTING_FUNCTIONS if n in run.integrals), MOMENTUM]
             if testing is None
@@ -491,14 +533,16 @@ def _compiled(
     functions: Sequence[TestingFunction],
     speeds: CoordinateMap | None,
     start: tuple[float, Array],
+    recorded: frozenset[ChannelName],
     *,
     momenta: bool,
 ) -> tuple[LedgerSymbols, LedgerKernels]:
-    """Traced and compiled once for logs of the same mechanism that hold the same forces."""
+    """Traced and compiled once for logs of the same mechanism that hold the same forces and works."""
     symbols = ledger_symbols(mechanism, log, speeds, start)
-    key = ("ledger", tuple(function.name for function in functions), momenta)
+    recorded = recorded.intersection(part.name for part in symbols.parts)
+    key = ("ledger", tuple(function.name for function in functions), recorded, momenta)
     logged = log.places.keys()
-    make = partial(ledger_kernels, symbols, functions, logged, momenta=momenta)
+    make = partial(ledger_kernels, symbols, functions, logged, recorded, momenta=momenta)
     return symbols, symbols.once(key, make)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -236,7 +236,7 @@ def _measured(
     nothing = ca.SX.zeros(nu)
     driving = sum((f for name, f in measured.items() if name in driven), start=nothing)
     ties = sum((f for name, f in measured.items() if name not in driven), start=nothing)
-    multipliers = ca.SX(0, 1) if bound is None else bound.multipliers_from(ties[system.free_u])
+    multipliers = ca.SX(0, 1) if bound is None else bound.multipliers_from(ties[system.free_u, :])
     return Reactions(driving, multipliers)
 
 
@@ -249,6 +249,9 @@ class LedgerKernels:
     of the testing `functions`, the `force` on each momentum. Momenta are those of the balances (`momenta`),
     then those of the `speeds` that have momentum testing functions. Conservative is what has a potential,
     unless the log holds its force: its work is what the potential lost, and its power need not be integrated.
+
+    Where works were `recorded`, P lacks the powers of those channels, and of the conservative ones:
+    `entering` tells whose works are to be added to its integral.
     """
 
     conservative: tuple[ChannelName, ...]
@@ -259,6 +262,15 @@ class LedgerKernels:
     speeds: tuple[str, ...]
     at_samples: Kernel
     between: Kernel
+    recorded: frozenset[ChannelName] = frozenset()
+
+    def entering(self, function: str) -> frozenset[ChannelName]:
+        """Channels whose work enters ∫P of a function although their power is not part of `between`."""
+        if not self.recorded:
+            return frozenset()
+        if function == "liu-huston":
+            return self.recorded.union(self.conservative)
+        return self.recorded.difference(self.potential)
 
     @property
     def powers(self) -> tuple[ChannelName, ...]:
@@ -270,17 +282,34 @@ def ledger_kernels(
     symbols: LedgerSymbols,
     functions: Sequence[TestingFunction],
     logged: Container[str],
+    recorded: frozenset[ChannelName] = frozenset(),
     *,
     momenta: bool = False,
 ) -> LedgerKernels:
-    """Write the kernels out; `logged` are the channels that the log holds, `momenta`: with ΔP_r."""
+    """Write the kernels out, with the momentum functions if `momenta`.
+
+    The log holds forces of `logged` channels, and works of `recorded` ones.
+    """
     s, k = symbols.system, symbols.computed
     potential = {p.name: p.potential for p in symbols.parts if p.potential is not None}
     power = channel_powers(s, symbols.parts)
     power |= reaction_powers(s, symbols.reactions, symbols.constrained)
     conservative = {n: power.pop(n) for n in potential if n not in logged}
+
+    def without_recorded(known: Terms) -> Terms:
+        """The terms without the powers whose integrals are known."""
+        if not recorded:
+            return known
+        return replace(
+            known,
+            force_power=known.force_power
+            - sum([power[n] for n in recorded] + list(conservative.values())),
+            nonpotential_power=known.nonpotential_power
+            - sum(power[n] for n in recorded if n not in potential),
+        )
+
     P = {
-        name: function.P(known)
+        name: function.P(without_recorded(known))
         for function in functions
         for name, known in variants(symbols, function.name).items()
     }
@@ -310,6 +339,7 @@ def ledger_kernels(
         tuple(name for known in of_speeds for name in known.names),
         _kernel(symbols, at_samples | between),
         _kernel(symbols, between),
+        recorded,
     )
 
 

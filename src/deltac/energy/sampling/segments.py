@@ -210,7 +210,7 @@ def jumps(
     balances = momentum_balances(system)
     outputs = [function.P(known) for function in functions]
     outputs += [ca.dot(balance.alpha, impulses.contact) for balance in balances]
-    impulse = (impulses.contact + impulses.driving + impulses.constraint)[system.free_u]
+    impulse = (impulses.contact + impulses.driving + impulses.constraint)[system.free_u, :]
     if own is not None:
         impulse = ca.mtimes(ca.substitute(own.Y, own.own_q, own.own_state(system)[0]).T, impulse)
     outputs.append(impulse)

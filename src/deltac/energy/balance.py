@@ -335,7 +335,7 @@ def _works(
     taken: Mapping[ChannelName, Array],
     left: Sequence[Array],
 ) -> dict[ChannelName, Work]:
-    """Works of all channels of forces; `left`, what testing functions leave, bounds those that were `taken`."""
+    """Works of all channels of forces; those `taken` are bounded by what the functions `left`."""
     works = dict(zip(kernels.channels, columns.sums["channels"]))
     if taken:
         unaccounted = np.maximum.accumulate(np.abs(left).max(axis=0))

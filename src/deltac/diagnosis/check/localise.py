@@ -128,7 +128,7 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
 @checked
 @interruptible()
 def localise(
-    model: ModelLike, run: Trajectory, *, coordinates: CoordinateMap | None = None
+    model: ModelLike, run: Trajectory, *, coordinates: CoordinateMap | str | None = None
 ) -> Localisation:
     """Find where a motion departs from a model: in which equation and joint, when, and by which term.
 
@@ -137,8 +137,8 @@ def localise(
     Args:
         model: a Mechanism, a Problem, or what else `load_model` takes.
         run: the motion, at least two samples with u̇.
-        coordinates: own coordinates and speeds, in which the equations are told; the map's inverse must be
-            known. By default the mechanism's own.
+        coordinates: own coordinates and speeds, in which the equations are told: a CoordinateMap, whose
+            inverse must be known, or "absolute". By default the mechanism's own.
 
     Raises:
         InputError: a run that is not the mechanism's, has no u̇, or a map without inverse.

@@ -47,6 +47,7 @@ class Provenance:
     simulator  "deltac", or the name of the program that wrote the log
     solver     the solver's name, if known
     step       fixed step of the solver, s (not the spacing of the samples, which may be wider)
+    order      nominal order of the solver in the state, for smooth forces
     tolerance  relative tolerance of an adaptive solver
     model      name of the model
     model_hash fingerprint of the model, to tell whether a ledger uses the same one
@@ -58,15 +59,17 @@ class Provenance:
     corrected  what the solver corrected after each step: "energy"
     singular   where the constraints were dependent, in words
     held       channels whose forces were constant over each step; None where nobody said
+    inputs     "held" where controls and applied forces were set before each step and kept over it, so that
+               what they act through may jump from row to row
     stage      of which instant accelerations and forces are, in words of a recorder
     looked_for kinds of channels that a recorder logs where they act; `acted`: channels that did
     strengths  channel of an actuator -> its generalized force at unit control, by speed
     derived    "u", "udot": what was derived from the other columns -> largest error by speed
     converted  columns that a reader converted, with their units; `ignored`: those it did not use
+    reading    what columns of a foreign log were read as, and because of what, in one line
+    guessed    what of that the log does not declare, and the motion decided; an audit is less sure of it
     repairs    slips of the log that were undone, such as "degrees"
     notes      anything else worth keeping, text by text
-
-    What logs of schema version 1 and 2 have of these is among their notes, and is put in its place.
 
     Raises InputError for a value of the wrong type or an impossible step or tolerance.
     """
@@ -74,6 +77,7 @@ class Provenance:
     simulator: str
     solver: str | None = None
     step: float | None = None
+    order: int | None = None
     tolerance: float | None = None
     model: str | None = None
     model_hash: str | None = None
@@ -85,6 +89,7 @@ class Provenance:
     corrected: str = ""
     singular: str = ""
     held: tuple[str, ...] | None = None
+    inputs: str = ""
     stage: str = ""
     looked_for: tuple[str, ...] = ()
     acted: tuple[str, ...] = ()
@@ -92,6 +97,8 @@ class Provenance:
     derived: Mapping[str, Mapping[str, float]] = field(default_factory=dict, hash=False)
     converted: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
+    reading: str = ""
+    guessed: tuple[str, ...] = ()
     repairs: tuple[str, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict, hash=False)
 
@@ -112,11 +119,13 @@ class Provenance:
             raise _unfit("notes", self.notes, "a mapping of text to text")
         _set(self, "completed", bool(self.completed))
         _set(self, "step", _positive("step", self.step, zero=False))
+        if self.order is not None and not (isinstance(self.order, int) and self.order >= 1):
+            raise _unfit("order", self.order, "a whole number, 1 or more, or None")
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
-        for name in ("ended", "equations", "corrected", "singular", "stage"):
+        for name in ("ended", "equations", "corrected", "singular", "inputs", "stage", "reading"):
             if not isinstance(getattr(self, name), str):
                 raise _unfit(name, getattr(self, name), "text")
-        for name in ("held", "looked_for", "acted", "converted", "ignored", "repairs"):
+        for name in ("held", "looked_for", "acted", "converted", "ignored", "guessed", "repairs"):
             values = getattr(self, name)
             if values is None and name == "held":
                 continue
@@ -145,8 +154,9 @@ class Trajectory(Shown, Once):
     udot        (T, nu) time derivatives of the speeds, or None when not known
     forces      channel -> (T, nu) generalized force (N, N·m); its power, the product with u, is
                 positive when it adds energy to the system
-    works       channel -> (T,) work that it did on the system, J, integrated in the loop by the solver,
-                from the first row on; that of impulses is told by `events`
+    works       channel -> (T,) work that it did on the system, J, integrated in the loop by the solver, or
+                by a recorder at the stages of the solver, from the first row on; that of impulses is told
+                by `events`
     integrals   testing function -> (T,) integral over time of its power P, J, taken in the loop
                 by the solver, from the first row on
     provenance  who made it

@@ -20,7 +20,7 @@ from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import Ledger, balance, residuals
-from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.results import Report
@@ -153,7 +153,7 @@ def localise(
     """
     mechanism = load_model(model).mechanism
     if isinstance(run, Trajectory) and run.udot is None:
-        return _by_momenta(mechanism, run, coordinates)
+        return _by_momenta(mechanism, run, own_coordinates(mechanism, coordinates))
     rows = some_rows(run, MOST_ROWS)
     found = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
     assert run.udot is not None

@@ -544,7 +544,7 @@ def suite() -> str:
         except dc.DeltacError as error:
             lines.append(f"| {path.stem} | {model.nv} | not recorded: {str(error)[:80]} | | |")
             continue
-        if run.provenance.message or np.ptp(run.q, axis=0).max() < 1e-3:
+        if run.provenance.message or run.q.size == 0 or np.ptp(run.q, axis=0).max() < 1e-3:
             lines.append(
                 f"| {path.stem} | {model.nv} | does not {'last' if run.provenance.message else 'move'} | | |"
             )

@@ -181,6 +181,7 @@ def _told(audit: Any, names: Names) -> Row:
         for name in ("integrator", "equations", "log"):
             part = getattr(attribution, name)
             row[f"told_{name}"], row[f"told_{name}_error"] = float(part.energy), float(part.error)
+        row["delta_c"] = float(np.atleast_1d(audit.energy_error)[-1])
     odds = getattr(audit, "odds", None)
     if odds is not None:
         row["odds"] = {k: float(v) for k, v in dict(odds).items()}
@@ -259,6 +260,16 @@ def covered(row: Row, name: str) -> bool | None:
     return bool(abs(row[told] - row[f"true_{name}"]) <= bound)
 
 
+def adds_up(row: Row) -> bool | None:
+    """Whether the three shares are ΔC at the end, within their errors."""
+    if "delta_c" not in row or "told_log" not in row:
+        return None
+    parts = ("integrator", "equations", "log")
+    errors = np.sqrt(sum(row[f"told_{p}_error"] ** 2 for p in parts))
+    gap = abs(sum(row[f"told_{p}"] for p in parts) - row["delta_c"])
+    return bool(gap <= 2 * errors + 1e-9 * max(abs(row["delta_c"]), 1.0))
+
+
 def share(rows: Sequence[Row], test: Callable[[Row], bool | None]) -> str:
     made = [x for x in map(test, rows) if x is not None]
     return f"{sum(made)}/{len(made)}" if made else "–"
@@ -286,7 +297,7 @@ def _rates(rows: list[Row], by: str) -> str:
         f"| {by} | right | accused | small | unresolved | blamed wrongly | refused, crashed | wrong | seen "
         "| oracle | seen of oracle's | "
         "first | in three | kind | integrator ±2σ | mistake ±2σ |",
-        "|---|" + "--:|" * 15,
+        "|---|" + "--:|" * 16,
     ]
     for name, some in [*sorted(groups.items()), ("**all**", rows)]:
         right, wrong = ([r for r in some if r["truth"] == t] for t in ("right", "wrong"))
@@ -307,6 +318,7 @@ def _rates(rows: list[Row], by: str) -> str:
             share(judged, lambda r: r["kind_rank"] == 0),
             share(some, lambda r: covered(r, "integrator")),
             share(some, lambda r: covered(r, "mistake")),
+            share(some, adds_up),
         ]
         lines.append(f"| {name} | " + " | ".join(str(c) if c != 0 else "" for c in cells) + " |")
     return "\n".join(lines)

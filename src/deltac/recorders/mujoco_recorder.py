@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -62,6 +62,9 @@ MOST_SKIPPED = 100_000
 
 ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
 """Order of each integrator in the state, for smooth forces."""
+
+SAME_DURATION = 1e-9
+"""Durations that differ by less (relative) are the same: steps are often written in decimals."""
 
 REPLAY = 1e-6
 """How far a replayed step may be off, relative: the constraint solver's tolerance, not more."""
@@ -416,7 +419,8 @@ def run_mujoco(
 
     Args:
         model: an mjModel, an mjSpec, or the path of an MJCF or URDF file. It is not changed.
-        duration: s; a whole number of steps.
+        duration: s. Where the step does not divide it, the run goes on to the next whole step, and a note of
+            the provenance, "duration", says so.
         data: the initial state and inputs; the model's own initial state by default. Not changed.
         controller: called as controller(model, data) before each step, to set data.ctrl or applied forces.
         step: time step, s; by default the model's own.
@@ -444,14 +448,7 @@ def run_mujoco(
     # A reset to the initial state in the middle of a run would hide that it blew up.
     own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     h = float(own.opt.timestep)
-    steps = round(_positive("duration", duration) / h)
-    if steps < 1 or abs(steps * h - duration) > 1e-9 * duration:
-        near = duration / max(1, math.ceil(duration / h))
-        raise InputError(
-            f"step {h:g} does not divide the duration {duration:g} (it goes {duration / h:.6g} times); the "
-            f"next smaller one that does is step={near:.12g}, the nearest duration for this one "
-            f"{max(1, steps) * h:.12g}"
-        )
+    steps = math.ceil(_positive("duration", duration) / h * (1.0 - SAME_DURATION))
     moving = mujoco.MjData(own)
     if data is not None:
         mujoco.mj_copyData(moving, own, data)
@@ -468,7 +465,19 @@ def run_mujoco(
                 progress((k + 1) / steps)
         if controller is not None:
             controller(own, moving)
-    return recorder.trajectory()
+    run = recorder.trajectory()
+    if _divides(h, duration):
+        return run
+    longer = (
+        f"{duration:.9g} s is no whole number of steps of {h:.9g} s: ran {steps} of them, {steps * h:.9g} s"
+    )
+    notes = {**run.provenance.notes, "duration": longer}
+    return replace(run, provenance=replace(run.provenance, notes=notes))
+
+
+def _divides(step: float, duration: float) -> bool:
+    steps = max(1, round(duration / step))
+    return abs(steps * step - duration) <= SAME_DURATION * duration
 
 
 def compiled_model(model: Model | str | Path, base: str = "fixed") -> Model:
@@ -521,7 +530,13 @@ class MujocoSimulator:
         return ORDERS.get(self.integrator)
 
     def __call__(self, step: float) -> Trajectory:
-        """The run at this step."""
+        """The run at this step; InputError unless it divides the duration, for runs are compared at their end."""
+        if not _divides(step, self.duration):
+            steps = math.ceil(self.duration / step)
+            raise InputError(
+                f"step {step:g} does not divide the duration {self.duration:g}; the next smaller one that "
+                f"does is step={self.duration / steps:.12g}"
+            )
         return run_mujoco(
             self.model,
             self.duration,

@@ -12,6 +12,7 @@ from deltac.errors import InputError
 from deltac.recorders import record_drake
 from deltac.trajectories import Trajectory
 from tests.recorders.arm import ARM, mechanism
+from tests.recorders.works import takes_the_works_of_held_forces
 
 pytest.importorskip("pydrake", reason="Drake is not installed")
 
@@ -77,6 +78,7 @@ def test_a_discrete_arm_closes_step_by_step(method: str, sampled: bool) -> None:
     # The equations hold with the step's accelerations and forces: all of them were found.
     assert np.abs(dc.residuals(mechanism(), runs[0])["coordinates"]).max() < 1e-8
     assert ("correction implicit" in runs[0].forces) == (method == "sap")
+    takes_the_works_of_held_forces(mechanism(), runs)
     assert not any(name.startswith(("limit", "applied")) for name in runs[0].forces)
 
 
@@ -153,7 +155,9 @@ def test_a_contact(discrete: bool) -> None:
     ledger = dc.balance(BOX_MECHANISM, run, work="discrete" if discrete else "samples")
     assert ledger.work["contact all"][-1] < -0.5
     assert ledger.relative("wang") < 0.03
-    if not discrete:  # the impact lasts some ten rows
+    if discrete:
+        takes_the_works_of_held_forces(BOX_MECHANISM, [run])
+    else:  # the impact lasts some ten rows
         assert ledger.relative("wang") < 2 * ledger.error_bar["wang"][-1] / ledger.energy_exchanged
     assert run.provenance.acted == ("contact all",)
     assert set(run.forces) <= {"contact all", "correction solver"}

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -84,10 +84,8 @@ STAGES = {
     "all four stages",
 }
 
-RK4 = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
-"""Of each stage of MuJoCo's RK4: how far it goes along the rates of the stage before, and six times its
-weight.
-"""
+RK4 = ((0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
+"""Of the second to fourth stage: how far it goes along the rates of the stage before, and its weight."""
 
 
 def integrator_names() -> dict[str, Any]:
@@ -256,7 +254,7 @@ class MujocoRecorder(Recorder):
             mujoco.mj_forward(model, data)
             qacc = np.array(data.qacc)
             forces = generalized_forces(model, data, self._elements, plastic)
-            works, varying = self._stages(data, forces, plastic)
+            works, varying = _summed(self._stages(data, forces, plastic), forces)
             mujoco.mj_RungeKutta(model, data, 4)
             return _Row(t, q, u, qacc, forces, qacc, works, varying)
         mujoco.mj_step(model, data)  # leaves the accelerations and forces of its start
@@ -283,48 +281,35 @@ class MujocoRecorder(Recorder):
 
     def _stages(
         self, data: Data, forces: Forces, plastic: Array
-    ) -> tuple[dict[str, float], frozenset[str]]:
-        """The works over a step of RK4 from `data`, with `forces` there, and the channels that varied.
+    ) -> Iterator[tuple[float, Array, Forces]]:
+        """Duration, speeds and forces of the stages of RK4 from `data`, whose forward pass gave `forces`.
 
-        The stages are taken as mj_RungeKutta takes them: speeds and activations along the rates of the stage
+        They are taken as mj_RungeKutta takes them: speeds and activations along the rates of the stage
         before, positions by the exponential map in a chart at the start of the step (Munthe-Kaas), inputs
         as they are.
         """
-        model, mujoco, stage, h = (
-            self._model,
-            self._mujoco,
-            self._stage,
-            float(self._model.opt.timestep),
-        )
+        model, mujoco, stage = self._model, self._mujoco, self._stage
+        h = float(model.opt.timestep)
         mujoco.mj_copyData(stage, model, data)
-        works: dict[str, float] = {}
-        varying: set[str] = set()
-        chart_rate = np.array(data.qvel)
+        rate = np.array(data.qvel)  # of the positions, in the chart
+        yield h / 6.0, rate, forces
         for ahead, weight in RK4:
-            acting = forces
-            if ahead:
-                moved, a, rate = (
-                    ahead * h * chart_rate,
-                    np.array(stage.qacc),
-                    np.array(stage.act_dot),
-                )
-                np.copyto(stage.qpos, data.qpos)
-                mujoco.mj_integratePos(model, stage.qpos, moved, 1.0)
-                stage.qvel[:] = data.qvel + ahead * h * a
-                stage.act[:] = data.act + ahead * h * rate
-                stage.time = data.time + ahead * h
-                mujoco.mj_forward(model, stage)
-                acting = generalized_forces(model, stage, self._elements, plastic)
-                chart_rate = np.array(stage.qvel)
-                for place in self._turning:
-                    chart_rate[place] = _inverse_dexp(moved[place], chart_rate[place])
-            for name, force in acting.items():
-                works[name] = works.get(name, 0.0) + h * weight / 6.0 * float(force @ stage.qvel)
-            for name in forces.keys() | acting.keys():
-                start, now = forces.get(name, np.zeros(1)), acting.get(name, np.zeros(1))
-                if np.abs(now - start).max() > SUM_OF_FORCES * np.abs(start).max():
-                    varying.add(name)
-        return works, frozenset(varying)
+            ahead *= h
+            moved = ahead * rate
+            stage.qvel[:] = data.qvel + ahead * stage.qacc
+            stage.act[:] = data.act + ahead * stage.act_dot
+            stage.time = data.time + ahead
+            np.copyto(stage.qpos, data.qpos)
+            mujoco.mj_integratePos(model, stage.qpos, moved, 1.0)
+            mujoco.mj_forward(model, stage)
+            yield (
+                weight * h,
+                stage.qvel,
+                generalized_forces(model, stage, self._elements, plastic),
+            )
+            rate = np.array(stage.qvel)
+            for place in self._turning:
+                rate[place] = _inverse_dexp(moved[place], rate[place])
 
     def _check_replay(self) -> None:
         """InputError unless the replayed step ended where MuJoCo's did."""
@@ -364,6 +349,24 @@ class MujocoRecorder(Recorder):
 
 
 record_mujoco = checked(MujocoRecorder, name="record_mujoco")
+
+
+def _summed(
+    stages: Iterator[tuple[float, Array, Forces]], forces: Forces
+) -> tuple[dict[str, float], frozenset[str]]:
+    """The work of each channel over the stages of a step, and the channels whose `forces` changed in it."""
+    works: dict[str, float] = {}
+    varying: set[str] = set()
+    for duration, u, acting in stages:
+        nothing = np.zeros(len(u))
+        now = np.array([*acting.values(), nothing])
+        start = np.array([*(forces.get(name, nothing) for name in acting), nothing])
+        changed = np.abs(now - start).max(axis=1) > SUM_OF_FORCES * np.abs(start).max(axis=1)
+        varying |= forces.keys() - acting.keys()
+        varying.update(name for name, varies in zip(acting, changed) if varies)
+        for name, work in zip(acting, duration * (now @ u)):
+            works[name] = works.get(name, 0.0) + float(work)
+    return works, frozenset(varying)
 
 
 def _inverse_dexp(x: Array, w: Array) -> Array:
@@ -468,10 +471,8 @@ def run_mujoco(
     run = recorder.trajectory()
     if _divides(h, duration):
         return run
-    longer = (
-        f"{duration:.9g} s is no whole number of steps of {h:.9g} s: ran {steps} of them, {steps * h:.9g} s"
-    )
-    notes = {**run.provenance.notes, "duration": longer}
+    whole = f"{duration:.9g} s is no whole number of steps of {h:.9g} s: ran {steps} of them"
+    notes = {**run.provenance.notes, "duration": f"{whole}, {steps * h:.9g} s"}
     return replace(run, provenance=replace(run.provenance, notes=notes))
 
 
@@ -530,7 +531,7 @@ class MujocoSimulator:
         return ORDERS.get(self.integrator)
 
     def __call__(self, step: float) -> Trajectory:
-        """The run at this step; InputError unless it divides the duration, for runs are compared at their end."""
+        """The run at this step; InputError unless it divides the duration: runs are compared at their end."""
         if not _divides(step, self.duration):
             steps = math.ceil(self.duration / step)
             raise InputError(

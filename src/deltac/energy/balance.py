@@ -11,6 +11,8 @@ import numpy as np
 
 from deltac.arrays import EPS, Array
 from deltac.dynamics.coordinates import check_split
+from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.independence import dependent_speeds
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import (
     TESTING_FUNCTIONS,
@@ -74,16 +76,18 @@ def balance(
     noted = run.provenance.coordinates
     if coordinates is None and noted and method == "in-loop":
         coordinates = CoordinateMap(**noted)
-    tied = bool(mechanism.constraints) and coordinates is None
+    rows = rows_of(run)
+    log = LoggedForces.of(rows if rows.starts else run)
+    samples, basis = checked_samples(mechanism, rows, log)
+    tied = coordinates is None and dependent_speeds(
+        equations_of_motion(mechanism), *_start(samples)
+    )
     integrated = method == "in-loop" and any(n in run.integrals for n in TESTING_FUNCTIONS)
     functions = testing_functions(
         _chosen(run, method, testing, tied=tied, integrated=integrated), constrained=tied
     )
     if integrated and any(f.name.startswith("kane-levinson") for f in functions):
         _require_same_division(run, coordinates)
-    rows = rows_of(run)
-    log = LoggedForces.of(rows if rows.starts else run)
-    samples, basis = checked_samples(mechanism, rows, log)
     recorded = _recorded(run) if method == "in-loop" and not integrated else frozenset()
     symbols, kernels = _compiled(mechanism, log, functions, coordinates, _start(samples), recorded)
     _check_division(symbols, samples)
@@ -243,7 +247,9 @@ def residuals(
     samples, _ = checked_samples(mechanism, rows_of(replace(run, events=())), log)
     symbols = ledger_symbols(mechanism, log, coordinates, _start(samples))
     _check_division(symbols, samples)
-    tied = bool(mechanism.constraints) and coordinates is None
+    tied = coordinates is None and dependent_speeds(
+        equations_of_motion(mechanism), *_start(samples)
+    )
     functions = testing_functions(
         applicable(constrained=tied) if testing is None else testing, constrained=tied
     )

@@ -231,7 +231,7 @@ def _measured(
     nothing = ca.SX.zeros(nu)
     driving = sum((f for name, f in measured.items() if name in driven), start=nothing)
     ties = sum((f for name, f in measured.items() if name not in driven), start=nothing)
-    multipliers = ca.SX(0, 1) if bound is None else bound.multipliers_from(ties[system.free_u])
+    multipliers = ca.SX(0, 1) if bound is None else bound.multipliers_from(ties[system.free_u, :])
     return Reactions(driving, multipliers)
 
 

@@ -139,6 +139,12 @@ class Flow(Once):
         return bool(self.given.shape[0] == 0)
 
     @cached_property
+    def driven(self) -> bool:
+        """Whether the motion follows from what is prescribed, so that only powers are integrated."""
+        determined = not self.u_size if self.bound is None else self.bound.determined
+        return self.own is None and determined
+
+    @cached_property
     def quaternions(self) -> tuple[slice, ...]:
         """Places of unit quaternions in x; none where x holds the user's own coordinates."""
         if self.own is not None and self.own.mapped:
@@ -259,10 +265,10 @@ def build_flow(
     """
     mechanics = equations_of_motion(mechanism, vary)
     system = mechanics.system
-    dependent = bool(mechanism.constraints) and split is None
-    functions = testing_functions(testing, constrained=dependent)
     parts = mechanics.channels
     bound = mechanics.constrained(rows)
+    dependent = bound is not None and split is None and not bound.determined
+    functions = testing_functions(testing, constrained=dependent)
     split_own = trace_split(system, split, None if bound is None else bound.rows)
     own: OwnCoordinates | None = None
     correcting = isinstance(constraints, Projection) and constraints.energy
@@ -273,7 +279,7 @@ def build_flow(
     if written is None:
         motion = forward(system, parts, bound, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
-        q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u]
+        q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u, :]
     else:
         state = written.state
         own, q, u, qdot = state.own, state.q, state.u, state.qdot

@@ -53,6 +53,7 @@ from deltac.simulation.solvers import (
     Solver,
     Sundials,
     Taylor,
+    find_solver,
     solver_options,
 )
 from deltac.simulation.step_size.stiffness import explained
@@ -98,7 +99,7 @@ def simulate(
     check_correction(kept, found, watching=watching)
     steps = whole_steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
-    rows = constraint_start(mechanism, state, found, equations, kept)
+    rows = constraint_start(mechanism, state, found, kept)
     made = _compiled(
         mechanism,
         found,
@@ -136,8 +137,9 @@ def simulate(
     compiled = flow.traced and controller is None
     stepper = _stepper(made, options, rate, p_run, duration, compiled=compiled)
     careful = None
-    if found.step is not None and compiled and flow.bound is not None and equations is None:
-        careful = CarefulStep(moving, found, p_run)
+    if found.passes_singular and compiled and flow.bound is not None and equations is None:
+        explicit = found if found.step else find_solver("ode5")
+        careful = CarefulStep(moving, explicit, p_run, getattr(options, "tolerance", 0.0))
     loop = Loop(
         stepper,
         rate,
@@ -170,7 +172,7 @@ def simulate(
         message=motion.message,
         **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
     )
-    run = recorded(mechanism, flow, seen, motion, p, provenance)
+    run = recorded(mechanism, flow, seen, motion, p, provenance, guarded=careful is not None)
     if events is None:
         return run
     return with_occurrences(moving, made.observe_events, events.happened, run)

@@ -162,7 +162,7 @@ def simulate_ensemble(
         check_request(mechanism, first, one, None, None, size)
         check_start(mechanism, first, one, size)
     check_members(mechanism, t0, Q, U, names, p)
-    rows = constraint_start(mechanism, first, solvers[0], None, "projection", names, p[:, 0])
+    rows = constraint_start(mechanism, first, solvers[0], "projection", names, p[:, 0])
     flow = _flow(mechanism, tuple(wanted.testing), tuple(names), rows)
     along = tuple(names.index(name) for name in sensitivity)
     result = _Result.empty(mechanism, flow, records + 1, members, len(along))

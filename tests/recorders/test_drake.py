@@ -68,6 +68,9 @@ def test_a_continuous_arm_closes_at_the_order_of_its_integrator(method: str, ord
         "damper elbow",
     }
     assert order - 0.3 < observed_order(mechanism(), runs, "samples") < order + 1.3
+    assert order - 0.3 < observed_order(mechanism(), runs, "in-loop") < order + 1.3
+    bar = dc.balance(mechanism(), runs[0].every(4)).error_bar["wang"].max()
+    assert bar < 1e-11  # the works of all steps are known, whatever rows are left
     assert np.abs(dc.residuals(mechanism(), runs[0])["coordinates"]).max() < 1e-11
 
 
@@ -159,6 +162,10 @@ def test_a_contact(discrete: bool) -> None:
         takes_the_works_of_held_forces(BOX_MECHANISM, [run])
     else:  # the impact lasts some ten rows
         assert ledger.relative("wang") < 2 * ledger.error_bar["wang"][-1] / ledger.energy_exchanged
+        # The works along the steps lose nothing of it.
+        taken = dc.balance(BOX_MECHANISM, run)
+        assert taken.relative("wang") < 0.2 * ledger.relative("wang")
+        assert taken.error_bar["wang"].max() < 1e-11
     assert run.provenance.acted == ("contact all",)
     assert set(run.forces) <= {"contact all", "correction solver"}
 

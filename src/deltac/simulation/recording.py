@@ -33,7 +33,8 @@ class Record:
 
     Attributes:
         testing: names of the testing functions whose power is integrated by the same solver and step; the
-            integrals (J) are in the trajectory's `integrals`.
+            integrals (J) are in the trajectory's `integrals`. "momentum" adds those of the momentum functions
+            ΔP_r, as ``"momentum <speed>"`` (kg·m/s, kg·m²/s).
         every: keep every so many steps of a fixed-step solver. By default `simulate` keeps each step, and
             `simulate_ensemble` the start and the end.
         coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.

@@ -19,6 +19,7 @@ import numpy as np
 
 from deltac.arrays import EPS, SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
+from deltac.calls.progress import Progress
 from deltac.errors import (
     InputError,
     ModelError,
@@ -415,7 +416,7 @@ def run_mujoco(
     step: float | None = None,
     integrator: str | None = None,
     channels: str = "all",
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     base: str = "fixed",
 ) -> Trajectory:
     """Run MuJoCo and record every step.

@@ -91,7 +91,8 @@ bench-repair: $(TEST)  ## mistakes put into equations of motion: how many are de
 	$(PY) benchmarks/repair.py $(ARGS)
 
 SECONDS ?= 60
-fuzz: $(TEST)  ## break our own parsers: make fuzz SECONDS=600
+fuzz: $(TEST)  ## driven mechanisms against Newton and Euler; break our own parsers: make fuzz SECONDS=600
+	$(PY) -m tests.fuzz.driven $(SECONDS)
 	$(PY) -m tests.fuzz $(SECONDS) $(ARGS)
 
 torture: $(TEST)  ## kill -9, full disks, read-only folders, many processes: nothing half-written, nothing lost

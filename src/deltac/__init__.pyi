@@ -15,6 +15,8 @@ from deltac.analysis.classify import Classification as Classification
 from deltac.analysis.classify import classify as classify
 from deltac.analysis.evaluate import Evaluation as Evaluation
 from deltac.analysis.evaluate import evaluate as evaluate
+from deltac.analysis.inverse_dynamics import InverseDynamics as InverseDynamics
+from deltac.analysis.inverse_dynamics import inverse_dynamics as inverse_dynamics
 from deltac.analysis.kinematics import Kinematics as Kinematics
 from deltac.analysis.kinematics import kinematics as kinematics
 from deltac.analysis.linearise import Equilibrium as Equilibrium

@@ -112,12 +112,6 @@ def test_a_state_of_another_mechanism() -> None:
         dc.simulate(PENDULUM, State(0.0, np.zeros(2), np.zeros(1)), 1.0, 0.1)
 
 
-def test_a_mechanism_that_is_prescribed_entirely() -> None:
-    driven = pendulum(motion="sin(t)")
-    with pytest.raises(InputError, match="'pendulum' has no free speeds"):
-        dc.simulate(driven, driven.state(), 1.0, 0.1)
-
-
 def test_a_singular_mass_matrix_names_the_speeds() -> None:
     spinner = dc.Mechanism(
         [dc.point_mass("bead", 1.0)], [dc.revolute("spin", "ground", "bead", "z")]

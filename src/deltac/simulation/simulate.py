@@ -16,7 +16,7 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import warn_user
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
-from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.arguments import (
@@ -53,6 +53,7 @@ from deltac.simulation.solvers import (
     Solver,
     Sundials,
     Taylor,
+    find_solver,
     solver_options,
 )
 from deltac.simulation.step_size.stiffness import explained
@@ -98,7 +99,7 @@ def simulate(
     check_correction(kept, found, watching=watching)
     steps = whole_steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
-    rows = constraint_start(mechanism, state, found, equations, kept)
+    rows = constraint_start(mechanism, state, found, kept)
     made = _compiled(
         mechanism,
         found,
@@ -136,8 +137,9 @@ def simulate(
     compiled = flow.traced and controller is None
     stepper = _stepper(made, options, rate, p_run, duration, compiled=compiled)
     careful = None
-    if found.step is not None and compiled and flow.bound is not None and equations is None:
-        careful = CarefulStep(moving, found, p_run)
+    if found.passes_singular and compiled and flow.bound is not None and equations is None:
+        explicit = found if found.step else find_solver("ode5")
+        careful = CarefulStep(moving, explicit, p_run, getattr(options, "tolerance", 0.0))
     loop = Loop(
         stepper,
         rate,
@@ -170,7 +172,7 @@ def simulate(
         message=motion.message,
         **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
     )
-    run = recorded(mechanism, flow, seen, motion, p, provenance)
+    run = recorded(mechanism, flow, seen, motion, p, provenance, guarded=careful is not None)
     if events is None:
         return run
     return with_occurrences(moving, made.observe_events, events.happened, run)
@@ -223,12 +225,13 @@ def _compiled(
     if equations is not None:
         motion = equations_of_motion(mechanism, vary)
         written = by_hand(motion.system, equations, motion.rows.select(rows))
+    split = own_coordinates(mechanism, record.coordinates)
     key = (
         mechanism.digest(vary),
         solver.name,
         tuple(record.testing),
         None if written is None else written.key,
-        record.coordinates,
+        split,
         tuple(vary),
         rows,
         constraints,
@@ -237,7 +240,6 @@ def _compiled(
     )
 
     def make() -> Compiled:
-        split = record.coordinates
         flow = build_flow(mechanism, record.testing, written, split, vary, rows, constraints)
         events = eventful(flow, split, switches) if watching else None
         moving = flow if events is None else events.flow
@@ -283,9 +285,10 @@ def _circumstances(
     controller: Controller | None,
     flow: Flow,
     events: EventRun | None,
-    coordinates: CoordinateMap | None,
+    coordinates: CoordinateMap | str | None,
 ) -> dict[str, Any]:
     """What is said in the provenance of how the run was made."""
+    own = own_coordinates(mechanism, coordinates)
     held: tuple[ChannelName, ...] | None = None
     if controller is not None and controller.hold:
         held = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
@@ -294,5 +297,5 @@ def _circumstances(
         "ended": "" if events is None else events.ended,
         "equations": "" if equations is None else equations.name,
         "held": held,
-        "coordinates": {} if coordinates is None else coordinates.to_dict(),
+        "coordinates": {} if own is None else own.to_dict(),
     }

@@ -39,6 +39,11 @@ class Solver:
         """Whether its steps are all of one length, which the user chooses."""
         return self.family in ("fixed", "implicit")
 
+    @property
+    def passes_singular(self) -> bool:
+        """Whether steps near dependent constraints are taken with multipliers by least squares."""
+        return self.step is not None or self.family in ("adaptive", "scipy")
+
 
 SOLVERS: dict[str, Solver] = {
     solver.name: solver

@@ -66,10 +66,10 @@ class Provenance:
     strengths  channel of an actuator -> its generalized force at unit control, by speed
     derived    "u", "udot": what was derived from the other columns -> largest error by speed
     converted  columns that a reader converted, with their units; `ignored`: those it did not use
+    reading    what columns of a foreign log were read as, and because of what, in one line
+    guessed    what of that the log does not declare, and the motion decided; an audit is less sure of it
     repairs    slips of the log that were undone, such as "degrees"
     notes      anything else worth keeping, text by text
-
-    What logs of schema version 1 and 2 have of these is among their notes, and is put in its place.
 
     Raises InputError for a value of the wrong type or an impossible step or tolerance.
     """
@@ -97,6 +97,8 @@ class Provenance:
     derived: Mapping[str, Mapping[str, float]] = field(default_factory=dict, hash=False)
     converted: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
+    reading: str = ""
+    guessed: tuple[str, ...] = ()
     repairs: tuple[str, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict, hash=False)
 
@@ -120,10 +122,10 @@ class Provenance:
         if self.order is not None and not (isinstance(self.order, int) and self.order >= 1):
             raise _unfit("order", self.order, "a whole number, 1 or more, or None")
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
-        for name in ("ended", "equations", "corrected", "singular", "inputs", "stage"):
+        for name in ("ended", "equations", "corrected", "singular", "inputs", "stage", "reading"):
             if not isinstance(getattr(self, name), str):
                 raise _unfit(name, getattr(self, name), "text")
-        for name in ("held", "looked_for", "acted", "converted", "ignored", "repairs"):
+        for name in ("held", "looked_for", "acted", "converted", "ignored", "guessed", "repairs"):
             values = getattr(self, name)
             if values is None and name == "held":
                 continue
@@ -278,6 +280,8 @@ class Trajectory(Shown, Once):
             what.append("integrals of " + ", ".join(self.integrals))
         if self.events:
             what.append(f"{len(self.events)} events")
+        if "duration" in p.notes:
+            what.append(p.notes["duration"])
         if not p.completed:
             what.append("stopped early" + (f": {p.message}" if p.message else ""))
         return "; ".join(what)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from deltac.arrays import Array
 from deltac.calls.caching import LRUCache, derived
 from deltac.calls.progress import Progress
+from deltac.dynamics.testing_functions import MOMENTUM
 from deltac.errors import ArgumentsError, InputError, ModelError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, cores, spread
@@ -138,6 +139,11 @@ def simulate_ensemble(
             "record: an ensemble has no coordinates of its own for testing functions; simulate its members "
             "one by one, or leave the coordinates out"
         )
+    if MOMENTUM in wanted.testing:
+        raise ArgumentsError(
+            "record: an ensemble does not integrate the momentum functions; take dc.balance of its members, "
+            "or leave 'momentum' out"
+        )
     if mechanism.events:
         raise ModelError(
             f"mechanism {mechanism.name!r} has {len(mechanism.events)} events (stops, impacts, …), which an "
@@ -162,7 +168,7 @@ def simulate_ensemble(
         check_request(mechanism, first, one, None, None, size)
         check_start(mechanism, first, one, size)
     check_members(mechanism, t0, Q, U, names, p)
-    rows = constraint_start(mechanism, first, solvers[0], None, "projection", names, p[:, 0])
+    rows = constraint_start(mechanism, first, solvers[0], "projection", names, p[:, 0])
     flow = _flow(mechanism, tuple(wanted.testing), tuple(names), rows)
     along = tuple(names.index(name) for name in sensitivity)
     result = _Result.empty(mechanism, flow, records + 1, members, len(along))

@@ -296,7 +296,7 @@ def _rates(rows: list[Row], by: str) -> str:
     lines = [
         f"| {by} | right | accused | small | unresolved | blamed wrongly | refused, crashed | wrong | seen "
         "| oracle | seen of oracle's | "
-        "first | in three | kind | integrator ±2σ | mistake ±2σ |",
+        "first | in three | kind | integrator ±2σ | mistake ±2σ | adds up |",
         "|---|" + "--:|" * 16,
     ]
     for name, some in [*sorted(groups.items()), ("**all**", rows)]:

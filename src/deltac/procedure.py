@@ -1,8 +1,8 @@
 """`examine`: the whole procedure for a model, equations written by hand, or a log.
 
-The conclusion of the thesis asks for a procedure that tells whether a simulation can be trusted, with which
-step and which solver, and where careless mistakes are. Each step of it is a verb of its own; `examine` runs
-those that apply, hands the results on, and ends with one verdict.
+The conclusion of the thesis (l. 5274-5280) asks for a procedure that tells whether a simulation can be
+trusted, with which step and which solver, and where careless mistakes are. Each step of it is a verb of its
+own; `examine` runs those that apply, hands the results on, and ends with one verdict.
 """
 
 from __future__ import annotations

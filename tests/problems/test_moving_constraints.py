@@ -23,8 +23,8 @@ MOVING = [
 
 
 @cache
-def solved(name: str, told: str | None) -> tuple[Trajectory, Ledger]:
-    p = problems.load(name) if told is None else problems.load(name, told=told)
+def solved(name: str, table: str | None) -> tuple[Trajectory, Ledger]:
+    p = problems.load(name) if table is None else problems.load(name, table=table)
     run = simulate(p.mechanism, p.state, p.duration, p.step, p.solver)
     return run, balance(p.mechanism, run, work="in-loop")
 
@@ -34,9 +34,9 @@ def height(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return 0.1 * (1 - np.cos(3 * t)), 0.3 * np.sin(3 * t), 0.9 * np.cos(3 * t)
 
 
-@pytest.mark.parametrize(("name", "told"), MOVING)
-def test_energy_alone_fails_and_the_theorem_closes(name: str, told: str | None) -> None:
-    _, ledger = solved(name, told)
+@pytest.mark.parametrize(("name", "table"), MOVING)
+def test_energy_alone_fails_and_the_theorem_closes(name: str, table: str | None) -> None:
+    _, ledger = solved(name, table)
     energy = ledger.kinetic + ledger.potential_energy
     assert np.ptp(energy) > 0.05 * ledger.energy_exchanged
     # ode8 at the problem's step leaves rounding: some 5000 steps, each right to 1e-16.
@@ -44,15 +44,15 @@ def test_energy_alone_fails_and_the_theorem_closes(name: str, told: str | None) 
         assert np.abs(ledger.delta_c[function]).max() < 1e-12 * max(1.0, ledger.energy_exchanged)
 
 
-@pytest.mark.parametrize(("name", "told"), MOVING)
-def test_the_work_in_the_ledger_is_what_the_energy_gains(name: str, told: str | None) -> None:
-    run, ledger = solved(name, told)
+@pytest.mark.parametrize(("name", "table"), MOVING)
+def test_the_work_in_the_ledger_is_what_the_energy_gains(name: str, table: str | None) -> None:
+    run, ledger = solved(name, table)
     ways = [n for n in ledger.work if n.split()[0] in ("constraint", "prescribed")]
     done = sum(ledger.work[name] for name in ways)
     energy = ledger.kinetic + ledger.potential_energy
     # Forces between samples are cubics: h⁴ f⁗/400, at rates of some 20 rad/s and h = 1e-3 s.
     np.testing.assert_allclose(done, energy - energy[0], rtol=0, atol=1e-9)
-    if told == "body":  # an inner constraint: what it takes from one body it gives to the other
+    if table == "body":  # an inner constraint: what it takes from one body it gives to the other
         assert np.abs(ledger.power["constraint contact"]).max() < 1e-12
     assert run.provenance.completed
 

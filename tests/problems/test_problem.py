@@ -53,7 +53,7 @@ def test_the_freedom_that_constraints_leave_must_be_told() -> None:
     [
         ("n-four-bar", {"n": 0}, "n is 0, expected a whole number"),
         ("n-four-bar", {"n": 2.0}, "n is 2.0"),
-        ("ball-on-table", {"told": "lies"}, "'lies'; known: 'laws', 'body'"),
+        ("ball-on-table", {"table": "lies"}, "'lies'; known: 'laws', 'body'"),
     ],
 )
 def test_impossible_options_are_refused(name: str, options: Any, message: str) -> None:

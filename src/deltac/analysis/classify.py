@@ -30,11 +30,11 @@ from deltac.models import ModelLike, StateLike, load_model
 from deltac.results import Report, Section, Table, number
 from deltac.simulation.constraints.assembly import assemble
 
-LOOKED_AT = 8
-"""Random states at which what is said to be constant, and constraints to be integrable, are tested."""
+STATES = 8
+"""Random states at which constants of the motion and integrability are tested."""
 
 ROUNDING = 1e-9
-"""A power below this share of the powers that it is made of is zero."""
+"""A power below this fraction of the terms that it is a sum of is zero."""
 
 
 @dataclass(frozen=True)
@@ -244,7 +244,7 @@ def _states(motion: EquationsOfMotion, state: State) -> tuple[Array, Array, Arra
     mechanism = motion.system.mechanism
     free = mechanism.free
     try:
-        states = random_states(mechanism, count=LOOKED_AT)
+        states = random_states(mechanism, count=STATES)
     except InputError:
         return np.array([state.t]), state.q[free.q][:, None], state.u[free.u][:, None]
     return states.t, states.q, states.u
@@ -307,8 +307,8 @@ def _constant(
     udot, lam_values = motion.solved(motion.terms(t, q, u))
     lam = ca.SX.sym("lambda", len(rows))
     places = independence(motion, float(t[0]), q[:, 0]).independent
-    bound = motion.constrained(places)
-    # Rounding is measured by all that is added up, whether or not it cancels.
+    constrained = motion.constrained(places)
+    # Rounding is measured by the sum of the magnitudes, whether or not the terms cancel.
     pulls = [part.force for part in motion.channels]
     pulls += [rows.G_all[k, :].T * lam[k] for k in range(len(rows))]
     total = sum((ca.norm_2(ca.densify(pull)) for pull in pulls), start=ca.SX(1e-12))
@@ -318,23 +318,24 @@ def _constant(
         powers[balance.name] = sum((ca.dot(balance.alpha, x) for x in pulls), start=ca.SX(0))
         sizes[balance.name] = ca.norm_2(ca.densify(balance.alpha)) * total
     if not lossy:
-        chosen = lam[list(places)]
-        driving = driving_forces(s, s.udot_all, motion.channels, bound, chosen)
-        known = terms(s, s.udot_all, motion.channels, None, bound, Reactions(driving, chosen))
-        flow = total * ca.norm_2(ca.densify(s.u_all)) + ca.fabs(known.inertia_transport)
-        powers["energy"], sizes["energy"] = TESTING_FUNCTIONS["wang"].P(known), flow
+        multipliers = lam[list(places)]
+        driving = driving_forces(s, s.udot_all, motion.channels, constrained, multipliers)
+        reactions = Reactions(driving, multipliers)
+        parts = terms(s, s.udot_all, motion.channels, None, constrained, reactions)
+        flow = total * ca.norm_2(ca.densify(s.u_all)) + ca.fabs(parts.inertia_transport)
+        powers["energy"], sizes["energy"] = TESTING_FUNCTIONS["wang"].P(parts), flow
         if acatastatic:
-            powers["Jacobi integral"] = TESTING_FUNCTIONS["kane-levinson-1990"].P(known)
-            sizes["Jacobi integral"] = flow + ca.fabs(known.rate_1990)
+            powers["Jacobi integral"] = TESTING_FUNCTIONS["kane-levinson-1990"].P(parts)
+            sizes["Jacobi integral"] = flow + ca.fabs(parts.rate_1990)
     names = list(powers)
-    columns: Any = [ca.vertcat(*(made[n] for n in names)) for made in (powers, sizes)]
-    held = ca.SX.zeros(s.inputs.shape[0])
+    columns: Any = [ca.vertcat(*(by_name[n] for n in names)) for by_name in (powers, sizes)]
+    no_inputs = ca.SX.zeros(s.inputs.shape[0])
     columns = ca.substitute(
-        [ca.densify(ca.vertcat(ca.SX(0, 1), x)) for x in columns], [s.inputs], [held]
+        [ca.densify(ca.vertcat(ca.SX(0, 1), x)) for x in columns], [s.inputs], [no_inputs]
     )
     f = ca.Function("powers", [s.t, s.q, s.u, s.udot, lam], columns, {"cse": True})
     power, size = evaluate_at(f, t[None, :], q, u, udot.T, lam_values.T)
-    still = np.asarray((np.abs(power) <= ROUNDING * size).all(axis=1)).tolist()
+    vanishing = np.asarray((np.abs(power) <= ROUNDING * size).all(axis=1)).tolist()
     order = {"energy": 0, "Jacobi integral": 1}
-    kept = [name for name, constant in zip(names, still) if constant]
-    return tuple(sorted(kept, key=lambda name: order.get(name, 2)))
+    constants = [name for name, zero in zip(names, vanishing) if zero]
+    return tuple(sorted(constants, key=lambda name: order.get(name, 2)))

@@ -135,8 +135,10 @@ def _energies(motion: EquationsOfMotion) -> Any:
     potentials = [c.potential for c in motion.channels if c.potential is not None]
     kinetic = 0.5 * ca.dot(s.u_all, ca.mtimes(motion.M_all, s.u_all))
     columns = [forces, ca.vertcat(ca.SX(0, 1), *potentials), kinetic]
-    given = [s.t, s.q, s.u, s.inputs]
-    return ca.Function("energies", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+    arguments = [s.t, s.q, s.u, s.inputs]
+    return ca.Function(
+        "energies", arguments, [ca.densify(ca.vec(x)) for x in columns], {"cse": True}
+    )
 
 
 def _driving(motion: EquationsOfMotion) -> Any:
@@ -146,5 +148,5 @@ def _driving(motion: EquationsOfMotion) -> Any:
     driving = ca.SX.zeros(len(s.mechanism.speeds))
     if s.driven_u:
         driving[s.driven_u] = needed[s.driven_u]
-    given = [s.t, s.q, s.u, s.inputs, s.udot, lam]
-    return ca.Function("driving", given, [ca.densify(s.udot_all), ca.densify(driving)])
+    arguments = [s.t, s.q, s.u, s.inputs, s.udot, lam]
+    return ca.Function("driving", arguments, [ca.densify(s.udot_all), ca.densify(driving)])

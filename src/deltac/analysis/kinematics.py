@@ -72,8 +72,8 @@ class Kinematics:
 
         def function() -> Any:
             scene = system.once("scene", lambda: Scene(system))
-            given = [system.t, system.q, system.u]
-            return ca.Function("kinematics", given, [ca.densify(ca.SX(write(scene)))])
+            arguments = [system.t, system.q, system.u]
+            return ca.Function("kinematics", arguments, [ca.densify(ca.SX(write(scene)))])
 
         free = mechanism.free
         f = system.once(("kinematics", *key), function)

@@ -66,8 +66,8 @@ class Linearisation(Report):
     @property
     def eigenvalues(self) -> Array:
         """Of A (d,), complex, 1/s, by rising real part."""
-        found = np.linalg.eigvals(self.A).astype(complex)
-        return found[np.lexsort((found.imag, found.real))]
+        values = np.linalg.eigvals(self.A).astype(complex)
+        return values[np.lexsort((values.imag, values.real))]
 
     @property
     def modes(self) -> tuple[Array, Array]:
@@ -79,8 +79,8 @@ class Linearisation(Report):
     def summary(self) -> str:
         """The size of it, and the eigenvalue with the largest real part."""
         values = self.eigenvalues
-        told = f", Re λ ≤ {number(float(values[-1].real), '1/s')}" if len(values) else ""
-        return f"linearised at t = {self.state.t:g} s: {len(values)} states{told}"
+        growth = f", Re λ ≤ {number(float(values[-1].real), '1/s')}" if len(values) else ""
+        return f"linearised at t = {self.state.t:g} s: {len(values)} states{growth}"
 
     def sections(self) -> Iterator[Section]:
         """The eigenvalues, with frequency and damping."""
@@ -203,43 +203,43 @@ def equilibrium(
     if len(rows):
         pull = terms.force - terms.bias
         lam = np.asarray(np.linalg.lstsq(terms.G.T, -pull, rcond=1e-10)[0])
-    # Forces count beside those at the guess and beside what a unit displacement brings about: at rest the
-    # forces of a pendulum all vanish, and would be no measure.
+    # Forces are compared with those at the guess and with those of a unit displacement, because at rest all
+    # forces of a pendulum vanish.
     _, scale, _ = evaluate_at(f, t, q, at.inputs[0], lam)
     stiffness = _blocks(slopes, motion, t, q, lam, at.inputs[0])[0]
     size = max(float(scale.max(initial=0.0)), float(np.abs(stiffness).max(initial=0.0)), 1e-300)
 
-    def off_balance(q: Array, lam: Array) -> Array:
-        left, _, phi = evaluate_at(f, t, q, at.inputs[0], lam)
-        return np.concatenate([left / size, phi[position]])
+    def imbalance(q: Array, lam: Array) -> Array:
+        force, _, phi = evaluate_at(f, t, q, at.inputs[0], lam)
+        return np.concatenate([force / size, phi[position]])
 
-    off = off_balance(q, lam)
+    residual = imbalance(q, lam)
     for _ in range(MOST):
-        if float(np.abs(off).max(initial=0.0)) < 1e-15:
+        if float(np.abs(residual).max(initial=0.0)) < 1e-15:
             break
         r_q, G, W = _blocks(slopes, motion, t, q, lam, at.inputs[0])
         none = np.zeros((int(position.sum()), len(lam)))
         J = np.block([[r_q / size, -G.T / size], [G[position], none]])
-        step = np.linalg.lstsq(J, -off, rcond=1e-12)[0]
+        step = np.linalg.lstsq(J, -residual, rcond=1e-12)[0]
         # A step turns nothing by more than half a radian, and is halved until it helps.
         share = min(1.0, 0.5 / max(float(np.abs(step[:p]).max(initial=0.0)), 1e-300))
         while share > 1e-4:
             trial = q + share * (W @ step[:p])
             for place in motion.quaternions:
                 trial[place] /= np.linalg.norm(trial[place])
-            found = off_balance(trial, lam + share * step[p:])
-            if np.linalg.norm(found) < (1 - 0.1 * share) * np.linalg.norm(off):
+            trial_residual = imbalance(trial, lam + share * step[p:])
+            if np.linalg.norm(trial_residual) < (1 - 0.1 * share) * np.linalg.norm(residual):
                 break
             share *= 0.5
         else:
             break
-        q, lam, off = trial, lam + share * step[p:], found
-    left = np.abs(off[:p])
-    if not float(np.abs(off).max(initial=0.0)) < AT_REST:
-        k = int(np.argmax(left)) if p else 0
+        q, lam, residual = trial, lam + share * step[p:], trial_residual
+    force = np.abs(residual[:p])
+    if not float(np.abs(residual).max(initial=0.0)) < AT_REST:
+        k = int(np.argmax(force)) if p else 0
         name = mechanism.speeds[int(free.u[k])].name
         raise StateError(
-            f"equilibrium: none found from this guess; {left[k] * size:.3g} N or N·m remain on {name!r}. "
+            f"equilibrium: none found from this guess; {force[k] * size:.3g} N or N·m remain on {name!r}. "
             "Give another guess, or add something that holds it"
         )
     full_q, full_u = at.q[0].copy(), at.u[0].copy()
@@ -247,7 +247,7 @@ def equilibrium(
     state = mechanism.state(full_q, full_u, t)
     here = Instants(mechanism, at.t, full_q[None, :], full_u[None, :], at.inputs, None, single=True)
     small = _linearised(motion, here)
-    return Equilibrium(state, lam, float(left.max(initial=0.0)) * size, small, _stability(small))
+    return Equilibrium(state, lam, float(force.max(initial=0.0)) * size, small, _stability(small))
 
 
 def _stability(small: Linearisation) -> str:
@@ -272,34 +272,35 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
             f"state: it violates constraint {worst!r} by {off.max():.3g} m or rad (per s); "
             "deltac.assemble(mechanism, state) finds a consistent state nearby"
         )
-    known = evaluated(motion, at)
+    reference = evaluated(motion, at)
     p, nc, m = len(free.u), len(rows), len(inputs)
     f = motion.system.once("linearisation", lambda: _linear_terms(motion))
-    given = (t, q, u, known.udot[free.u], known.multipliers, inputs)
-    r_q, r_u, r_i, c_q, c_u, psi_q, kin, W_dot, W = evaluate_at(f, *given)
+    arguments = (t, q, u, reference.udot[free.u], reference.multipliers, inputs)
+    r_q, r_u, r_i, c_q, c_u, psi_q, kin, W_dot, W = evaluate_at(f, *arguments)
     r_x = np.hstack([matrices(r_q, p, p), matrices(r_u, p, p), matrices(r_i, p, m)])
     c_x = np.hstack([matrices(c_q, nc, p), matrices(c_u, nc, p), np.zeros((nc, m))])
     W = matrices(W, len(q), p)
     # [M −Gᵀ; G 0] [δu̇; δλ] = −[r_x; c_x] δx
-    tied = least_squares(known.M, known.G, DEPENDENT)
-    free_part = np.array([tied.free_response(-column) for column in r_x.T]).T.reshape(p, -1)
-    udot = free_part + tied.response @ (tied.schur_inverse @ (-c_x - known.G @ free_part))
+    solution = least_squares(reference.M, reference.G, DEPENDENT)
+    free_part = np.array([solution.free_response(-column) for column in r_x.T]).T.reshape(p, -1)
+    multipliers = solution.schur_inverse @ (-c_x - reference.G @ free_part)
+    udot = free_part + solution.response @ multipliers
     # δq = W δθ, so δθ̇ = δu + W⁺ (∂q̇/∂q W − Ẇ) δθ.
     turning = np.linalg.pinv(W) @ (matrices(kin, len(q), p) - matrices(W_dot, len(q), p))
     whole = np.block([[turning, np.eye(p)], [udot[:, :p], udot[:, p : 2 * p]]])
     # The tangent of the constraints: G δθ = 0 of positions, ψ_q W δθ + G δu = 0 of all rows. The independent
     # entries are fixed ones, so that the tangent may turn in the motion and no rate of it is needed.
     position = np.array(rows.holonomic, dtype=bool)
-    at_q, T_q = _tangent(known.G[position])
-    at_u, T_u = _tangent(known.G)
+    at_q, T_q = _tangent(reference.G[position])
+    at_u, T_u = _tangent(reference.G)
     dependent = [k for k in range(p) if k not in at_u]
     follow = np.zeros((p, len(at_q)))
     if dependent:
         needed = matrices(psi_q, nc, p) @ T_q
-        follow[dependent] = -np.linalg.pinv(known.G[:, dependent], rcond=DEPENDENT) @ needed
+        follow[dependent] = -np.linalg.pinv(reference.G[:, dependent], rcond=DEPENDENT) @ needed
     T = np.block([[T_q, np.zeros((p, len(at_u)))], [follow, T_u]])
-    kept = [*at_q, *(p + k for k in at_u)]
-    pushed = np.vstack([np.zeros((p, m)), udot[:, 2 * p :]])
+    independent = [*at_q, *(p + k for k in at_u)]
+    B = np.vstack([np.zeros((p, m)), udot[:, 2 * p :]])
     names = [mechanism.speeds[int(k)].name for k in free.u]
     state = mechanism.state(at.q[0], at.u[0], t)
     motors = [
@@ -310,8 +311,8 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
     ]
     return Linearisation(
         state,
-        (whole @ T)[kept],
-        pushed[kept],
+        (whole @ T)[independent],
+        B[independent],
         (*(f"δ {names[k]}" for k in at_q), *(names[k] for k in at_u)),
         tuple(motors),
     )
@@ -354,20 +355,20 @@ def _linear_terms(motion: EquationsOfMotion) -> Any:
         W_dot,
         W,
     ]
-    given = [s.t, s.q, s.u, s.udot, lam, s.inputs]
-    return ca.Function("linear", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+    arguments = [s.t, s.q, s.u, s.udot, lam, s.inputs]
+    return ca.Function("linear", arguments, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
 
 
 def _residual(motion: EquationsOfMotion) -> Any:
-    """(t, q, inputs, λ) -> forces left at rest, the size of what balances, φ."""
+    """(t, q, inputs, λ) -> residual forces at rest, sum of the magnitudes, φ."""
     s = motion.system
 
     def function() -> Any:
         lam = ca.SX.sym("lambda", len(motion.rows))
-        left, size = _at_rest(motion, lam)
-        columns = [left, size, motion.rows.phi]
-        still = ca.SX.zeros(s.u.shape[0])
-        columns = ca.substitute([ca.densify(x) for x in columns], [s.u], [still])
+        force, size = _at_rest(motion, lam)
+        columns = [force, size, motion.rows.phi]
+        rest = ca.SX.zeros(s.u.shape[0])
+        columns = ca.substitute([ca.densify(x) for x in columns], [s.u], [rest])
         return ca.Function("rest", [s.t, s.q, s.inputs, lam], columns, {"cse": True})
 
     return s.once("rest", function)
@@ -378,10 +379,10 @@ def _slopes(motion: EquationsOfMotion) -> Any:
 
     def function() -> Any:
         lam = ca.SX.sym("lambda", len(motion.rows))
-        left, _ = _at_rest(motion, lam)
-        columns = [ca.mtimes(ca.jacobian(left, s.q), motion.W), motion.rows.G, motion.W]
-        still = ca.SX.zeros(s.u.shape[0])
-        columns = ca.substitute([ca.densify(ca.vec(x)) for x in columns], [s.u], [still])
+        force, _ = _at_rest(motion, lam)
+        columns = [ca.mtimes(ca.jacobian(force, s.q), motion.W), motion.rows.G, motion.W]
+        rest = ca.SX.zeros(s.u.shape[0])
+        columns = ca.substitute([ca.densify(ca.vec(x)) for x in columns], [s.u], [rest])
         return ca.Function("slopes", [s.t, s.q, s.inputs, lam], columns, {"cse": True})
 
     return s.once("slopes of rest", function)
@@ -390,11 +391,11 @@ def _slopes(motion: EquationsOfMotion) -> Any:
 def _at_rest(motion: EquationsOfMotion, lam: Any) -> tuple[Any, Any]:
     s, rows = motion.system, motion.rows
     ties = ca.mtimes(rows.G.T, lam)
-    left = (motion.bias - motion.force)[s.free_u, :] - ties
+    force = (motion.bias - motion.force)[s.free_u, :] - ties
     size = ca.fabs(motion.bias[s.free_u]) + ca.fabs(ties)
     for part in motion.channels:
         size = size + ca.fabs(part.force[s.free_u])
-    return left, size
+    return force, size
 
 
 def _blocks(

@@ -213,22 +213,22 @@ def matrices_at(
         InputError: unknown names, and independent speeds that the others do not follow from.
     """
     system, free = trace(mechanism), mechanism.free
-    held = np.zeros(system.inputs.shape[0]) if inputs is None else inputs
+    motors = np.zeros(system.inputs.shape[0]) if inputs is None else inputs
     full = system.once("full state", lambda: _full_state(system))
     q, u, udot_t = (np.array(x).ravel() for x in full(t, q[free.q], u[free.u]))
     u_t = np.where([entry.prescribed for entry in mechanism.speeds], u, 0.0)
-    written = maximal(system)
-    values = map(np.array, written.function(t, q, u, held))
-    terms = dict(zip(written.names, values, strict=True))
-    holonomic = np.array(written.rows.holonomic, dtype=bool)
-    instant = _Instant(mechanism, written.rows.names, holonomic, t, u, u_t, udot_t, terms)
+    bodies = maximal(system)
+    values = map(np.array, bodies.function(t, q, u, motors))
+    terms = dict(zip(bodies.names, values, strict=True))
+    holonomic = np.array(bodies.rows.holonomic, dtype=bool)
+    instant = _Instant(mechanism, bodies.rows.names, holonomic, t, u, u_t, udot_t, terms)
     return instant.matrices(udot, tuple(independent), joints)
 
 
 def _full_state(system: Any) -> Any:
     """(t, q, u) of the free entries -> q, u of all joints, and the accelerations of prescribed ones."""
-    still = ca.substitute(system.udot_all, system.udot, ca.SX.zeros(system.udot.shape[0]))
-    return ca.Function("full", [system.t, system.q, system.u], [system.q_all, system.u_all, still])
+    udot = ca.substitute(system.udot_all, system.udot, ca.SX.zeros(system.udot.shape[0]))
+    return ca.Function("full", [system.t, system.q, system.u], [system.q_all, system.u_all, udot])
 
 
 def stacked(samples: Sequence[Matrices]) -> Matrices:
@@ -238,8 +238,8 @@ def stacked(samples: Sequence[Matrices]) -> Matrices:
     """
     values: dict[str, Any] = {}
     for field in fields(Matrices):
-        given = [getattr(sample, field.name) for sample in samples]
-        values[field.name] = given[0] if isinstance(given[0], tuple) else np.array(given)
+        column = [getattr(sample, field.name) for sample in samples]
+        values[field.name] = column[0] if isinstance(column[0], tuple) else np.array(column)
     x = values["x"]
     for k in range(3, x.shape[1], 7):
         turns = np.sign(np.einsum("ij,ij->i", x[1:, k : k + 4], x[:-1, k : k + 4]))
@@ -342,27 +342,26 @@ class _Instant:
 
     # --- independent speeds ----------------------------------------------------------------------
 
-    def split(self, rows: NDArray[np.bool_], wanted: Sequence[int]) -> _Split:
-        """Independent speeds under some rows: those wanted, then those that others best follow from.
+    def split(self, rows: NDArray[np.bool_], preferred: Sequence[int]) -> _Split:
+        """Independent speeds under some rows: the preferred ones, then those that best express the others.
 
-        Columns of G are taken by Gaussian elimination with full pivoting, wanted ones last: what is pivoted
-        on is dependent.
+        Gaussian elimination of G with full pivoting, preferred columns last: pivot columns are dependent.
         """
         G, p = self.G_all[:, self.free], len(self.free)
         places = np.flatnonzero(rows)
         size = np.linalg.norm(G[places], axis=1)
         present = size > 1e-9 * max(1e-300, size.max(initial=0.0))
         places = places[present]
-        left = G[places] / size[present][:, None]
-        columns = [k for k in range(p) if k not in wanted]
+        reduced = G[places] / size[present][:, None]
+        columns = [k for k in range(p) if k not in preferred]
         pivots: list[tuple[int, int]] = []
-        for allowed in (columns, list(wanted)):
+        for allowed in (columns, list(preferred)):
             while len(pivots) < len(places):
                 open_rows = [i for i in range(len(places)) if i not in {i for i, _ in pivots}]
                 open_columns = [j for j in allowed if j not in {j for _, j in pivots}]
                 if not open_rows or not open_columns:
                     break
-                block = np.abs(left[np.ix_(open_rows, open_columns)])
+                block = np.abs(reduced[np.ix_(open_rows, open_columns)])
                 # The first of those that are largest to rounding: symmetry makes some equal.
                 largest = block >= (1.0 - 1e-9) * block.max()
                 at = np.unravel_index(int(largest.argmax()), block.shape)
@@ -373,11 +372,11 @@ class _Instant:
                     names = [self.mechanism.speeds[int(k)].name for k in self.free]
                     raise InputError(
                         f"independent: at t = {self.t:g} s the speeds "
-                        f"{', '.join(names[k] for k in wanted)} are not independent, {names[j]!r} follows "
+                        f"{', '.join(names[k] for k in preferred)} are not independent, {names[j]!r} follows "
                         "from the others; leave it out"
                     )
                 others = np.arange(len(places)) != i
-                left = left - np.outer(left[:, j] / left[i, j], left[i]) * others[:, None]
+                reduced -= np.outer(reduced[:, j] / reduced[i, j], reduced[i]) * others[:, None]
                 pivots.append((i, j))
         dependent = [j for _, j in pivots]
         independent = [k for k in range(p) if k not in dependent]
@@ -394,11 +393,11 @@ class _Instant:
             places = free[split.dependent]
             last = np.eye(count + 1)[count]
             G, G_dot = self.G_all[split.rows], self.terms["G_dot"][split.rows]
-            left = G[:, places]
+            G_dependent = G[:, places]
             off = G @ speeds + np.outer(self.c[split.rows], last)
-            speeds[places] = -np.linalg.solve(left, off)
+            speeds[places] = -np.linalg.solve(G_dependent, off)
             off = G_dot @ speeds + G @ rates + np.outer(self.terms["c_dot"][split.rows], last)
-            rates[places] = -np.linalg.solve(left, off)
+            rates[places] = -np.linalg.solve(G_dependent, off)
         P, P_dot = self.terms["P"], self.terms["P_dot"]
         both, both_dot = P @ speeds, P @ rates + P_dot @ speeds
         return both[:, :count], both[:, count], both_dot[:, :count], both_dot[:, count]
@@ -409,12 +408,12 @@ class _Instant:
     def hinges(self) -> list[tuple[str, str, Array, Array, slice]]:
         """Of each joint: parent, child, place of its frame on the child, directions (6, n), speeds."""
         m, places = self.mechanism, self.terms["place"].T
-        found = []
+        hinges = []
         for joint, place in zip(m.joints, places):
             where = m.speeds.of(joint.name)
             directions = self.terms["directions"][:, where]
-            found.append((joint.parent, joint.child, place, directions, where))
-        return found
+            hinges.append((joint.parent, joint.child, place, directions, where))
+        return hinges
 
     def twist(self, parent: str, child: str, place: Array) -> Array:
         """Relative twist (6, n) of a child and its parent at a place, from the velocities v of bodies."""
@@ -434,8 +433,8 @@ class _Instant:
     @cached_property
     def speeds(self) -> Array:
         """The joints' speeds (nu, n) from the velocities v of bodies."""
-        found = [np.linalg.pinv(d) @ self.twist(p, c, place) for p, c, place, d, _ in self.hinges]
-        return np.vstack(found)
+        rows = [np.linalg.pinv(d) @ self.twist(p, c, place) for p, c, place, d, _ in self.hinges]
+        return np.vstack(rows)
 
     @cached_property
     def ties(self) -> Array:
@@ -446,7 +445,7 @@ class _Instant:
         return np.asarray(ties)
 
     @cached_property
-    def kept(self) -> list[int]:
+    def inertial_rows(self) -> list[int]:
         """Rows of the stacked vectors: those of bodies, and of rotors that have inertia."""
         N = 6 * len(self.mechanism.bodies)
         return [*range(N), *(N + np.flatnonzero(self.M.diagonal()[N:]))]
@@ -469,7 +468,7 @@ class _Instant:
                 right.append(np.zeros(len(across)))
             first = 6 * len(self.mechanism.bodies) + where.start
             for k, speed in enumerate(self.speeds[where]):
-                if first + k in self.kept:
+                if first + k in self.inertial_rows:
                     rows.append(np.eye(len(self.M))[[first + k]] - speed)
                     right.append(np.zeros(1))
         return np.vstack(rows), np.concatenate(right)
@@ -477,7 +476,7 @@ class _Instant:
     def reactions(self, forces: Array) -> tuple[Array, Array, Array]:
         """Place, force and moment on the child of each joint, from the joints' share of F′ (n,).
 
-        What the joint nearest to the ground passes on is the sum over all bodies beyond it.
+        A joint transmits the sum over all bodies beyond it.
         """
         carried: dict[
             str, tuple[Array, Array, Array]
@@ -486,30 +485,30 @@ class _Instant:
             turned = self.terms["turned"][:, 3 * k :][:, :3]
             own = forces[6 * k : 6 * k + 6]
             carried[body.name] = own[:3], turned @ own[3:], self.terms["x"][:, k]
-        found: list[tuple[Array, Array, Array]] = []
+        reactions: list[tuple[Array, Array, Array]] = []
         for parent, child, place, _, _ in reversed(self.hinges):
             force, moment, centre = carried[child]
             about = moment + np.cross(centre - place, force)
-            found.append((place, force, about))
+            reactions.append((place, force, about))
             if parent in carried:
                 beyond, moment, centre = carried[parent]
                 moment = moment + about + np.cross(place - centre, force)
                 carried[parent] = beyond + force, moment, centre
-        places, passed, moments = (np.array(x).reshape(-1, 3) for x in zip(*reversed(found)))
-        return places, passed, moments
+        places, forces, moments = (np.array(x).reshape(-1, 3) for x in zip(*reversed(reactions)))
+        return places, forces, moments
 
     # --- all together ----------------------------------------------------------------------------
 
     def matrices(self, udot: Array | None, independent: Sequence[str], joints: bool) -> Matrices:
         """All of it, for accelerations `udot` (nu,) or the mechanism's own."""
-        m, loops, keep, free = self.mechanism, self.holonomic, self.kept, self.free
+        m, loops, keep, free = self.mechanism, self.holonomic, self.inertial_rows, self.free
         names = [m.speeds[int(k)].name for k in free]
         for name in independent:
             if name not in names:
                 near = closest(name, names)
                 raise UnknownName(f"independent: no free speed is called {name!r}{near}")
-        wanted = [names.index(name) for name in dict.fromkeys(independent)]
-        inner = self.split(np.ones(len(loops), dtype=bool), wanted)
+        preferred = [names.index(name) for name in dict.fromkeys(independent)]
+        inner = self.split(np.ones(len(loops), dtype=bool), preferred)
         # The speeds of û are among those of u: motion constraints only take some of these away.
         outer = self.split(loops, inner.independent)
         R, v_t, R_dot, v_t_dot = self.moving(outer)

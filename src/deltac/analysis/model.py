@@ -40,10 +40,10 @@ def instants(
 
     `inputs` are values of motors without a law by name, zero by default; a run has its own.
     """
-    found = load_model(model)
-    mechanism = found.mechanism
+    loaded = load_model(model)
+    mechanism = loaded.mechanism
     if not isinstance(at, Trajectory):
-        at = found.start(at)
+        at = loaded.start(at)
     single = isinstance(at, State)
     t, q, u = np.atleast_1d(at.t), np.atleast_2d(at.q), np.atleast_2d(at.u)
     nq, nu = len(mechanism.coordinates), len(mechanism.speeds)
@@ -56,14 +56,14 @@ def instants(
         if inputs is not None:
             raise ArgumentsError("inputs: a run has its motors' values itself; leave them out")
         return Instants(mechanism, t, q, u, _logged(mechanism, at), at.udot, single)
-    held = _held(mechanism, inputs or {})[None, :]
-    return Instants(mechanism, t, q, u, held, None, single)
+    values = _motor_values(mechanism, inputs or {})[None, :]
+    return Instants(mechanism, t, q, u, values, None, single)
 
 
-def _held(mechanism: Mechanism, given: Mapping[str, Any]) -> Array:
-    """Values of all motors without a law (inputs,), zero where not given."""
+def _motor_values(mechanism: Mechanism, inputs: Mapping[str, Any]) -> Array:
+    """Values of all motors without a law (inputs,), zero by default."""
     names = [motor.name for motor in mechanism.motors]
-    for name in given:
+    for name in inputs:
         if name not in names:
             raise UnknownName(
                 f"inputs: no joint torque without a law is called {name!r}{closest(name, names)}"
@@ -71,10 +71,10 @@ def _held(mechanism: Mechanism, given: Mapping[str, Any]) -> Array:
     values: list[Array] = [np.zeros(0)]
     for motor in mechanism.motors:
         size = len(mechanism.joint(motor.joint).speeds)
-        value = np.atleast_1d(np.asarray(given.get(motor.name, np.zeros(size)), dtype=float))
+        value = np.atleast_1d(np.asarray(inputs.get(motor.name, np.zeros(size)), dtype=float))
         if value.shape != (size,) or not np.isfinite(value).all():
             raise InputError(
-                f"inputs: {given[motor.name]!r} for joint torque {motor.name!r}; expected {size} finite "
+                f"inputs: {inputs[motor.name]!r} for joint torque {motor.name!r}; expected {size} finite "
                 "value(s), N·m or N"
             )
         values.append(value)

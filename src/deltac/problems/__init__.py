@@ -66,8 +66,10 @@ def load(name: str, **options: Any) -> Problem:
     if name not in names():
         raise UnknownName(f"unknown problem {name!r}{closest(name, names())}")
     make: Callable[..., Problem] = import_module(f"{__name__}.{name.replace('-', '_')}").problem
-    known = list(signature(make).parameters)
+    parameters = list(signature(make).parameters)
     for option in options:
-        if option not in known:
-            raise UnknownName(f"problem {name!r} has no option {option!r}{closest(option, known)}")
+        if option not in parameters:
+            raise UnknownName(
+                f"problem {name!r} has no option {option!r}{closest(option, parameters)}"
+            )
     return make(**options)

@@ -172,16 +172,16 @@ def _last() -> list[Reference]:
         "rates": [(f"{s}̇", speed(name), "rad/s") for s, name in zip(symbols, ANGLES, strict=True)],
         "multipliers": [(f"λ{k + 1}", _multiplier(k), "N") for k in range(6)],
     }
-    found = []
+    references = []
     for group, members in quantities.items():
         published, calculated = ACCURACY[group]
         for k, (symbol, signal, unit) in enumerate(members):
-            known = TEST_SET[group][k]
+            value = TEST_SET[group][k]
             name = f"{symbol} (test set)"
-            found.append(instant(name, END, signal, known, unit, "published", published))
-            known = CALCULATED[group][k]
-            found.append(instant(symbol, END, signal, known, unit, "calculated", calculated))
-    return found
+            references.append(instant(name, END, signal, value, unit, "published", published))
+            value = CALCULATED[group][k]
+            references.append(instant(symbol, END, signal, value, unit, "calculated", calculated))
+    return references
 
 
 def _mechanism() -> Mechanism:
@@ -266,9 +266,9 @@ def _multiplier(row: int) -> Signal:
     def signal(run: Trajectory) -> Array:
         loop, component = divmod(row, 2)
         q = {name: run.coordinate(name) for name in ANGLES}
-        moved, G = _JACOBIANS[loop](q)
+        angles, G = _JACOBIANS[loop](q)
         force = run.forces[f"constraint pin {('K3', 'K4', 'K6')[loop]}"]
-        moments = np.stack([force[:, run.speeds.index(name)] for name in moved], axis=1)
+        moments = np.stack([force[:, run.speeds.index(name)] for name in angles], axis=1)
         lam = np.linalg.solve(np.swapaxes(G, 1, 2), -moments[:, :, None])
         return np.asarray(lam[:, component, 0], dtype=np.float64)
 

@@ -25,24 +25,24 @@ RISE, BEAT = 0.1, 3.0
 DURATION = 5.0
 BALL = "ball.x ball.y ball.z".split()
 
-Told = Literal["laws", "body"]
+Table = Literal["laws", "body"]
 
 
-def problem(told: Told = "laws") -> Problem:
+def problem(table: Table = "laws") -> Problem:
     """A ball of 0.2 kg on a table that turns at 7 rad/s, 0.3 m from its axis; 5 s.
 
     Args:
-        told: "laws": the table is a velocity field of the ground's surface; "body": it is a body with
+        table: "laws": the table is a velocity field of the ground's surface; "body": it is a body with
             inertia of its own, turned by a motor.
     """
-    return make(told, rising=False)
+    return make(table, rising=False)
 
 
-def make(told: Told, *, rising: bool) -> Problem:
+def make(table: Table, *, rising: bool) -> Problem:
     """The problem, on a table that may rise and sink by h = A (1 − cos wt) while it turns."""
-    if told not in ("laws", "body"):
-        raise UnknownName(f"ball on a table: told is {told!r}; known: 'laws', 'body'")
-    mechanism = _mechanism(told, rising)
+    if table not in ("laws", "body"):
+        raise UnknownName(f"ball on a table: table is {table!r}; known: 'laws', 'body'")
+    mechanism = _mechanism(table, rising)
     start = _kinetic(0.0)
     reference = []
     centre = {axis: coordinate(f"ball.{axis}") for axis in "xyz"}
@@ -53,7 +53,7 @@ def make(told: Told, *, rising: bool) -> Problem:
         reference += instants({t: (x, y, RADIUS + height)}, centre, "m", "exact", 1e-15)
         moving = _kinetic(t) + 0.5 * MASS * lift**2
         reference.append(instant("K of the ball", t, _ball_kinetic, moving, "J", "exact", 1e-15))
-        if told == "laws":
+        if table == "laws":
             total = gain + 0.5 * MASS * lift**2 + MASS * G * height
             done = work(mechanism, "constraint contact")
             reference.append(instant("work of the table", t, done, total, "J", "exact", 1e-14))
@@ -92,14 +92,14 @@ def make(told: Told, *, rising: bool) -> Problem:
     )
 
 
-def _mechanism(told: Told, rising: bool) -> Mechanism:
+def _mechanism(table: Table, rising: bool) -> Mechanism:
     parameters = {"m": MASS, "r": RADIUS, "g": G, "Omega": TURN}
     lift = "A*(1 - cos(w*t))"
     if rising:
         parameters |= {"A": RISE, "w": BEAT}
     bodies, joints = [sphere("ball", "m", "r")], [free("ball", "ball")]
     plane: dict[str, Any]
-    if told == "laws":
+    if table == "laws":
         plane = {"surface_velocity": ("-Omega*y", "Omega*x", 0.0)}
         if rising:
             plane["point"] = (0.0, 0.0, lift)

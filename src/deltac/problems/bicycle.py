@@ -138,12 +138,12 @@ def _eigenvalue(name: str) -> Measure:
         caster, *others = sorted(exponents, key=lambda s: s.real)
         weave = max(others, key=lambda s: s.imag)
         capsize = min(others, key=lambda s: abs(s.imag))
-        found = {
+        parts = {
             "weave, real part": weave.real,
             "weave, imaginary part": weave.imag,
             "capsize": capsize.real,
             "caster": caster.real,
         }
-        return float(found[name])
+        return float(parts[name])
 
     return measure

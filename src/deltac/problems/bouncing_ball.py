@@ -47,9 +47,9 @@ def problem(restitution: float = RESTITUTION) -> Problem:
     # Bounce k begins at fall (1 + 2 e + … + 2 e^(k−1)); the run is to hold as many as it can.
     duration = step * math.floor(0.985 * rest / step)
     begins = [fall * (1.0 + 2.0 * sum(e**j for j in range(1, k))) for k in range(1, 11)]
-    shown = [k for k in BOUNCES if begins[k - 1] + fall * e**k < duration]
+    bounces = [k for k in BOUNCES if begins[k - 1] + fall * e**k < duration]
     reference = [_exact("time of rest", rest, "s", _rest(e))]
-    for k in shown:
+    for k in bounces:
         reference += [
             _exact(f"time of impact {k}", begins[k - 1], "s", _impact(k, "t")),
             _exact(f"height of bounce {k}", HEIGHT * e ** (2 * k), "m", _height(k)),

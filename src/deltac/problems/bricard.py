@@ -90,11 +90,11 @@ def problem() -> Problem:
 def turned(run: Trajectory, vectors: Iterable[ArrayLike]) -> list[Array]:
     """World components (T, 3) of one vector of each rod, by the product of the hinges' rotations."""
     R = np.broadcast_to(np.eye(3), (len(run), 3, 3))
-    found = []
+    components = []
     for k, vector in enumerate(vectors):
         R = R @ rotations.about("xyz".index(AXES[k]), run.q[:, k])
-        found.append(R @ np.asarray(vector, dtype=float))
-    return found
+        components.append(R @ np.asarray(vector, dtype=float))
+    return components
 
 
 def _vertex(number: int, axis: int) -> Signal:

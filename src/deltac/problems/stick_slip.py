@@ -74,15 +74,15 @@ def problem(stribeck: float = STRIBECK, width: float = WIDTH) -> Problem:
 def slip_spread(run: Trajectory, stribeck: float = STRIBECK) -> float:
     """The largest spread of x² + (ẋ/ω)² within one slip, relative to its mean.
 
-    Slips are taken where the slip speed is above 6.1 Stribeck speeds: there the excess is below 10⁻¹⁶.
+    A slip is where the slip speed is above 6.1 Stribeck speeds: there the excess is below 10⁻¹⁶.
     """
     x, v = run.coordinate("x"), run.speed("x")
     square: Array = x**2 + v**2 * (MASS / STIFFNESS)
     slipping = BELT - v > 6.1 * stribeck
     edges = np.flatnonzero(np.diff(slipping.astype(int)))
-    found = [
+    spreads = [
         float(np.ptp(part) / part.mean())
         for part, slips in zip(np.split(square, edges + 1), np.split(slipping, edges + 1))
         if slips[0] and len(part) > 2
     ]
-    return max(found)
+    return max(spreads)

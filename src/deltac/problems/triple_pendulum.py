@@ -181,25 +181,27 @@ def _reference(
     """The numbers known of a run: the energy of any, and more of the thesis's own."""
     theta, omega, weights, damping = run
     start = float(hand.energy(np.array(theta), np.array(omega)))
-    known = [instant("energy", 0.0, energy(mechanism), start, "J", "exact", 1e-14)]
+    references = [instant("energy", 0.0, energy(mechanism), start, "J", "exact", 1e-14)]
     if weights != WEIGHTS or theta != START or any(damping):
-        return tuple(known)
+        return tuple(references)
     if drive is None and omega == REST:
-        known += _angles(ANGLES, 0)
+        references += _angles(ANGLES, 0)
     elif drive is None and omega == (10.0, 0.0, 0.0):
-        known.append(instant("K", 0.0, kinetic(mechanism), 2.721, "J", "published", 5e-4))
-        known += _angles(FAST_ANGLES, 0)
+        references.append(instant("K", 0.0, kinetic(mechanism), 2.721, "J", "published", 5e-4))
+        references += _angles(FAST_ANGLES, 0)
     elif drive in ("motion", "constraint") and omega[1:] == (0.0, 0.0):
         inertia = sum(weights[1:]) / G + weights[0] / G / 3  # bars 2 and 3 ride on the end of bar 1
         riding = 0.5 * inertia * (LENGTHS[0] * AMPLITUDE * FREQUENCY) ** 2
-        known.append(instant("K", 0.0, kinetic(mechanism), riding, "J", "exact", 1e-14))
-        known += _angles(DRIVEN_ANGLES, 1)
+        references.append(instant("K", 0.0, kinetic(mechanism), riding, "J", "exact", 1e-14))
+        references += _angles(DRIVEN_ANGLES, 1)
         driver = "prescribed joint1" if drive == "motion" else "constraint drive"
         motor = work(mechanism, driver)
-        known.append(instant("motor work Q", 10.0, motor, 2.291822080477, "J", "calculated", 1e-12))
-        known.append(_extreme_torque("least", -10.954016230, -1, driver))
-        known.append(_extreme_torque("largest", 12.152178548, 1, driver))
-    return tuple(known)
+        references.append(
+            instant("motor work Q", 10.0, motor, 2.291822080477, "J", "calculated", 1e-12)
+        )
+        references.append(_extreme_torque("least", -10.954016230, -1, driver))
+        references.append(_extreme_torque("largest", 12.152178548, 1, driver))
+    return tuple(references)
 
 
 def _angles(values: Mapping[float, Sequence[float]], first: int) -> list[Reference]:

@@ -58,10 +58,10 @@ def testing_figure(title: str, curves: Sequence[Curve]) -> Figure:
         gaps = [*(0.07 for _ in names[1:]), 0.26, 0.26]
         panels = stacked(figure, heights, gaps)
         strips, tests = panels[: len(names)], panels[len(names) :]
-        shown = list(zip(curves, COLOURS, WIDTHS, strict=False))
+        styles = list(zip(curves, COLOURS, WIDTHS, strict=False))
         strips[0].set_title("Angles from the vertical (where runs coincide, the last shows)")
         for strip, name in zip(strips, names, strict=True):
-            for curve, colour, width in shown:
+            for curve, colour, width in styles:
                 _angle(strip, curve, name, color=colour, linewidth=width)
             strip.set_ylabel(f"{name} (deg)")
         floor = EPS * max(curve.energy_exchanged for curve in curves)

@@ -23,21 +23,21 @@ NAMES = {"liu-huston": "Liu–Huston", "wang": "Wang"}
 def _(report: Reproduction, beside: Beside) -> Page:
     judged = [row for row in report.results if row.judged]
     agree = sum(row.agrees is True for row in judged)
-    known = sum(bool(row.difference) for row in report.differences)
+    explained = sum(bool(row.difference) for row in report.differences)
     reasons = list(dict.fromkeys(r.difference for r in report.differences if r.difference))
     first = report.experiments[0]
     label, outcome = next(iter(report.of(first).items()))
     mechanism = problem(outcome.run.variant).mechanism
     chapters = [Chapter(e.heading, tuple(_panels(report, e, reasons))) for e in report.experiments]
     if reasons:
-        said = tuple(f"[{k}] {reason}" for k, reason in enumerate(reasons, 1))
-        chapters.append(Chapter("Where we are known to differ", (Words("", said),)))
+        lines = tuple(f"[{k}] {reason}" for k, reason in enumerate(reasons, 1))
+        chapters.append(Chapter("Where we are known to differ", (Words("", lines),)))
     return Page(
         title="The study of the thesis",
         asked="Do the energy testing functions show what the thesis says they do?",
         tone="good" if report.agrees else "bad",
         word=f"{agree} of {len(judged)} statements agree",
-        sentence=f"{known} differ for a known reason." if known else "",
+        sentence=f"{explained} differ for a known reason." if explained else "",
         numbers=(
             ("figures", str(len(report.experiments))),
             ("runs", str(len(report.outcomes))),

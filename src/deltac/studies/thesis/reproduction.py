@@ -53,8 +53,8 @@ class Result(Serialisable):
         """What the thesis says, as text."""
         if self.thesis is None:
             return "–"
-        said = number(self.thesis, self.unit) if isinstance(self.thesis, float) else self.thesis
-        return f"{said} ({self.source})"
+        statement = self.thesis if isinstance(self.thesis, str) else number(self.thesis, self.unit)
+        return f"{statement} ({self.source})"
 
     @property
     def measured(self) -> str:
@@ -99,8 +99,8 @@ class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "as
         """How many statements of the thesis were checked, and how many agree."""
         judged = [row for row in self.results if row.judged]
         agree = sum(row.agrees is True for row in judged)
-        known = sum(bool(row.difference) for row in self.differences)
-        return f"{agree} of {len(judged)} statements agree, {known} differ for a known reason"
+        explained = sum(bool(row.difference) for row in self.differences)
+        return f"{agree} of {len(judged)} statements agree, {explained} differ for a known reason"
 
     def assumed(self) -> dict[str, str]:
         """What the thesis does not say and we chose, by figure."""
@@ -111,13 +111,13 @@ class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "as
         reasons = list(dict.fromkeys(r.difference for r in self.differences if r.difference))
         rows: list[tuple[str, ...]] = []
         for experiment in self.experiments:
-            name, said = f"{experiment.figure}  {experiment.title}", ""
+            name, statement = f"{experiment.figure}  {experiment.title}", ""
             rows += [()] if rows else []
             for row in self.results:
                 if row.figure == experiment.figure and row.judged:
-                    again, said = said, row.reported
-                    shown = "" if said == again else said
-                    rows.append((name, shown, row.measured, row.verdict(reasons)))
+                    previous, statement = statement, row.reported
+                    cell = "" if statement == previous else statement
+                    rows.append((name, cell, row.measured, row.verdict(reasons)))
                     name = ""
         yield Table(("experiment", "the thesis reports", "we measure", "agrees?"), tuple(rows))
         yield from (f"[{k}] {reason}" for k, reason in enumerate(reasons, 1))

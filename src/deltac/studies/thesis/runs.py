@@ -25,7 +25,7 @@ _TUMBLING: dict[str, Any] = {
     "weights": (10.0, 40.0, 10.0),
 }
 DAMPING = 1e-3
-"""Of each joint (N·m·s/rad); the thesis states it for fig. 4.8 and not for fig. 4.10."""
+"""Of each joint (N·m·s/rad); the thesis states it for fig. 4.8 (l. 5042), not for fig. 4.10."""
 
 VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "standard": {},
@@ -115,8 +115,9 @@ def perform(run: Run) -> Outcome:
     pendulum = problem(run.variant)
     trajectory = trajectory_of(run, pendulum.state, run.every)
     twin = trajectory_of(run, _perturbed(pendulum.state), run.every)
-    apart = np.abs(absolute_angles(trajectory) - absolute_angles(twin)).max(axis=1) > SEPARATION
-    horizon = float(trajectory.t[int(apart.argmax())]) if apart.any() else None
+    distance = np.abs(absolute_angles(trajectory) - absolute_angles(twin)).max(axis=1)
+    parted = distance > SEPARATION
+    horizon = float(trajectory.t[int(parted.argmax())]) if parted.any() else None
     ledger = balance(pendulum.mechanism, trajectory, work="in-loop")
     return Outcome(run, trajectory, ledger, horizon)
 

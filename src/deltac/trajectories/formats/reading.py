@@ -30,7 +30,7 @@ from deltac.trajectories.formats.recognition import recognise
 from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
 from deltac.trajectories.formats.words import is_time
-from deltac.trajectories.rates import derived_speeds
+from deltac.trajectories.rates import FEWEST, derived_speeds
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
 
 LEFT_OUT = "left out"
@@ -666,6 +666,12 @@ def _complete(
     if known.all() or not known.any() or not known[-1]:
         return columns, {}
     first, count = int(np.argmin(known)), int((~known).sum())
+    if rows - count < FEWEST:
+        worst = max(columns, key=lambda name: int(np.isnan(columns[name]).sum()))
+        raise LogError(
+            f"of {rows} rows only {rows - count} have all values: column {worst!r} is empty in most. Log "
+            "all columns at the same times, or leave this one out"
+        )
     told = f"{count} of {len(known)} rows, row {first} the first: a value is missing there"
     return {name: values[known] for name, values in columns.items()}, {LEFT_OUT: told}
 

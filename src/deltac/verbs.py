@@ -214,9 +214,12 @@ def balance(
             powers whose work the run does not hold (the default where the run has either). "samples": by
             quadrature along the samples. "discrete": a force held over a step does the work
             h fᵀ(u_k + u_{k+1})/2, for engines of first order.
-        testing: names of testing functions; by default those integrated in the loop, or all.
-        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson): a
-            CoordinateMap, "joint" or "absolute"; by default those in which the run's integrals were taken.
+        testing: names of testing functions; by default those integrated in the loop, or all. "momentum"
+            stands for the functions ΔP_r of all speeds, which are also taken by default; named alone, it is
+            taken beside "wang".
+        coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson) and whose
+            momentum functions are taken: a CoordinateMap, "joint" or "absolute"; by default those in which
+            the run's integrals were taken.
         keep: about how many rows the ledger is to have, one in 512 of the run at least: of equal
             parts of the run those where |ΔC| is largest, the first and the last, extremes of K and V.
             Works, ΔC, bars and the energy exchanged are taken over all rows, and violations are the largest
@@ -247,7 +250,9 @@ def residuals(
     """The testing functions in rate form, ε = Ė − P (W), at every sample, without any integration.
 
     Returns ε (T,) by the function's name, and under ``"coordinates"`` the residual F_r + F*_r (T, n) of
-    Kane's equations for the free speeds (N·m or N). Needs the run's accelerations.
+    Kane's equations for the free speeds (N·m or N), less what constraint forces explain. Under ``"momentum"``
+    is the rate form of ΔP_r (T, n), ṗ_r − F_r − (Gᵀλ)_r − ṡ_r·H_r, of the free or the own speeds; λ is that
+    of the log, or of the model's equations at the state. Needs the run's accelerations.
 
     Raises InputError as `balance`, and for a run without u̇.
     """

@@ -15,7 +15,12 @@ from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.independence import independence
-from deltac.dynamics.momentum import momentum_balances
+from deltac.dynamics.momentum import (
+    MomentumFunctions,
+    constraint_force,
+    momentum_balances,
+    momentum_functions,
+)
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
@@ -29,7 +34,7 @@ from deltac.dynamics.terms import (
     reactions_from,
     terms,
 )
-from deltac.dynamics.testing_functions import TestingFunction
+from deltac.dynamics.testing_functions import MOMENTUM, TestingFunction
 from deltac.energy.sampling.segments import Rows
 from deltac.errors import LogError
 from deltac.kernels import Kernel
@@ -241,8 +246,9 @@ class LedgerKernels:
 
     `at_samples`: K2, K1, K0 and V (`energies`), the `potential` of each source, each `momentum`, the powers
     of the `conservative` channels, then all of `between`: the powers of the other `channels`, the powers P
-    of the testing `functions`, the `force` on each momentum. Conservative is what has a potential, unless
-    the log holds its force: its work is what the potential lost, and its power need not be integrated.
+    of the testing `functions`, the `force` on each momentum. Momenta are those of the balances (`momenta`),
+    then those of the `speeds` that have momentum testing functions. Conservative is what has a potential,
+    unless the log holds its force: its work is what the potential lost, and its power need not be integrated.
 
     Where works were `recorded`, P lacks the powers of those channels, and of the conservative ones:
     `entering` tells whose works are to be added to its integral.
@@ -253,6 +259,7 @@ class LedgerKernels:
     potential: tuple[ChannelName, ...]
     functions: tuple[str, ...]
     momenta: tuple[str, ...]
+    speeds: tuple[str, ...]
     at_samples: Kernel
     between: Kernel
     recorded: frozenset[ChannelName] = frozenset()
@@ -276,8 +283,13 @@ def ledger_kernels(
     functions: Sequence[TestingFunction],
     logged: Container[str],
     recorded: frozenset[ChannelName] = frozenset(),
+    *,
+    momenta: bool = False,
 ) -> LedgerKernels:
-    """Write the kernels out; the log holds forces of `logged` channels, and works of `recorded` ones."""
+    """Write the kernels out, with the momentum functions if `momenta`.
+
+    The log holds forces of `logged` channels, and works of `recorded` ones.
+    """
     s, k = symbols.system, symbols.computed
     potential = {p.name: p.potential for p in symbols.parts if p.potential is not None}
     power = channel_powers(s, symbols.parts)
@@ -302,15 +314,20 @@ def ledger_kernels(
         for name, known in variants(symbols, function.name).items()
     }
     balances = momentum_balances(s)
+    of_speeds = (of_momenta(symbols),) if momenta else ()
     between = {
         "channels": _column(power.values()),
         "functions": _column(P.values()),
-        "force": _column(balance.force(symbols.parts) for balance in balances),
+        "force": _column(
+            [*(b.force(symbols.parts) for b in balances), *(known.rate for known in of_speeds)]
+        ),
     }
     at_samples = {
         "energies": ca.vertcat(k.K2, k.K1, k.K0, k.V),
         "potential": _column(potential.values()),
-        "momentum": _column(balance.momentum for balance in balances),
+        "momentum": _column(
+            [*(b.momentum for b in balances), *(known.momentum for known in of_speeds)]
+        ),
         "conservative": _column(conservative.values()),
     }
     return LedgerKernels(
@@ -319,10 +336,22 @@ def ledger_kernels(
         tuple(potential),
         tuple(P),
         tuple(balance.name for balance in balances),
+        tuple(name for known in of_speeds for name in known.names),
         _kernel(symbols, at_samples | between),
         _kernel(symbols, between),
         recorded,
     )
+
+
+def of_momenta(symbols: LedgerSymbols) -> MomentumFunctions:
+    """The momentum testing functions: with the constraints' forces of the log, or by the equations."""
+    s, force = symbols.system, total_force(symbols.system, symbols.parts)
+    ties = [f for name, f in symbols.measured.items() if name.kind == "constraint"]
+    if symbols.split is None and len(ties) == len(s.mechanism.constraints):
+        force = sum(ties, start=force)
+    elif symbols.split is None:
+        force = force + constraint_force(s, force, symbols.constrained)
+    return momentum_functions(s, force, symbols.split)
 
 
 def _column(entries: Iterable[SX]) -> SX:
@@ -337,8 +366,10 @@ def _kernel(symbols: LedgerSymbols, outputs: Mapping[str, SX]) -> Kernel:
     return Kernel(inputs, outputs, name="ledger")
 
 
-def residual_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -> Kernel:
-    """ε = Ė − P of every function, and F_r + F*_r of every free speed."""
+def residual_kernel(
+    symbols: LedgerSymbols, functions: Sequence[TestingFunction], *, momenta: bool
+) -> Kernel:
+    """ε = Ė − P of every function, F_r + F*_r of every free speed; ṗ_r less its rate, where `momenta`."""
     s, k = symbols.system, symbols.computed
     along = ca.vertcat(s.q, s.u, s.t)
     motion = ca.vertcat(s.qdot, s.udot, 1)
@@ -353,6 +384,9 @@ def residual_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]
     if symbols.constrained is not None:
         residual = residual + ca.mtimes(symbols.constrained.rows.G.T, symbols.reactions.multipliers)
     outputs["coordinates"] = residual
+    if momenta:
+        known_momenta = of_momenta(symbols)
+        outputs[MOMENTUM] = ca.jtimes(known_momenta.momentum, along, motion) - known_momenta.rate
     return Kernel(symbols.inputs, outputs, name="residuals")
 
 

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from deltac.arrays import Array
 from deltac.calls.caching import LRUCache, derived
 from deltac.calls.progress import Progress
+from deltac.dynamics.testing_functions import MOMENTUM
 from deltac.errors import ArgumentsError, InputError, ModelError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, cores, spread
@@ -137,6 +138,11 @@ def simulate_ensemble(
         raise ArgumentsError(
             "record: an ensemble has no coordinates of its own for testing functions; simulate its members "
             "one by one, or leave the coordinates out"
+        )
+    if MOMENTUM in wanted.testing:
+        raise ArgumentsError(
+            "record: an ensemble does not integrate the momentum functions; take dc.balance of its members, "
+            "or leave 'momentum' out"
         )
     if mechanism.events:
         raise ModelError(

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac import read_trajectory
 from deltac.arrays import Array
-from deltac.trajectories import read_trajectory
 from tests.natural_logs.generate import motion
 from tests.natural_logs.models import pendulum
 
@@ -57,7 +57,7 @@ CASES = {
 def test_dialects(name: str, tmp_path: Path) -> None:
     head, kinds, separator, mark = CASES[name]
     path = written(tmp_path, head, columns(kinds), separator, mark)
-    log = read_trajectory(path, pendulum())  # type: ignore[arg-type]
+    log = read_trajectory(path, pendulum())
     assert log.t == pytest.approx(run().t, abs=1e-5)
     assert log.q == pytest.approx(run().q, abs=1e-4)
     assert log.u == pytest.approx(run().u, abs=1e-4 if "u" in kinds.lower() else 3e-2)

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac import rotations
-from deltac.trajectories import draft_mapping, read_trajectory
+from deltac import read_trajectory, rotations
+from deltac.trajectories import draft_mapping
 
 mujoco = pytest.importorskip("mujoco")
 gymnasium = pytest.importorskip("gymnasium")
@@ -174,7 +174,7 @@ def judge(model: str, r: Rollout, path: Path, outcome: str) -> dc.Trajectory | N
     """Assert that a log is read right, after an unedited draft, or refused."""
     machine = mechanism(model)
     try:
-        run, found = read_trajectory(path, machine), READ  # type: ignore[arg-type]
+        run, found = read_trajectory(path, machine), READ
     except dc.InputError:
         mapping = path.with_suffix(".toml")
         mapping.write_text(draft_mapping(path, machine), "utf-8")

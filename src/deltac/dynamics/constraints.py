@@ -105,7 +105,9 @@ def constraint_rows(system: System) -> Rows:
     along = ca.vertcat(system.q, system.t)
     gamma = ca.jtimes(psi, along, ca.vertcat(system.qdot, 1))
     G = ca.simplify(G_all[:, system.free_u])
-    rows = Rows(tuple(names), tuple(range(len(names))), tuple(holonomic), phi, psi, G_all, G, b, gamma)
+    rows = Rows(
+        tuple(names), tuple(range(len(names))), tuple(holonomic), phi, psi, G_all, G, b, gamma
+    )
     present = [
         k for k in range(len(names)) if ca.sparsify(G_all[k, :]).nnz() or not _vanishes(rows, k)
     ]

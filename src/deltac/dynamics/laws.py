@@ -54,7 +54,6 @@ FUNCTIONS: dict[str, Callable[..., SX]] = {
 }
 
 
-
 class Varied(float):
     """A number of a description that is traced as a symbol; its value decides where a law has branches."""
 

@@ -1,12 +1,12 @@
-"""Columns of the geometry: what small changes of places, directions and lengths do to the equations of motion.
+"""Columns of the geometry: what small changes of places, axes and lengths do to the equations of motion.
 
-A joint that sits elsewhere, or is turned, is one more joint beside it that stands still at a small coordinate θ.
-Its column is ∂(F_r + F*_r)/∂θ of that joint: with its motion subspace ξ and the velocity v and acceleration a
-of the body that carries it (gravity in it), all bodies beyond have the velocities ψ̇ = v × ξ and accelerations
-ψ̈ = a × ξ + v × ψ̇ more in their own frames, and their forces act on the bodies before from another place, ξ ×* f
-(S. Singh, R. P. Russell, P. M. Wensing, IEEE Robot. Autom. Lett. 7 (2022) 1776-1783). So one sweep over the
-tree gives all columns. Force elements and constraints are differentiated body by body, as laws of poses and
-velocities of bodies that nothing joins.
+A joint that sits elsewhere, or is turned, is one more joint beside it that stands still at a small coordinate
+θ. Its column is ∂(F_r + F*_r)/∂θ of that joint: with its motion subspace ξ and the velocity v and acceleration a
+of the body that carries it (gravity in it), all bodies beyond have velocities larger by ψ̇ = v × ξ and
+accelerations larger by ψ̈ = a × ξ + v × ψ̇, in their own frames, and their forces act on the bodies before
+from another place, ξ ×* f (S. Singh, R. P. Russell, P. M. Wensing, IEEE Robot. Autom. Lett. 7 (2022) 1776-1783).
+So one sweep over the tree gives all columns. Force elements and constraints are differentiated body by body, as
+laws of poses and velocities of bodies that nothing joins.
 
 Numbers of elements and constraints (lengths, points, radii, ratios) and named parameters of the mechanism are
 kept as symbols and differentiated directly.
@@ -14,7 +14,7 @@ kept as symbols and differentiated directly.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
@@ -23,7 +23,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.explain.columns import Column, ColumnKernels, computes_weight
+from deltac.diagnosis.explain.columns import Column, ColumnKernels, What, computes_weight
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.forces import channels
@@ -31,7 +31,7 @@ from deltac.dynamics.laws import Varied
 from deltac.dynamics.recursions import accelerations, rnea, velocities
 from deltac.dynamics.scene import Scene
 from deltac.dynamics.spatial import SX, Transform, cross_force
-from deltac.dynamics.system import Link, System, trace
+from deltac.dynamics.system import System, trace
 from deltac.mechanism.channels import Channel
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
@@ -49,10 +49,10 @@ class Change:
 def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
     """The columns of all joints' places, of numbers of elements and constraints, and of parameters.
 
-    Called as other columns are. Its first column is M (u̇ of the model − u̇), and the others X are the derivatives
-    of that: M ∂u̇/∂θ. Without constraints these are F_r + F*_r and its derivative at the given accelerations.
-    With constraints M ∂u̇/∂θ = x + Gᵀδλ and G ∂u̇/∂θ = −(δG u̇ + δγ), where x = δ(F_r + F*_r) + δGᵀ λ; to
-    first order in the residual, so exact where the equations close.
+    They are called as other columns are. The first one is M (u̇ of the model − u̇), and the others are the
+    derivatives of that: M ∂u̇/∂θ. Without constraints these are F_r + F*_r and its derivative at the given u̇.
+    With constraints M ∂u̇/∂θ = x + Gᵀδλ and G ∂u̇/∂θ = −(δG u̇ + δγ), where x = δ(F_r + F*_r) + δGᵀ λ: exact
+    where the equations close, else to first order in the residual.
     """
     symbols = evaluator.symbols
     s, bound = symbols.system, symbols.constrained
@@ -98,7 +98,7 @@ def _own(evaluator: Evaluator, parts: Sequence[Channel]) -> list[SX]:
 def _joints(
     evaluator: Evaluator, multipliers: SX, index: Sequence[int]
 ) -> Iterator[tuple[Column, Change]]:
-    """Displacements of each joint in its parent, and of each body on its joint, one sweep from tip to root."""
+    """Displacements of each joint in its parent, and of each body on its joint: one sweep, tip to root."""
     s = evaluator.symbols.system
     nu = s.u_all.shape[0]
     base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if computes_weight(evaluator) else None
@@ -127,7 +127,10 @@ def _joints(
         back = here.seen_through(link.X)
         before = link.parent
         v, a = (V[before], A[before]) if before >= 0 else (still, ground)
-        moves = (("body-place", k, here, V[k], A[k]), ("joint-place", before, back, v, a))
+        moves: tuple[tuple[What, int, _Carried, SX, SX], ...] = (
+            ("body-place", k, here, V[k], A[k]),
+            ("joint-place", before, back, v, a),
+        )
         for what, start, side, v, a in moves:
             if what == "body-place" and not _has_place_of_its_own(s, k):
                 continue
@@ -157,7 +160,9 @@ class _Rows:
 
     def of(self, v: SX, a: SX) -> SX:
         """What displacements (6) of all that is carried add, relative to a body with motion v, a."""
-        over = _cross_motion(v)  # ψ̇ = v × ξ, ψ̈ = a × ξ + v × ψ̇, from the left: rows are fewer than products
+        over = _cross_motion(
+            v
+        )  # ψ̇ = v × ξ, ψ̈ = a × ξ + v × ψ̇, from the left: rows are fewer than products
         of_rate = self.velocity + ca.mtimes(self.acceleration, over)
         of_place = self.place + ca.mtimes(of_rate, over)
         return of_place + ca.mtimes(self.acceleration, _cross_motion(a))
@@ -251,7 +256,9 @@ def _displacements(to_body: Transform, place: Array) -> Array:
     made = np.zeros((6, 6))
     made[3:, :3] = made[:3, 3:] = axes
     made[3:, 3:] = np.cross(at, axes, axisa=0, axisb=0, axisc=0)
-    made[np.abs(made) < 4.0 * EPS] = 0.0  # turned frames leave rounding where planar motion has zeros
+    made[np.abs(made) < 4.0 * EPS] = (
+        0.0  # turned frames leave rounding where planar motion has zeros
+    )
     return made
 
 
@@ -262,8 +269,8 @@ def _displacements(to_body: Transform, place: Array) -> Array:
 class _LooseBodies:
     """What force elements and constraints do to a mechanism whose bodies are displaced each by itself.
 
-    `wrenches` (6,) act on each link; `by_place` and `by_velocity` (nu + nc, 6) are the derivatives of generalized
-    forces and of ψ along displacements and velocities of each link, in its frame.
+    `wrenches` (6,) act on each link; `by_place` and `by_velocity` (nu + nc, 6) are the derivatives of
+    generalized forces and of ψ along displacements and velocities of each link, in its frame.
     """
 
     wrenches: list[SX]
@@ -272,7 +279,11 @@ class _LooseBodies:
 
     @staticmethod
     def of(
-        evaluator: Evaluator, V: Sequence[SX], jacobians: Sequence[SX], multipliers: SX, index: Sequence[int]
+        evaluator: Evaluator,
+        V: Sequence[SX],
+        jacobians: Sequence[SX],
+        multipliers: SX,
+        index: Sequence[int],
     ) -> _LooseBodies:
         """Those of a mechanism whose links have the velocities `V` and these Jacobians."""
         s = evaluator.symbols.system
@@ -306,7 +317,9 @@ class _LooseBodies:
         J = ca.jacobian(both, ca.vertcat(place, v))
         of_place = [ca.mtimes(J[:, 12 * k : 12 * k + 12], turned[k]) for k in range(count)]
         of_velocity = [J[:, 12 * count + 6 * k :][:, :6] for k in range(count)]
-        here = ca.vertcat(*(ca.vertcat(ca.vec(pose.E), pose.r) for pose in s.poses), *V, multipliers)
+        here = ca.vertcat(
+            *(ca.vertcat(ca.vec(pose.E), pose.r) for pose in s.poses), *V, multipliers
+        )
         wrenches, *found = ca.substitute(
             [total[nu:], *of_place, *of_velocity], [ca.vertcat(place, v, factor)], [here]
         )
@@ -325,7 +338,7 @@ class _LooseBodies:
 
 
 def _of_pose(E: SX) -> SX:
-    """Rates (12, 6) of the entries of E and of r along displacements (or velocities) of a link in its frame."""
+    """Rates (12, 6) of the entries of E and of r along displacements or velocities of a link in its frame."""
     turn = ca.vertcat(*(ca.skew(E[:, k]) for k in range(3)))
     return ca.blockcat([[turn, ca.SX(9, 3)], [ca.SX(3, 3), E.T]])
 
@@ -370,7 +383,7 @@ class _Opened:
     def part(self, part: Part, group: str) -> Any:
         """The same part with symbols."""
         made = copy(part)
-        for field in fields(part):
+        for field in fields(part):  # type: ignore[arg-type]
             at, value = f"{group}.{part.name}.{field.name}", getattr(part, field.name)
             object.__setattr__(made, field.name, self._field(part, at, field.name, value))
         return made
@@ -438,19 +451,19 @@ class _Opened:
     def _law(self, part: Part, at: str, law: Any) -> Any:
         if isinstance(law, tuple):
             return tuple(self._law(part, f"{at}.{k}", x) for k, x in enumerate(law))
-        what = f"the number {{base}} in the law of {part.where}"
+        what = f"the law of {part.where}"
         if isinstance(law, float):
-            what = f"the angle of {part.where}"
             return self._number(part, at, law, kind="law-number", what=what)
         import sympy
 
         if not isinstance(law, sympy.Basic):
             return law
         names = {}
-        for k, entry in enumerate(sorted(law.atoms(sympy.Float))):
-            name = f"{at}.{k}"
-            opened = self._number(part, name, float(entry), kind="law-number", what=what)
-            self.values[name], names[entry] = opened.symbol, sympy.Symbol(name, real=True)
+        for k, entry in enumerate(sorted(law.atoms(sympy.Float), key=lambda x: (abs(x), x))):
+            name, size = f"{at}.{k}", abs(float(entry))  # q1 − 1.7 q2 has the number 1.7
+            opened = self._number(part, name, size, kind="law-number", what=what)
+            self.values[name] = opened.symbol
+            names[entry] = sympy.Symbol(name, real=True) * (1 if entry > 0 else -1)
         return law.xreplace(names)
 
 

@@ -17,7 +17,7 @@ BENCH := $(VENV)/.deltac-bench
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .SUFFIXES:
-.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-repair \
+.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-judge bench-repair \
 	bench-blackbox bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
 
 help:  ## list the targets
@@ -75,6 +75,9 @@ bench-verdict: $(TEST)  ## right and wrong equations, judged blind: the false ve
 bench-foreign: $(BENCH)  ## logs of other simulators and habits, judged blind: false alarms and misses
 	$(PY) benchmarks/foreign/bench.py $(ARGS)
 
+bench-judge: $(BENCH)  ## integrator, equations and log told apart: logs with true joules, beside an oracle
+	$(PY) benchmarks/judge/bench.py $(ARGS)
+
 bench-correction: $(TEST)  ## what extrapolation, steps by ΔC and restoring the energy buy, against exact motions
 	$(PY) benchmarks/correction.py $(ARGS)
 
@@ -88,7 +91,8 @@ bench-repair: $(TEST)  ## mistakes put into equations of motion: how many are de
 	$(PY) benchmarks/repair.py $(ARGS)
 
 SECONDS ?= 60
-fuzz: $(TEST)  ## break our own parsers: make fuzz SECONDS=600
+fuzz: $(TEST)  ## driven mechanisms against Newton and Euler; break our own parsers: make fuzz SECONDS=600
+	$(PY) -m tests.fuzz.driven $(SECONDS)
 	$(PY) -m tests.fuzz $(SECONDS) $(ARGS)
 
 torture: $(TEST)  ## kill -9, full disks, read-only folders, many processes: nothing half-written, nothing lost

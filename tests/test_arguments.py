@@ -71,8 +71,8 @@ def test_numbers_and_names() -> None:
     walked(dc.random_states, model="double-pendulum", count=4, seed=0, window=(0, 1))
     run = dc.simulate("double-pendulum", duration=0.02, step=0.01)
     walked(dc.residuals, model="double-pendulum", run=run, testing=None)
-    walked(dc.suspicions, run=run, mechanism_names=None)
-    walked(dc.read_trajectory, path="no.csv", mapping=None, mechanism_names=None)
+    walked(dc.suspicions, run=run, model=None)
+    walked(dc.read_trajectory, log="no.csv", mapping=None, model=None)
 
 
 def test_the_argument_is_named() -> None:

@@ -81,19 +81,6 @@ def test_a_namespace_is_a_module_that_lists_its_names(name: str) -> None:
     assert all(getattr(namespace, each).__doc__ for each in namespace.__all__)
 
 
-@pytest.mark.parametrize("old", sorted(deltac._RENAMED))
-def test_an_old_name_works_and_says_the_new_one(old: str) -> None:
-    home, _, name = deltac._RENAMED[old].rpartition(".")
-    with pytest.warns(DeprecationWarning) as told:
-        value = getattr(deltac, old)
-    assert value is getattr(importlib.import_module(home), name)
-    assert f"{home}.{name}" in str(told[0].message) and told[0].filename == __file__
-
-
-def test_no_name_is_both_old_and_new() -> None:
-    assert not set(deltac._RENAMED) & set(deltac._PUBLIC)
-
-
 def test_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="simulat"):
         deltac.simulat  # noqa: B018

@@ -88,11 +88,6 @@ def test_sections_make_text_html_and_markdown() -> None:
     assert "| name | value \\| unit |\n| --- | ---: |" in told and "```\n-old\n+new\n```" in told
 
 
-def test_the_old_name_of_the_exit_code_warns() -> None:
-    with pytest.warns(DeprecationWarning, match="exit_code"):
-        assert SAMPLE.status == 3
-
-
 @pytest.mark.parametrize("width", [40, 60, 80, 120])
 def test_text_keeps_to_its_width_and_breaks_no_word(width: int) -> None:
     rows = tuple(

@@ -12,6 +12,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
+from deltac.calls.services import provide
 from deltac.calls.stubs import listed
 
 __version__ = "0.1.0"
@@ -19,40 +20,25 @@ __version__ = "0.1.0"
 #: public name -> the module that defines it
 _PUBLIC = listed(__file__)
 
-#: names of version 0.1 -> what to write now; to go in the next release
-_RENAMED: dict[str, str] = {
-    name: f"deltac.{namespace}.{name}"
-    for namespace, names in {
-        "bodies": "Body box disc frame sphere",
-        "joints": "Joint cylindrical fixed planar screw spherical universal",
-        "forces": "contact friction_law gravity_compensation joint_damper joint_friction joint_spring "
-        "joint_torque point_force point_friction spring_damper tendon",
-        "constraints": "angle distance gear holonomic loop_prismatic loop_revolute loop_spherical "
-        "loop_universal loop_weld motion_constraint point_in_plane point_on point_on_line rolling skate",
-        "events": "event impact joint_stop",
-        "laws": "q time u",
-    }.items()
-    for name in names.split()
-} | {
-    "rotation": "deltac.rotation_matrix",
-    "Advice": "deltac.Recommendation",
-    "Mutation": "deltac.MutationReport",
-    "EnergyLeft": "deltac.EnergyLeftWarning",
-    "StiffStep": "deltac.StiffStepWarning",
-    "SimulationStopped": "deltac.SimulationStoppedWarning",
-}
-
 __all__ = sorted(_PUBLIC)
+
+provide(
+    {
+        "evaluate": "deltac.analysis.evaluate",
+        "figure": "deltac.report.plots",
+        "html_of": "deltac.report.page",
+        "kinematics": "deltac.analysis.kinematics",
+        "to_columns": "deltac.trajectories.formats.schema",
+        "trajectory_of_states": "deltac.recorders.state_vectors",
+        "write_report": "deltac.report.page",
+        "write_summary": "deltac.fleets.summary",
+        "write_trajectory": "deltac.trajectories.formats.files",
+    }
+)
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name on its first use (PEP 562)."""
-    if name in _RENAMED:
-        from deltac.calls.deprecation import warn_renamed
-
-        warn_renamed(f"deltac.{name}", _RENAMED[name])
-        home, _, name = _RENAMED[name].rpartition(".")
-        return getattr(import_module(home), name)
     if name not in _PUBLIC:
         message = f"module {__name__!r} has no attribute {name!r}"
         if name[:1] != "_":  # what Python itself looks for

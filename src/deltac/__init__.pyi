@@ -15,6 +15,8 @@ from deltac.analysis.classify import Classification as Classification
 from deltac.analysis.classify import classify as classify
 from deltac.analysis.evaluate import Evaluation as Evaluation
 from deltac.analysis.evaluate import evaluate as evaluate
+from deltac.analysis.inverse_dynamics import InverseDynamics as InverseDynamics
+from deltac.analysis.inverse_dynamics import inverse_dynamics as inverse_dynamics
 from deltac.analysis.kinematics import Kinematics as Kinematics
 from deltac.analysis.kinematics import kinematics as kinematics
 from deltac.analysis.linearise import Equilibrium as Equilibrium
@@ -46,8 +48,6 @@ from deltac.diagnosis.study.study import study as study
 from deltac.diagnosis.verdict import Finding as Finding
 from deltac.diagnosis.verdict import Verdict as Verdict
 from deltac.energy import Ledger as Ledger
-from deltac.energy import balance as balance
-from deltac.energy import residuals as residuals
 from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
 from deltac.errors import SuspicionWarning as SuspicionWarning
@@ -62,7 +62,6 @@ from deltac.importers import ImportReport as ImportReport
 from deltac.importers import equations_from_sympy as equations_from_sympy
 from deltac.importers import read_mechanism as read_mechanism
 from deltac.importers import read_shapes as read_shapes
-from deltac.importers import symbolic_equations as symbolic_equations
 from deltac.mechanism.bodies import body as body
 from deltac.mechanism.bodies import point_mass as point_mass
 from deltac.mechanism.bodies import rod as rod
@@ -99,26 +98,30 @@ from deltac.repair.mutate.report import MutationReport as MutationReport
 from deltac.repair.mutate.report import mutate_equations as mutate_equations
 from deltac.simulation.arguments import IllConditionedWarning as IllConditionedWarning
 from deltac.simulation.constraints.assembly import Assembly as Assembly
-from deltac.simulation.constraints.assembly import assemble as assemble
 from deltac.simulation.constraints.energy import EnergyLeftWarning as EnergyLeftWarning
 from deltac.simulation.ensemble.ensemble import Ensemble as Ensemble
-from deltac.simulation.ensemble.ensemble import simulate_ensemble as simulate_ensemble
 from deltac.simulation.equations import Controller as Controller
 from deltac.simulation.equations import Equations as Equations
 from deltac.simulation.flow import Baumgarte as Baumgarte
 from deltac.simulation.flow import Projection as Projection
 from deltac.simulation.recording import Record as Record
 from deltac.simulation.simulate import SimulationStoppedWarning as SimulationStoppedWarning
-from deltac.simulation.simulate import simulate as simulate
 from deltac.simulation.solvers import solver_names as solver_names
 from deltac.simulation.step_size.stiffness import StiffStepWarning as StiffStepWarning
 from deltac.simulation.step_size.time_scales import TimeScale as TimeScale
-from deltac.simulation.step_size.time_scales import time_scales as time_scales
 from deltac.trajectories import Occurrence as Occurrence
 from deltac.trajectories import Provenance as Provenance
 from deltac.trajectories import Trajectory as Trajectory
 from deltac.trajectories import read_trajectory as read_trajectory
 from deltac.trajectories import scan_trajectory as scan_trajectory
 from deltac.trajectories import suspicions as suspicions
+from deltac.trajectories.formats.files import write_trajectory as write_trajectory
+from deltac.verbs import assemble as assemble
+from deltac.verbs import balance as balance
+from deltac.verbs import residuals as residuals
+from deltac.verbs import simulate as simulate
+from deltac.verbs import simulate_ensemble as simulate_ensemble
+from deltac.verbs import symbolic_equations as symbolic_equations
+from deltac.verbs import time_scales as time_scales
 
 __version__: str

@@ -1,7 +1,7 @@
 """The door for models: what a user may hand to any verb, resolved to a mechanism and where it starts.
 
-Problems, files and models of other programs are read by packages that stand above this one; they are
-called by name, when something of theirs comes.
+Problems, importers and formats stand below it, and are loaded when something of theirs comes. What stands
+below the door (simulation, energy) takes a Mechanism and a State; `deltac.verbs` opens the door for them.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import traceback
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, is_dataclass, replace
-from importlib import import_module
 from inspect import Parameter, isfunction, signature
 from numbers import Real
 from pathlib import Path
@@ -41,10 +40,6 @@ from deltac.mechanism.state import State
 
 T = TypeVar("T")
 
-BASES = ("fixed", "free")
-"""What bears the root link of a URDF file: the ground, or a free joint."""
-
-IMPORTED = (".xml", ".mjcf", ".urdf", ".sdf")
 NOT_IMPORTED = {
     ".xacro": "xacro is a language of macros; expand it: xacro {path} > {stem} (of ROS; or "
     "pip install xacro), and give that file",
@@ -229,14 +224,6 @@ def load_model(source: ModelLike) -> Model:
     raise WrongType(f"model: found {_described(source)}; expected {TAKEN}")
 
 
-def opened(
-    model: ModelLike, state: StateLike, duration: float | None
-) -> tuple[Mechanism, State, float]:
-    """Mechanism, start and duration of a motion, as given or as the model says."""
-    loaded = load_model(model)
-    return loaded.mechanism, loaded.start(state), loaded.lasting(duration)
-
-
 def chosen_map(model: Model, coordinates: CoordinateMap | str | None) -> CoordinateMap | None:
     """The coordinates that equations of a model are written in (see `check_equations`)."""
     if isinstance(coordinates, CoordinateMap):
@@ -284,29 +271,17 @@ def _pair(mechanism: Mechanism, second: Any) -> Model:
     )
 
 
-def with_base(source: str | Path) -> tuple[Path, str | None]:
-    """The file that ``FILE.urdf:free`` means, and how its root link is borne; None where that is not told.
-
-    Raises InputError for a base of files other than URDF, which say that themselves.
-    """
-    file, colon, base = str(source).rpartition(":")
-    path = Path(file)
-    if not (colon and path.suffix.lower() in IMPORTED and base in BASES):
-        return Path(source), None
-    if path.suffix.lower() != ".urdf":
-        raise ModelError(
-            f"model {source}: only URDF leaves open whether the base floats; leave out ':{base}'"
-        )
-    return path, base
-
-
 def _named(text: str) -> Model:
-    problems = import_module("deltac.problems")
+    from deltac import problems
+
     file, colon, name = text.rpartition(":")
     if colon and file.endswith(SUFFIXES):
         return _made(from_file(Path(file), name), Path(file), name)
     if text in problems.names():
         return load_model(problems.load(text))
+    from deltac.importers.files import IMPORTED, with_base
+    from deltac.trajectories.formats.files import FORMATS
+
     path, base = with_base(text)
     if path.suffix.lower() in IMPORTED:
         if not os.path.isfile(path):
@@ -319,7 +294,7 @@ def _named(text: str) -> Model:
         )
     if path.suffix == ".py":
         return _only_model(path)
-    if path.suffix.lower() in import_module("deltac.trajectories.formats.files").FORMATS:
+    if path.suffix.lower() in FORMATS:
         raise ArgumentsError(
             f"model {text}: this is a log of a motion; the model comes first, then the log"
         )
@@ -329,7 +304,9 @@ def _named(text: str) -> Model:
 
 
 def _imported(source: Any) -> Model:
-    mechanism, report = import_module("deltac.importers").read_mechanism(source)
+    from deltac.importers import read_mechanism
+
+    mechanism, report = read_mechanism(source)
     return Model(mechanism, report.starts, import_report=report)
 
 
@@ -342,9 +319,10 @@ def _told(model: Model, text: str) -> State:
         suffix = path.suffix.lower()
         if suffix in WRITTEN_STATES:
             return _written(model.mechanism, path)
-        files = import_module("deltac.trajectories.formats.files")
-        if suffix in files.FORMATS:
-            run = files.read_trajectory(path, mechanism_names=model.mechanism)
+        from deltac.trajectories.formats.files import FORMATS, read_trajectory
+
+        if suffix in FORMATS:
+            run = read_trajectory(path, None, model.mechanism)
             return Model(model.mechanism, {}).start(State(float(run.t[0]), run.q[0], run.u[0]))
         known = f"; starts of this model: {', '.join(model.starts)}" if model.starts else ""
         raise InputError(

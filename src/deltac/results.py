@@ -14,13 +14,12 @@ import re
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from importlib import import_module
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 
-from deltac.calls.deprecation import RenamedAttribute
+from deltac.calls.services import service
 from deltac.codes import FINDINGS, finding_code
 
 if TYPE_CHECKING:
@@ -382,8 +381,7 @@ class Shown:
         Raises:
             InputError: there is no picture of such a thing, or no such option.
         """
-        # The report knows all results and none of them knows it, but for this name.
-        drawn: Figure = import_module("deltac.report.plots").figure(self, title=title, **options)
+        drawn: Figure = service("figure")(self, title=title, **options)
         return drawn
 
     def _repr_html_(self) -> str:
@@ -414,8 +412,6 @@ class Report(Serialisable, Shown):
     A subclass is a frozen dataclass (``repr=False``) with `sections`, `summary` and, where it judges,
     `exit_code`.
     """
-
-    status = RenamedAttribute("exit_code")
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -481,7 +477,7 @@ class Report(Serialisable, Shown):
         Raises:
             InputError: another ending, a folder that does not exist or cannot be written to.
         """
-        import_module("deltac.report.page").write_report(
+        service("write_report")(
             self, path, *more, model=model, run=run, equations=equations, command=command
         )
 
@@ -490,7 +486,7 @@ class Report(Serialisable, Shown):
 
         Args and errors are those of `report`, which writes the same page into a file.
         """
-        page: str = import_module("deltac.report.page").html_of(self, model=model, run=run)
+        page: str = service("html_of")(self, model=model, run=run)
         return InFrame(self.summary(), page)
 
     def _repr_html_(self) -> str:

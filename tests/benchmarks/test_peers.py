@@ -93,7 +93,7 @@ def test_sundials_reaches_the_published_end_of_the_squeezer(squeezer: Any) -> No
     problem, end = squeezer
     adapter = import_module("peers.casadi_squeezer")
     solver = find_solver("ode5")
-    rows = constraint_start(problem.mechanism, problem.state, solver, None, "projection")
+    rows = constraint_start(problem.mechanism, problem.state, solver, "projection")
     flow = build_flow(problem.mechanism, ("wang",), rows=rows, constraints=None)
     start = flow.start(problem.state, np.empty(0))
     found = list(adapter.rivals(flow, start, problem.duration))

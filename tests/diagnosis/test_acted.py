@@ -31,7 +31,7 @@ def commanded(
         q, u = rk4(f, k * STEP, q, u, STEP)
     table = np.array(rows)
     named = ("time", "q.slide", "q.hinge", "u.slide", "u.hinge", "force.actuator motor.slide")
-    return dc.read_trajectory(dict(zip(named, table.T)), mechanism_names=system.mechanism())
+    return dc.read_trajectory(dict(zip(named, table.T)), model=system.mechanism())
 
 
 def test_a_delay_of_many_rows() -> None:
@@ -88,9 +88,7 @@ def driven(said: Force, acting: Force, held: int = 0, uneven: float = 0.0) -> dc
         f = lambda s, q, u, at=at: system.acceleration(s, q, u, acting(at if held else s))  # noqa: E731
         q, u = rk4(f, t[k], q, u, h[k])
     named = ("time", "q.slide", "q.hinge", "u.slide", "u.hinge", "force.actuator motor.slide")
-    return dc.read_trajectory(
-        dict(zip(named, np.array(rows).T)), mechanism_names=system.mechanism()
-    )
+    return dc.read_trajectory(dict(zip(named, np.array(rows).T)), model=system.mechanism())
 
 
 def waves(t: float) -> float:

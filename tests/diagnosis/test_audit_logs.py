@@ -22,6 +22,7 @@ from tests.systems.mujoco_models import (  # noqa: E402
     box_run,
     hopper_run,
     model_of,
+    of_rows_alone,
     scaled,
     with_changes,
     without,
@@ -31,7 +32,8 @@ from tests.systems.mujoco_models import (  # noqa: E402
 
 
 def test_a_decimated_log_is_not_accused() -> None:
-    found = audit(model_of(ARM), arm_run().every(30))  # 500 Hz to 17 Hz
+    run = of_rows_alone(arm_run())
+    found = audit(model_of(ARM), run.every(30))  # 500 Hz to 17 Hz
     assert found.verdict.kind == "unresolved", found.verdict.explain()
     assert found.exit_code == 3
     assert not [f for f in found.findings if f.weight != "note"]
@@ -39,22 +41,25 @@ def test_a_decimated_log_is_not_accused() -> None:
     advised = re.search(r"sample at about (\d+) Hz", " ".join(found.verdict.explain().split()))
     assert advised is not None, found.verdict.explain()
     # Taken at its word: the next higher rate that divides 500 Hz suffices.
-    enough = audit(model_of(ARM), arm_run().every(int(500 / float(advised[1]))))
+    enough = audit(model_of(ARM), run.every(int(500 / float(advised[1]))))
     assert enough.verdict.kind == "consistent", enough.verdict.explain()
 
 
 @pytest.mark.parametrize("n", [5, 10, 20, 40])
 def test_contacts_between_the_rows_are_not_accused(n: int) -> None:
     """Error bars of a motion that is not smooth are small by chance now and then."""
-    found = audit(model_of(HOPPER), hopper_run().every(n))  # 1000 Hz to as little as 25 Hz
+    found = audit(
+        model_of(HOPPER), of_rows_alone(hopper_run()).every(n)
+    )  # 1000 Hz to as little as 25 Hz
     assert found.verdict.kind == "unresolved", found.verdict.explain()
 
 
 def test_forces_held_over_a_step_are_not_held_from_row_to_row() -> None:
     """What interpolation leaves is then the lag of the hold, h/2, whatever rows are left out."""
-    each = [np.abs(audit(model_of(ARM), arm_run().every(n)).energy_error).max() for n in (2, 5, 10)]
+    run = of_rows_alone(arm_run())
+    each = [np.abs(audit(model_of(ARM), run.every(n)).energy_error).max() for n in (2, 5, 10)]
     np.testing.assert_allclose(each, each[0], rtol=0.02)
-    found = audit(model_of(ARM), arm_run().every(5), tolerance=1e-4)
+    found = audit(model_of(ARM), run.every(5), tolerance=1e-4)
     assert found.verdict.kind == "unresolved", found.verdict.explain()
     assert "log every step" in " ".join(found.verdict.explain().split())
 
@@ -134,7 +139,7 @@ def test_a_run_in_which_nothing_moves() -> None:
 
 
 def test_missing_rows_are_named_not_accused() -> None:
-    found = audit(model_of(ARM), cut(arm_run(), 300, 600))
+    found = audit(model_of(ARM), cut(of_rows_alone(arm_run()), 300, 600))
     assert (found.verdict.kind, found.exit_code) == ("unresolved", 3), found.verdict.explain()
     (gap,) = (f for f in found.findings if f.code == "F-GAP")
     assert "0.602 s after row 299" in gap.evidence

@@ -13,7 +13,7 @@ import pytest
 import deltac as dc
 from deltac.arrays import Array
 from deltac.diagnosis.measurements.digits import digits_of
-from deltac.trajectories.formats.floating import floating_base
+from deltac.trajectories.formats.floating import floating_base, packed
 
 N, MASS, SPRING, CUBIC = 3, 0.5, 80.0, 900.0
 
@@ -141,9 +141,11 @@ def test_wheels_beside_a_floating_body_are_not_its_place() -> None:
         np.stack([t, 2 * t, -t], axis=1),
         np.stack([zero + 1, zero + 2, zero - 1], axis=1),
     )
-    found = floating_base(t, np.hstack([place, quaternion, wheels, speed, turning, rates]))
-    assert found is not None
-    assert (found.position, found.linear) == (range(3), range(10, 13))
+    columns = np.hstack([place, quaternion, wheels, speed, turning, rates]).T
+    table = {f"column {k}": values for k, values in enumerate(columns)}
+    layouts = list(packed(list(table)[:10], list(table)[10:]))
+    found = floating_base(t, table, layouts)
+    assert found is not None and found.usual and found.layout == layouts[0]
 
 
 def pendulum(place: tuple[float, float, float], spring: float | None = None) -> dc.Mechanism:

@@ -348,32 +348,7 @@ def test_unusable_arguments(options: dict[str, Any], said: str) -> None:
         dc.study(mechanism, mechanism.state({"hinge": 1.0}), 1.0, **options)
 
 
-# --- names of version 0.1, tolerances -------------------------------------------------------------------
-
-
-def test_old_arguments_of_a_study_do_what_they_did_and_are_told_where_they_were_used() -> None:
-    mechanism = pendulum()
-    start = mechanism.state({"hinge": 1.0})
-    solvers = [dc.solvers.Scipy("DOP853", tolerance=t) for t in (1e-5, 1e-7, 1e-9)]
-    runs = [simulator(h) for h in (0.02, 0.01, 0.005)]
-    pairs: list[tuple[dict[str, Any], dict[str, Any]]] = [
-        ({"tolerances": (1e-5, 1e-7, 1e-9)}, {"solver": solvers}),
-        ({"logs": runs}, {"runs": runs}),
-        ({"logs": runs, "mapping": None}, {"runs": runs}),
-        (
-            {"steps": (0.02, 0.01), "testing": ("wang",)},
-            {"steps": (0.02, 0.01), "record": ("wang",)},
-        ),
-        (
-            {"steps": (0.02, 0.01), "simulator": simulator},
-            {"steps": (0.02, 0.01), "runs": simulator},
-        ),
-    ]
-    for old, new in pairs:
-        with pytest.warns(DeprecationWarning) as told:
-            before = dc.study(mechanism, start, 1.0, **old)
-        assert {w.filename for w in told} == {__file__}
-        assert before.to_dict() == dc.study(mechanism, start, 1.0, **new).to_dict()
+# --- tolerances -------------------------------------------------------------------
 
 
 def test_a_solver_that_chooses_its_steps_is_refined_by_its_tolerance() -> None:

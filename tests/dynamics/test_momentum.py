@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltac.dynamics.forces import channels
-from deltac.dynamics.momentum import momentum_balances
+from deltac.dynamics.forces import channels, total_force
+from deltac.dynamics.momentum import momentum_balances, momentum_functions
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward
 from tests.systems.random_mechanisms import Options, Sample, assert_close, largest, samples, scalar
@@ -86,3 +86,22 @@ def test_balances(kind: str, data: Any) -> None:
     on_ground = sample.mechanism.joint("j0")
     if not on_ground.prescribed and not on_ground.armature:
         assert any(balance.name.endswith(" j0") for balance in balances)
+
+
+@given(samples())
+def test_rates_of_generalized_momenta(sample: Sample) -> None:
+    """ṗ_r by the chain rule less the recursion's rate is −(F_r + F*_r) of the textbook, at any u̇."""
+    system, book = trace(sample.mechanism), sample.book
+    known = momentum_functions(system, total_force(system, channels(system)))
+    along = ca.vertcat(system.q, system.u, system.t)
+    motion = ca.vertcat(system.qdot, system.udot, 1)
+    p, epsilon = sample.evaluate(
+        system, known.momentum, ca.jtimes(known.momentum, along, motion) - known.rate
+    )
+    expected = -(book.F_r + book.F_r_star(sample.udot))
+    size = 1.0 + largest(book.M) * (1 + largest(book.P)) ** 2 * (1 + largest(sample.udot)) ** 2
+    size += sum(largest(channel.F) for channel in book.channels) * (1 + largest(book.P))
+    assert_close(epsilon.ravel(), expected, scale=size)
+    assert known.names == tuple(system.mechanism.speeds[k].name for k in system.free_u)
+    if not any(link.armature.nnz() for link in system.links):
+        assert_close(p.ravel(), (book.P.T @ book.M @ book.v)[book.free], scale=size)

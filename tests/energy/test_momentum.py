@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import deltac as dc
+from tests.systems import four_bar
 
 
 def quaternion_to_matrix(q: np.ndarray) -> np.ndarray:
@@ -134,3 +138,139 @@ def test_a_hinge_on_the_ground_has_its_axis() -> None:
     np.testing.assert_allclose(run.u[:, 0], 2 * np.exp(-0.4 / inertia * run.t), rtol=1e-12)
     ledger = dc.balance(mechanism, run)
     assert np.abs(ledger.momentum["angular hinge"]).max() == pytest.approx(0.0, abs=1e-11)
+
+
+# --- momentum testing functions ΔP_r, one for each speed ---------------------------------------------
+
+RECORD = ("wang", "liu-huston", "momentum")
+
+
+def largest(values: Mapping[str, np.ndarray]) -> dict[str, float]:
+    return {name: float(np.abs(v).max()) for name, v in values.items()}
+
+
+def test_they_name_the_equation_with_the_mistake_of_the_thesis() -> None:
+    """ΔP of the second equation alone: −2 (m2 r2 + m3 l2) g ∫ sin θ2 dt, by Simpson's rule."""
+    from scipy.integrate import cumulative_simpson
+
+    problem = dc.problems.load("triple-pendulum", mistake=True)
+    assert problem.equations is not None
+    own = problem.equations.coordinates
+    run = dc.simulate(
+        problem.mechanism,
+        problem.state,
+        2.0,
+        1e-3,
+        "ode5",
+        record=dc.Record(RECORD, coordinates=own),
+        equations=problem.equations,
+    )
+    theta = np.cumsum(run.q, axis=1)
+    g2 = 30 * 0.125 + 20 * 0.25
+    expected = 2 * g2 * cumulative_simpson(np.sin(theta[:, 1]), x=run.t, initial=0.0)
+    bare = replace(run, udot=None)  # no accelerations are needed
+    for ledger in (
+        dc.balance(problem.mechanism, run),
+        dc.balance(problem.mechanism, run, "samples", coordinates=own),
+        dc.balance(problem.mechanism, bare, "samples", ("momentum",), coordinates=own),
+    ):
+        sizes = largest(ledger.delta_p)
+        assert tuple(sizes) == ("theta1", "theta2", "theta3")
+        assert np.abs(ledger.delta_p["theta2"] - expected).max() < 1e-6 * g2
+        assert max(sizes["theta1"], sizes["theta3"]) < 1e-9
+        assert sizes["theta2"] > 100 * ledger.delta_p_bar["theta2"].max()
+        assert ledger.momenta()["theta2"]["relative"] > 0.05
+
+
+@pytest.mark.parametrize("solver", ["ode4", "implicit-midpoint", "DOP853"])
+@pytest.mark.parametrize("name", ["heavy-top", "chaplygin-sleigh", "driven-pendulum"])
+def test_in_the_loop_they_fall_with_the_order(name: str, solver: str) -> None:
+    problem = dc.problems.load(name)
+    step = 2e-3 if name == "heavy-top" else 1e-2
+    scales = []
+    for h in (step, step / 2):
+        adaptive = dc.solvers.Scipy("DOP853", 1e-6 if h == step else 1e-9)
+        run = dc.simulate(
+            problem, None, 0.2, h, adaptive if solver == "DOP853" else solver, record=RECORD
+        )
+        assert all(f"momentum {name}" in run.integrals for name in dc.balance(problem, run).delta_p)
+        momenta = dc.balance(problem, run).momenta()
+        scales.append(
+            max(m["relative"] for m in momenta.values() if m["delta_p"] > 10 * m["error_bar"])
+            if any(m["delta_p"] > 10 * m["error_bar"] for m in momenta.values())
+            else 0.0
+        )
+    assert scales[0] < 0.1
+    assert scales[1] <= scales[0] / 3 or scales[1] < 1e-12
+
+
+def test_the_rate_form_is_the_residual_of_the_equations() -> None:
+    """Without constraints ṗ − rate = −(F + F*), here of accelerations that are wrong by a constant."""
+    problem = dc.problems.load("heavy-top")
+    run = dc.simulate(problem, None, 0.1, 1e-3, "ode5")
+    assert run.udot is not None
+    wrong = replace(run, udot=run.udot + 0.3)
+    residuals = dc.residuals(problem, wrong)
+    np.testing.assert_allclose(
+        residuals["momentum"], -residuals["coordinates"], atol=1e-9 * np.abs(run.udot).max()
+    )
+    assert np.abs(dc.residuals(problem, run)["momentum"]).max() < 1e-9
+
+
+def test_kanes_form_for_own_speeds_needs_no_multipliers() -> None:
+    """A four-bar in the speed of its crank: the forces of the loop drop out, wrong as they may be."""
+    bar = four_bar.mechanism()
+    run = dc.simulate(bar, four_bar.start(), 0.5, 1e-3, "ode8")
+    forged = replace(run, forces={name: 3.0 * f for name, f in run.forces.items()})
+    ledger = dc.balance(bar, forged, "samples", coordinates=dc.CoordinateMap(("crank",)))
+    assert set(ledger.delta_p) == {"crank"}
+    assert max(largest(ledger.delta_p).values()) < 1e-10
+    with_forces = dc.balance(bar, forged, "samples")
+    assert max(m["relative"] for m in with_forces.momenta().values()) > 0.1
+    own_forces = dc.balance(bar, replace(run, forces={}), "samples")
+    assert max(largest(own_forces.delta_p).values()) < 1e-9
+
+
+def test_across_an_impact_they_take_its_impulse() -> None:
+    problem = dc.problems.load("bouncing-ball")
+    run = dc.simulate(problem, None, None, 1e-2, "ode4", record=RECORD)
+    assert run.events
+    for work in ("in-loop", "samples"):
+        ledger = dc.balance(problem, run, work)
+        assert max(largest(ledger.delta_p).values()) < 1e-10
+    quiet = replace(run, events=tuple(replace(e, impulses={}) for e in run.events))
+    assert max(largest(dc.balance(problem, quiet, "samples").delta_p).values()) > 0.1
+
+
+def test_a_workless_mistake_that_no_energy_sees() -> None:
+    """A gyroscopic force, perpendicular to the velocity: ΔC is rounding, ΔP names both equations."""
+    particle = dc.Mechanism(
+        [dc.bodies.frame("slider"), dc.point_mass("bead", 2.0)],
+        [dc.prismatic("x", "ground", "slider", "x"), dc.prismatic("y", "slider", "bead", "y")],
+    )
+    rate, t = 1.5, np.linspace(0.0, 2.0, 401)
+    u = np.stack([np.cos(rate * t), np.sin(rate * t)], axis=1)  # it should move straight on
+    q = np.stack([np.sin(rate * t), 1.0 - np.cos(rate * t)], axis=1) / rate
+    run = dc.Trajectory(t=t, q=q, u=u, coordinates=("x", "y"), speeds=("x", "y"))
+    ledger = dc.balance(particle, run)
+    assert np.abs(ledger.delta_c["wang"]).max() < 1e-9
+    np.testing.assert_allclose(ledger.delta_p["x"], 2.0 * (np.cos(rate * t) - 1.0), atol=1e-12)
+    np.testing.assert_allclose(ledger.delta_p["y"], 2.0 * np.sin(rate * t), atol=1e-12)
+
+
+def test_long_logs_and_a_few_rows_of_them() -> None:
+    """All rows in one pass, and a few that are kept, say the same as blocks of rows do."""
+    problem = dc.problems.load("double-pendulum")
+    run = dc.simulate(problem, None, 10.0, 1e-3, "ode4")
+    whole = dc.balance(problem, run, "samples")
+    few = dc.balance(problem, run, "samples", keep=50)
+    rows = np.searchsorted(run.t, few.t)
+    for name, values in whole.delta_p.items():
+        np.testing.assert_allclose(few.delta_p[name], values[rows], atol=1e-11)
+        size = whole.momentum_exchanged[name]
+        assert few.momentum_exchanged[name] == pytest.approx(size, rel=1e-2)
+
+
+def test_ensembles_refuse_them() -> None:
+    with pytest.raises(dc.InputError, match="momentum functions"):
+        dc.simulate_ensemble("double-pendulum", None, 0.1, 0.01, record=RECORD)

@@ -204,5 +204,3 @@ def test_a_wrong_name_of_a_channel_is_told_with_the_right_one() -> None:
     ledger = dc.balance(mechanism, dc.simulate(mechanism, state, 0.1, 0.01))
     with pytest.raises(KeyError, match="did you mean 'damper slide'"):
         ledger.work["damper slid"]
-    with pytest.warns(DeprecationWarning, match="energy_exchanged"):
-        assert ledger.turnover == ledger.energy_exchanged

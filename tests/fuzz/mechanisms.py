@@ -128,7 +128,7 @@ def judged(structure: Structure, sample: Sample, beside: bool) -> str:
         sample.t,
     )
     try:
-        rows = constraint_start(mechanism, state, find_solver("ode4"), None, "projection")
+        rows = constraint_start(mechanism, state, find_solver("ode4"), "projection")
     except InputError:
         return "refused"
     flow, f, M = structure.written(mechanism, tuple(rows))

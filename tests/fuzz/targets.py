@@ -87,10 +87,10 @@ def _foreign(suffix: str) -> Callable[[bytes], None]:
 
     def read(data: bytes) -> None:
         path.write_bytes(data)
-        explain(path, mechanism_names=NAMES)
+        explain(path, model=NAMES)
         with contextlib.suppress(InputError):  # a log of deltac's own needs no draft
             draft_mapping(path, NAMES)
-        read_trajectory(path, mechanism_names=NAMES)
+        read_trajectory(path, model=NAMES)
 
     return read
 
@@ -101,7 +101,7 @@ def _bag(data: bytes) -> None:
     if not folder.is_dir():
         shutil.copytree(NATURAL / "bag_sqlite", folder)
     next(folder.glob("*.db3")).write_bytes(data)
-    read_trajectory(folder, mechanism_names=NAMES)
+    read_trajectory(folder, model=NAMES)
 
 
 def _metadata(data: bytes) -> None:
@@ -316,7 +316,7 @@ def corpus(name: str) -> list[bytes]:
     header = {**to_metadata(RUN)}
     match name:
         case "metadata":
-            events = {**header, "schema_version": 2, "events": [EVENT.to_dict()]}
+            events = {**header, "schema_version": 1, "events": [EVENT.to_dict()]}
             return [json.dumps(header).encode(), json.dumps(events).encode()]
         case "event":
             return [json.dumps(EVENT.to_dict()).encode()]

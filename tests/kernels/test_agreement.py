@@ -42,7 +42,7 @@ def assert_agree(outputs: dict, inputs: dict, x: np.ndarray) -> None:
 
 def about(problem: dc.problems.Problem) -> None:
     mechanism, state = problem.mechanism, problem.state
-    rows = constraint_start(mechanism, state, find_solver("ode4"), None, "projection")
+    rows = constraint_start(mechanism, state, find_solver("ode4"), "projection")
     flow = build_flow(mechanism, ("wang",), rows=rows)
     start = flow.start(state, np.empty(0))
     rng = np.random.default_rng(1)

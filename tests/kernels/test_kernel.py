@@ -302,13 +302,6 @@ def test_unknown_evaluator_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         evaluator_name()
 
 
-def test_the_old_name_of_the_compiler_works_for_a_release(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("llvmlite")
-    monkeypatch.setenv("DELTAC_EVALUATOR", "heyoka")
-    with pytest.warns(DeprecationWarning, match="DELTAC_EVALUATOR=llvm"):
-        assert evaluator_name() == "llvm"
-
-
 def test_named_evaluation_in_blocks_is_the_flat_one(evaluator: str) -> None:
     x, p = casadi.SX.sym("x", 2), casadi.SX.sym("p")
     outputs = {"column": p * x, "matrix": x @ x.T + p, "scalar": x[0] / p, "none": casadi.SX(0, 1)}

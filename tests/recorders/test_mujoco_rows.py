@@ -184,7 +184,7 @@ def test_held_channels() -> None:
         return set(run.provenance.held)
 
     assert held("rk4", models.sine) == {"actuator turn"}
-    assert held("rk4", lambda model, data: data.ctrl.fill(0.3)) == set()
+    assert held("rk4", lambda model, data: data.ctrl.fill(0.3)) == {"actuator turn"}
     everything = {"actuator turn", "spring a", "damper a", "damper b", "correction implicit"}
     assert held("euler", None) == everything
 

@@ -103,7 +103,7 @@ def test_nothing_is_cut_or_covered(results: dict[str, Shown], name: str) -> None
 def test_the_figure_of_a_ledger_has_its_numbers(results: dict[str, Shown]) -> None:
     ledger = results["Ledger"]
     assert isinstance(ledger, dc.Ledger)
-    energies, works, left, ends = ledger.plot().axes
+    energies, works, left, momenta, ends = ledger.plot().axes
     curves = {line.get_label(): line.get_ydata() for p in (energies, works) for line in p.lines}
     K, V = ledger.kinetic, ledger.potential_energy
     np.testing.assert_array_equal(curves["K"], K - K[0])
@@ -111,6 +111,10 @@ def test_the_figure_of_a_ledger_has_its_numbers(results: dict[str, Shown]) -> No
     np.testing.assert_array_equal(curves["damper shoulder"], ledger.work["damper shoulder"])
     sizes = {line.get_label(): line.get_ydata() for line in left.lines}
     assert sizes["wang"].max() == np.abs(ledger.delta_c["wang"]).max()
+    names = {line.get_label(): line.get_ydata() for line in momenta.lines}
+    for name, values in ledger.delta_p.items():
+        share = np.abs(values).max() / ledger.momentum_exchanged[name]
+        assert names[name].max() == pytest.approx(share, rel=1e-12)
     widths = [bar.get_width() for bar in ends.patches]
     work, last = float(ledger.work["damper shoulder"][-1]), float(ledger.delta_c["wang"][-1])
     stored = sorted([K[-1] - K[0], V[-1] - V[0]], key=lambda x: -abs(x))

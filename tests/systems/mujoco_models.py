@@ -104,9 +104,17 @@ def without(run: Trajectory, *starts: str) -> Trajectory:
     """The run without the channels whose names begin so."""
     kept = {n: f for n, f in run.forces.items() if not n.startswith(starts)}
     assert len(kept) < len(run.forces)
-    return replace(run, forces=kept)
+    return replace(run, forces=kept, works={n: run.works[n] for n in kept if n in run.works})
+
+
+def of_rows_alone(run: Trajectory) -> Trajectory:
+    """The run as a log that does not hold the works of the steps."""
+    return replace(run, works={})
 
 
 def scaled(run: Trajectory, channel: str, factor: float) -> Trajectory:
-    """The run with one channel's logged force multiplied."""
-    return replace(run, forces={**run.forces, channel: factor * run.forces[channel]})
+    """The run with one channel's logged force, and its work, multiplied."""
+    works = {**run.works}
+    if channel in works:
+        works[channel] = factor * works[channel]
+    return replace(run, forces={**run.forces, channel: factor * run.forces[channel]}, works=works)

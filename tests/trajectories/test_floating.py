@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.arrays import Array
 from deltac.trajectories import draft_mapping, read_trajectory
-from deltac.trajectories.formats.floating import floating_base
+from deltac.trajectories.formats.floating import floating_base, packed
 from tests.natural_logs import generate, models
 from tests.natural_logs.cases import HERE
 
@@ -30,22 +31,30 @@ def test_every_convention_is_told(
     w = WALK.w if angular == "body" else WALK.w_world
     q = [WALK.p, p] if position_first else [p, WALK.p]
     u = [v, w] if linear_first else [w, v]
-    table = np.hstack([NOISE[:, :3], *q, WALK.q, *u, WALK.u, NOISE[:, 3:6]])
-    found = floating_base(WALK.t, table)
+    table = named("q", *q, WALK.q) | named("u", *u, WALK.u) | named("other", NOISE[:, :9])
+    layouts = list(packed([n for n in table if n[0] == "q"], [n for n in table if n[0] == "u"]))
+    found = floating_base(WALK.t, table, layouts)
     assert found is not None
     assert (found.order, found.linear_frame, found.angular_frame) == (order, linear, angular)
-    for places, values in (
-        (found.position, WALK.p),
+    for columns, values in (
+        (found.layout.position, WALK.p),
         (found.quaternion, WALK.quat),
-        (found.linear, v),
+        (found.layout.linear, v),
     ):
-        assert np.array_equal(table[:, places], values)
+        assert np.array_equal(np.column_stack([table[name] for name in columns]), values)
+
+
+def named(name: str, *parts: Array) -> dict[str, Array]:
+    """The columns of an array by their names."""
+    return {f"{name}[{k}]": column for k, column in enumerate(np.hstack(parts).T)}
 
 
 def test_no_body_is_seen_where_none_is() -> None:
-    assert floating_base(WALK.t, NOISE) is None
-    turning = np.hstack([NOISE[:, :9], WALK.quat, NOISE[:, 9:15]])  # turns, but by no velocity
-    assert floating_base(WALK.t, turning) is None
+    noise = named("q", NOISE[:, :9]) | named("u", NOISE[:, 9:17])
+    turning = noise | named("q", NOISE[:, :3], WALK.quat, NOISE[:, 3:5])  # turns by no velocity
+    layouts = list(packed([f"q[{k}]" for k in range(9)], [f"u[{k}]" for k in range(8)]))
+    assert floating_base(WALK.t, noise, layouts) is None
+    assert floating_base(WALK.t, turning, layouts) is None
 
 
 def test_accelerations_of_body_components_are_those_of_the_origin() -> None:

@@ -67,7 +67,7 @@ def header(**changes: Any) -> str:
 
 def test_the_header_that_is_changed_below_is_right(tmp_path: Path) -> None:
     assert len(read_trajectory(own_csv(tmp_path, header())).events) == 0
-    whole = header(schema_version=2, events=[EVENT])
+    whole = header(schema_version=1, events=[EVENT])
     assert read_trajectory(own_csv(tmp_path, whole)).events[0].energy_lost == 0.0
 
 
@@ -104,12 +104,12 @@ WRONG = {
 
 @pytest.mark.parametrize(("entry", "value"), [(k, v) for k, vs in WRONG.items() for v in vs])
 def test_events_with_entries_of_wrong_types(entry: str, value: Any, tmp_path: Path) -> None:
-    refused(own_csv(tmp_path, header(schema_version=2, events=[{**EVENT, entry: value}])))
+    refused(own_csv(tmp_path, header(schema_version=1, events=[{**EVENT, entry: value}])))
 
 
 @pytest.mark.parametrize("events", [{}, 3, "x", [None], [3], [[]], [{}]])
 def test_events_that_are_none(events: Any, tmp_path: Path) -> None:
-    refused(own_csv(tmp_path, header(schema_version=2, events=events)))
+    refused(own_csv(tmp_path, header(schema_version=1, events=events)))
 
 
 @pytest.mark.parametrize("depth", [65, 500, 100_000])

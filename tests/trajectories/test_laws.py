@@ -51,7 +51,7 @@ def test_columns_that_laws_tell(
         header=",".join(header.split(",")[:columns]),
         comments="",
     )
-    run = read_trajectory(path, mechanism_names=driven(motion))
+    run = read_trajectory(path, model=driven(motion))
     eps = np.finfo(float).eps
     np.testing.assert_allclose(run.coordinate("shake"), place(t), rtol=0, atol=4 * eps)
     # A spline of degree 5 is off by h⁵ of the sixth derivative, and at the kink by h of the second.
@@ -71,9 +71,9 @@ def swinging(path: Path, t: np.ndarray) -> Path:
 def test_laws_tell_nothing_at_times_of_another_clock(tmp_path: Path, start: float) -> None:
     path = swinging(tmp_path / "log.csv", start + np.linspace(0.0, 1.0, 129))
     with pytest.raises(dc.InputError, match="mapping") as refused:
-        read_trajectory(path, mechanism_names=driven("A*sin(9*t)"))
+        read_trajectory(path, model=driven("A*sin(9*t)"))
     assert f"offset = {-start:.15g}" in str(refused.value)
-    still = read_trajectory(path, mechanism_names=driven("3*A"))  # a law without t needs no clock
+    still = read_trajectory(path, model=driven("3*A"))  # a law without t needs no clock
     assert np.all(still.coordinate("shake") == 3 * 0.02)
 
 
@@ -86,7 +86,7 @@ def test_a_mapping_says_which_clock_it_is(tmp_path: Path) -> None:
         mapping.write_text(
             f'[log]\ntime = {clock}\n[coordinates]\nswing = "swing"\n[speeds]\nswing = "omega"\n'
         )
-        run = read_trajectory(path, mapping=mapping, mechanism_names=model)
+        run = read_trajectory(path, mapping=mapping, model=model)
         places.append((run.t[0], run.coordinate("shake")[0]))
     assert places[0] == (0.0, 0.0)
     assert places[1] == (100.0, pytest.approx(0.02 * np.sin(900.0), abs=1e-15))

@@ -227,7 +227,7 @@ def test_a_speed_of_the_mechanism_that_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time,q.a,q.b,u.a\n0,1,2,3\n1,2,3,4\n")
     with pytest.raises(InputError, match=r"no column 'u\.b'.*kinetic energy.*Add it"):
-        read_trajectory(path, mechanism_names=names)
+        read_trajectory(path, model=names)
 
 
 def test_mixed_units_without_a_mechanism(tmp_path: Path) -> None:
@@ -271,5 +271,5 @@ def test_units_in_brackets_need_no_mapping(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("time,q.elbow (deg),u.elbow (deg/s)\n0,1,0\n1,2,0\n")
     names = MechanismNames({"elbow": "rad"}, {"elbow": "rad/s"})
-    run = read_trajectory(path, mechanism_names=names)
+    run = read_trajectory(path, model=names)
     np.testing.assert_allclose(run.q[:, 0], np.radians([1.0, 2.0]))

@@ -124,8 +124,17 @@ def test_what_is_not_read_says_what_to_do(tmp_path: Path, suffix: str) -> None:
     assert caught.value.code == "E-FILE"
 
 
-def test_a_mechanism_in_place_of_the_mapping(tmp_path: Path) -> None:
+def test_the_model_is_taken_by_place_and_by_name(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_text(AS_IS["unit.csv"](), encoding="utf-8")
-    with pytest.raises(InputError, match=r"read_trajectory\(log, mapping, mechanism\)"):
-        dc.read_trajectory(path, ARM)
+    whole = dc.read_trajectory(path, None, ARM)
+    for run in (
+        dc.read_trajectory(path, ARM),  # type: ignore[arg-type]
+        dc.read_trajectory(path, model=ARM),
+        dc.read_trajectory(path, model=dc.load_model(ARM)),
+    ):
+        assert np.array_equal(run.q, whole.q) and run.coordinates == whole.coordinates
+    with pytest.raises(
+        InputError, match=r"model: found int.*read_trajectory\(log, mapping, model\)"
+    ):
+        dc.read_trajectory(path, model=3)

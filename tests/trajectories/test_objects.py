@@ -59,7 +59,7 @@ class Dataset:
     ids=lambda table: type(table).__name__,
 )
 def test_a_table_is_a_log(table: Any) -> None:
-    run = dc.read_trajectory(table, mechanism_names=MECHANISM)
+    run = dc.read_trajectory(table, model=MECHANISM)
     assert run.t == pytest.approx(T, abs=1e-9)
     assert np.array_equal(run.q, Q) and np.array_equal(run.u, U)
 

@@ -28,7 +28,7 @@ def table(
 def test_a_motion_in_degrees_with_speeds_by_splines(tmp_path: Path) -> None:
     columns = {"time": T, "tx": np.sin(T), "tilt": np.rad2deg(np.cos(3 * T)), "toe": T}
     path = table(tmp_path / "gait.mot", columns, "version=1", "inDegrees=yes")
-    run = read_trajectory(path, mechanism_names=NAMES)
+    run = read_trajectory(path, model=NAMES)
     assert run.coordinates == run.speeds == ("tilt", "tx")  # the mechanism's order
     assert np.allclose(run.coordinate("tilt"), np.cos(3 * T), atol=1e-14)
     assert np.array_equal(run.coordinate("tx"), np.sin(T))
@@ -81,7 +81,7 @@ def test_what_degrees_mean_may_come_from_a_mapping(tmp_path: Path) -> None:
 def test_headers_that_contradict(header: list[str], message: str, tmp_path: Path) -> None:
     path = table(tmp_path / "gait.mot", {"time": T, "tx": T, "tilt": T}, *header)
     with pytest.raises(InputError, match=f"gait\\.mot: {message}"):
-        read_trajectory(path, mechanism_names=NAMES)
+        read_trajectory(path, model=NAMES)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_a_coordinate_of_the_mechanism_that_is_missing(tmp_path: Path) -> None:
     with pytest.raises(
         InputError, match=r"no column 'q\.tilt'; did you mean 'tiltt'.*potential energy"
     ):
-        read_trajectory(path, mechanism_names=NAMES)
+        read_trajectory(path, model=NAMES)
     with pytest.raises(InputError, match="does not write"):
         read_trajectory(table(tmp_path / "g.mot", {"time": T, "tx_u": T, "tx": T})).write(path)
 

@@ -165,7 +165,7 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
     left = tuple(
         n for n in names if any(rows.names[k] == n and k not in integrable for k in velocity)
     )
-    functions = applicable(constrained=bool(mechanism.constraints))
+    functions = applicable(constrained=bool(len(rows)) and counted.freedom > 0)
     nonpotential = tuple(
         part.name
         for part in motion.channels

@@ -339,7 +339,7 @@ def _linear_terms(motion: EquationsOfMotion) -> Any:
     """Slopes of r = M u̇ + h − f − Gᵀλ and of ψ̇ by displacements along W, speeds and motors."""
     s, rows, lam = motion.system, motion.rows, ca.SX.sym("lambda", len(motion.rows))
     udot = ca.SX(s.udot_all)
-    r = (rnea(s, udot) - motion.force)[s.free_u] - ca.mtimes(rows.G.T, lam)
+    r = (rnea(s, udot) - motion.force)[s.free_u, :] - ca.mtimes(rows.G.T, lam)
     c = ca.mtimes(rows.G, s.udot) + rows.gamma
     W = motion.W
     W_dot = ca.reshape(ca.jtimes(ca.vec(ca.densify(W)), s.q, s.qdot), W.shape)
@@ -390,7 +390,7 @@ def _slopes(motion: EquationsOfMotion) -> Any:
 def _at_rest(motion: EquationsOfMotion, lam: Any) -> tuple[Any, Any]:
     s, rows = motion.system, motion.rows
     ties = ca.mtimes(rows.G.T, lam)
-    left = (motion.bias - motion.force)[s.free_u] - ties
+    left = (motion.bias - motion.force)[s.free_u, :] - ties
     size = ca.fabs(motion.bias[s.free_u]) + ca.fabs(ties)
     for part in motion.channels:
         size = size + ca.fabs(part.force[s.free_u])

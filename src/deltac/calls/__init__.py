@@ -1,3 +1,3 @@
-"""What all calls have in common: arguments, old names, Ctrl-C, progress, and what is kept between them."""
+"""What all calls have in common: arguments, Ctrl-C, progress, and what is kept between them."""
 
 from __future__ import annotations

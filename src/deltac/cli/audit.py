@@ -14,6 +14,7 @@ from deltac.cli import options
 from deltac.cli.formats import Case
 from deltac.cli.options import Verb, of
 from deltac.cli.output import (
+    READ_BY_PEOPLE,
     deliver,
     displayed,
     print_cases,
@@ -140,6 +141,8 @@ def audit(
         audit = partial(audit, mapping=None)
     with progress_bar(f"auditing {log.name}") as progress:
         found = audit(varied, judged, progress=progress)
+    if form in READ_BY_PEOPLE and (reading := found.run.provenance.reading):
+        print(f"{reading}\n")
     explanations = []
     if explain:
         from deltac.diagnosis.explain.explain import explain_residual
@@ -193,8 +196,9 @@ def _explain(model: str, log: Path, mapping: Path | None, form: options.Form) ->
     def factor(r: ColumnReading) -> str:
         return "" if r.factor == 1.0 and not r.offset else number(r.factor, digits=6)
 
-    rows = ((r.column, r.meaning or "–", r.unit, factor(r), r.note) for r in readings)
-    print_sections([Table(("column", "is read as", "unit", "factor", "note"), tuple(rows))])
+    rows = ((r.column, r.meaning or "–", r.because, r.unit, factor(r), r.note) for r in readings)
+    heads = ("column", "is read as", "because", "unit", "factor", "note")
+    print_sections([Table(heads, tuple(rows))])
 
 
 def _draft(model: str, log: Path, path: Path) -> None:

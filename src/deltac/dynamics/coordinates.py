@@ -33,7 +33,8 @@ class OwnCoordinates:
     `mapped` tells that q′ are the user's; else they are the mechanism's, because the user chose none, or
     chose some that give the others only by assembly: then `told` are the user's coordinates, of (t, q′).
     `removal` tells that speeds without a law follow from the constraints: it gives the change of speeds
-    that removes a violation (nc,) of them and leaves the own speeds alone.
+    that removes a violation (nc,) of them and leaves the own speeds alone. `names` are those of the own
+    speeds.
     """
 
     own_q: SX
@@ -47,6 +48,7 @@ class OwnCoordinates:
     mapped: bool
     told: SX | None = None
     removal: Callable[[SX], SX] | None = None
+    names: tuple[str, ...] = ()
 
     def own_state(self, system: System) -> tuple[SX, SX]:
         """q′ and u′ in the mechanism's symbols (t, q, u); InputError if the map has no inverse."""
@@ -166,7 +168,8 @@ def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinate
     else:
         own_qdot = solve_tall(Jq, ca.mtimes(W, u) - q_t)
     inverse = _inverse(system, given, own_q, q, Jq, values, q_names) if mapped else system.q
-    return OwnCoordinates(own_q, own_u, q, u, Y, Z, own_qdot, inverse, mapped, told, removal)
+    names = given.speeds or tuple(own_names)
+    return OwnCoordinates(own_q, own_u, q, u, Y, Z, own_qdot, inverse, mapped, told, removal, names)
 
 
 def _enough(own: int, laws: int, rows: Rows, names: Sequence[str], mechanism: str) -> None:
@@ -240,6 +243,7 @@ def trace_split(
         u=u,
         Y=ca.jacobian(u, small),
         Z=ca.substitute(u, small, ca.SX.zeros(len(kept))),
+        names=tuple(own.names[k] for k in kept),
     )
 
 

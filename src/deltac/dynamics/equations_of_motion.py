@@ -130,8 +130,8 @@ class EquationsOfMotion:
     @cached_property
     def _terms(self) -> Any:
         s, r, free = self.system, self.rows, self.system.free_u
-        forces = ca.horzcat(ca.SX(len(free), 0), *(part.force[free] for part in self.channels))
-        columns = [self.M, self.bias[free], forces, r.phi, r.psi, r.gamma, r.G, self.W]
+        forces = ca.horzcat(ca.SX(len(free), 0), *(part.force[free, :] for part in self.channels))
+        columns = [self.M, self.bias[free, :], forces, r.phi, r.psi, r.gamma, r.G, self.W]
         given = [s.t, s.q, s.u, s.inputs, s.p]
         return ca.Function("terms", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
 

@@ -51,6 +51,11 @@ def independence(
     return kept.get(place, lambda: _studied(equations, t, q, p))
 
 
+def dependent_speeds(equations: EquationsOfMotion, t: float, q: Array) -> bool:
+    """Whether constraints at q make the free speeds depend on each other, and leave them some freedom."""
+    return bool(len(equations.rows)) and independence(equations, t, q).freedom > 0
+
+
 def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> Independence:
     rows, n = equations.rows, len(equations.system.free_u)
     if not len(rows):

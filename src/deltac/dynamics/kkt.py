@@ -222,6 +222,18 @@ class LeastSquares:
         change = self.inverse @ (self.scale * violation)[..., None]
         return -np.asarray(np.linalg.solve(np.swapaxes(self.root, -1, -2), change))[..., 0]
 
+    def combinations(self, dependent: float) -> tuple[Array, Array]:
+        """Columns (nc, ·) that combine rows at one state: into independent ones, and into what is no row.
+
+        The latter are smaller than the share `dependent` of the largest, in the mass metric.
+        """
+        size = np.where(self.scale > 0.0, self.scale, 1.0)
+        A = self.scale[:, None] * np.linalg.solve(self.root, self.G.T).T
+        columns, values, _ = np.linalg.svd(A)
+        rank = int((values > dependent * values.max(initial=1e-300)).sum())
+        combined = size[:, None] * columns
+        return combined[:, :rank], combined[:, rank:]
+
     @property
     def schur_inverse(self) -> Array:
         """S⁺ (nc, nc): the least multipliers of an acceleration of the constraints."""

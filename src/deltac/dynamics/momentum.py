@@ -1,4 +1,8 @@
-"""Momentum of the parts of a mechanism that hang on the ground, along the directions left free.
+"""Momenta: those of generalized speeds, and those of the parts of a mechanism that hang on the ground.
+
+The momentum p_r = ∂K/∂u_r of a speed is s_r·H_r: s_r is the joint's motion vector, H_r the momentum of all
+bodies that the joint carries. So ṗ_r = F_r + (Gᵀλ)_r + ṡ_r·H_r, where the last term is ∂K/∂q_r if u_r = q̇_r.
+None of it needs accelerations: each speed has a testing function ΔP_r of its own.
 
 The bodies beyond a ground joint move together with a fixed screw s (a translation, or a turn about a
 fixed line) if the joint allows it: speeds α(q) of that joint, all others held. Then the ground's
@@ -8,14 +12,88 @@ generalized momentum.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import casadi as ca
 
-from deltac.dynamics.recursions import armature, gather, velocities
-from deltac.dynamics.spatial import SX, cross
+from deltac.dynamics.coordinates import OwnCoordinates
+from deltac.dynamics.recursions import armature, rnea, velocities
+from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.dynamics.system import Link, System
+from deltac.dynamics.terms import Constrained
 from deltac.mechanism.channels import Channel
+
+
+@dataclass(frozen=True)
+class MomentumFunctions:
+    """The generalized momenta `momentum` p_r (n,), kg·m/s or kg·m²/s, and their rates (n,), N or N·m.
+
+    Exact motion satisfies ṗ_r = `rate`, hence ΔP_r = p_r − p_r(0) − ∫ rate dt = 0. `names` are the speeds.
+    """
+
+    names: tuple[str, ...]
+    momentum: SX
+    rate: SX
+
+
+def momentum_functions(
+    system: System, force: SX, own: OwnCoordinates | None = None
+) -> MomentumFunctions:
+    """The momentum testing functions of the free speeds.
+
+    Args:
+        system: the mechanism in symbols.
+        force: generalized forces (nu,) of all channels and constraints.
+        own: own generalized speeds u′ of u = Y u′ + Z, which give Kane's form p′ = Yᵀp. Where they satisfy
+            the constraints, these drop out, and `force` need not hold them.
+    """
+    free = system.free_u
+    V, H = _carried_momenta(system)
+    turned = ca.SX.zeros(len(system.mechanism.speeds))
+    for k, link in enumerate(system.links):
+        turned[link.u] = ca.mtimes(link.S_dot.T, H[k]) - ca.mtimes(
+            link.S.T, cross_force(V[k], H[k])
+        )
+    p, rate = _generalized_momenta(system, H)[free, :], (force + turned)[free, :]
+    names = tuple(system.mechanism.speeds[k].name for k in free)
+    if own is None:
+        return MomentumFunctions(names, p, rate)
+    own_q, _ = own.own_state(system)
+    Y = ca.substitute(own.Y, own.own_q, own_q)
+    Y_dot = ca.jtimes(Y, ca.vertcat(system.q, system.t), ca.vertcat(system.qdot, 1))
+    along = ca.mtimes(Y.T, rate) + ca.mtimes(Y_dot.T, p)
+    return MomentumFunctions(own.names, ca.mtimes(Y.T, p), along)
+
+
+def constraint_force(system: System, force: SX, constrained: Constrained | None) -> SX:
+    """Generalized forces Gᵀλ (nu,) of the constraints beside `force` (nu,), by the equations at a state."""
+    if constrained is None:
+        return ca.SX.zeros(len(system.mechanism.speeds))
+    at_rest = ca.SX(system.udot_all)
+    at_rest[system.free_u] = 0
+    needed = (force - rnea(system, at_rest))[system.free_u]
+    multipliers = constrained.schur.multipliers(needed, constrained.rows.gamma)
+    return ca.mtimes(constrained.rows.G_all.T, multipliers)
+
+
+def _carried_momenta(system: System) -> tuple[list[SX], list[SX]]:
+    """Velocity of each link, and the momentum of all bodies that its joint carries (link frames)."""
+    V = velocities(system, system.u_all)
+    H = [link.inertia @ V[k] for k, link in enumerate(system.links)]
+    for k in reversed(range(len(H))):
+        link = system.links[k]
+        if link.parent >= 0:
+            H[link.parent] += link.X.force_back(H[k])
+    return V, H
+
+
+def _generalized_momenta(system: System, H: Sequence[SX]) -> SX:
+    """Momenta p (nu,) of all speeds, rotors included."""
+    p = armature(system) * system.u_all
+    for link, carried in zip(system.links, H):
+        p[link.u] += ca.mtimes(link.S.T, carried)
+    return p
 
 
 @dataclass(frozen=True)
@@ -36,9 +114,8 @@ class MomentumBalance:
 
 def momentum_balances(system: System) -> tuple[MomentumBalance, ...]:
     """The balances of all ground joints; prescribed and fixed ones leave no direction free."""
-    V = velocities(system, system.u_all)
-    p = gather(system, [link.inertia @ V[k] for k, link in enumerate(system.links)])
-    p = p + armature(system) * system.u_all
+    _, H = _carried_momenta(system)
+    p = _generalized_momenta(system, H)
     found: list[MomentumBalance] = []
     for link in system.links:
         if link.parent >= 0 or link.joint.prescribed or bool(link.joint.armature):

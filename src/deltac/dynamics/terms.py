@@ -93,7 +93,7 @@ def forward(
     rows, free = constrained.rows, system.free_u
     udot = ca.SX(system.udot_all)
     udot[free] = 0
-    r = (tau - rnea(system, udot, base))[free]
+    r = (tau - rnea(system, udot, base))[free, :]
     alpha, beta = damping
     gamma = rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
     multipliers = constrained.schur.multipliers(r, gamma)
@@ -108,6 +108,11 @@ class Constrained:
 
     rows: Rows
     schur: Schur
+
+    @property
+    def determined(self) -> bool:
+        """Whether the constraints leave no freedom: all speeds follow from what is prescribed."""
+        return len(self.rows) == self.rows.G.shape[1]
 
     def multipliers_from(self, force: SX) -> SX:
         """λ whose Gᵀλ is nearest to a generalized force of the free speeds, in the metric M⁻¹."""
@@ -138,7 +143,7 @@ def multipliers(
     """The multipliers that accelerations ask for: what Gᵀλ can explain of −(F + F*)."""
     if constrained is None:
         return ca.SX(0, 1)
-    needed = (rnea(system, udot) - total_force(system, parts))[system.free_u]
+    needed = (rnea(system, udot) - total_force(system, parts))[system.free_u, :]
     return constrained.multipliers_from(needed)
 
 
@@ -157,9 +162,11 @@ def acatastatic(
     system: System,
     own: OwnCoordinates | None = None,
     constrained: Constrained | None = None,
+    udot: SX | None = None,
 ) -> Acatastatic:
     """The part of the motion that is there when the generalized speeds are zero.
 
+    Where the constraints leave no freedom it is the whole motion, with the accelerations `udot` (nu,).
     With constraints that depend on time, or that prescribed joints take part in, it is the motion at zero
     own speeds; without these the motion least in the mass metric that satisfies the constraints, which is
     smooth, and the same whatever the independent speeds.
@@ -181,6 +188,10 @@ def acatastatic(
         rows = constrained.rows
         moving = ca.simplify(rows.b + ca.mtimes(rows.G_all, u_t))
         if ca.sparsify(moving).nnz():
+            if constrained.determined:
+                udot_t = system.udot_all if udot is None else udot
+                Y, Z = ca.SX(system.u.shape[0], 0), system.u
+                return Acatastatic(system.u_all, udot_t, system.qdot, Y, Z)
             Z = constrained.schur.least(moving)
             along = ca.vertcat(system.q, system.t)
             u_t[system.free_u] = Z
@@ -220,7 +231,7 @@ def terms(
     """
     if reactions is None:
         reactions = reactions_from(system, udot, parts, constrained)
-    drift = acatastatic(system, own, constrained)
+    drift = acatastatic(system, own, constrained, udot)
     V_t = velocities(system, drift.u)
     V = velocities(system, system.u_all)
     V_r = [v - v_t for v, v_t in zip(V, V_t)]
@@ -293,6 +304,10 @@ def _rate_1988(system: System, K: SX, drift: Acatastatic) -> SX:
     """∂K/∂t + Σ X_s ∂K/∂q_s of K as a function of q, u′, t (Kane and Levinson 1988)."""
     along = ca.vertcat(system.q, system.t)
     direction = ca.vertcat(drift.X, 1)
+    if not drift.Y.shape[1]:  # without own speeds K depends on t alone
+        return ca.jtimes(
+            K, ca.vertcat(along, system.u), ca.vertcat(direction, drift.udot[system.free_u, :])
+        )
     held = ca.SX.sym("own_u", drift.Y.shape[1])
     u = ca.mtimes(drift.Y, held) + drift.Z
     u_rate = ca.jtimes(u, along, direction)

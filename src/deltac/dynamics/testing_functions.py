@@ -58,13 +58,16 @@ TESTING_FUNCTIONS: dict[str, TestingFunction] = {
         ),
     )
 }
-"""Every testing function by name."""
+"""Every energy testing function by name."""
+
+MOMENTUM = "momentum"
+"""The name by which the momentum testing functions ΔP_r, one for each speed, are asked for beside these."""
 
 
 def testing_functions(
     names: Sequence[str], *, constrained: bool = False
 ) -> tuple[TestingFunction, ...]:
-    """The functions of those names.
+    """The energy functions of those names; `MOMENTUM` is none of them and is passed over.
 
     Raises InputError with the closest match for an unknown one, and for the 1988 form on a mechanism that is
     `constrained` and not told by independent speeds.
@@ -72,17 +75,16 @@ def testing_functions(
     if isinstance(names, str):
         names = (names,)
     for name in names:
-        if name not in TESTING_FUNCTIONS:
-            raise UnknownName(
-                f"unknown testing function {name!r}{closest(name, TESTING_FUNCTIONS)}"
-            )
+        if name != MOMENTUM and name not in TESTING_FUNCTIONS:
+            known = (*TESTING_FUNCTIONS, MOMENTUM)
+            raise UnknownName(f"unknown testing function {name!r}{closest(name, known)}")
     if constrained and "kane-levinson-1988" in names:
         raise ModelError(
             "'kane-levinson-1988' differentiates the kinetic energy at fixed independent speeds, and the "
             "joints' speeds are not independent where there are constraints; name such speeds, "
             "coordinates=deltac.CoordinateMap(speeds=(…)), or use 'kane-levinson-1990'"
         )
-    return tuple(TESTING_FUNCTIONS[name] for name in names)
+    return tuple(TESTING_FUNCTIONS[name] for name in names if name != MOMENTUM)
 
 
 def applicable(*, constrained: bool) -> tuple[str, ...]:

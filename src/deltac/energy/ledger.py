@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.calls.caching import FrozenDict
-from deltac.calls.deprecation import RenamedAttribute
 from deltac.energy.works import unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.results import Report, Section, Table, number, percent
@@ -25,9 +24,18 @@ class Ledger(
     Report,
     omit=(
         *("t", "K2", "K1", "K0", "potential", "power", "work", "work_error", "work_from"),
-        *("delta_c", "error_bar", "momentum", "momentum_bar", "violation"),
+        *(
+            "delta_c",
+            "error_bar",
+            "momentum",
+            "momentum_bar",
+            "violation",
+            "delta_p",
+            "delta_p_bar",
+        ),
+        "momentum_exchanged",
     ),
-    also=("duration", "works", "energies", "functions"),
+    also=("duration", "works", "energies", "functions", "momenta"),
 ):
     """Energies, works and testing functions of a trajectory at its sample times. J, W, s.
 
@@ -46,6 +54,10 @@ class Ledger(
         energy_exchanged: ∫Σ|P| dt + range(K) + range(V), as far as the samples resolve it: what ΔC is to be
             compared with.
         momentum: departure of each momentum balance (T,), kg·m/s or kg·m²/s; `momentum_bar` likewise.
+        delta_p: ΔP_r = p_r − p_r(0) − ∫ṗ_r dt of each free speed (T,), kg·m/s or kg·m²/s, or of each own one:
+            a testing function for every equation, of states and forces alone; exact motion keeps it at zero.
+            `delta_p_bar`: its numerical uncertainty (T,). Empty unless asked for.
+        momentum_exchanged: Σ|change of p_r from row to row| of each: what ΔP_r is to be compared with.
         violation: departure of prescribed joints from their laws, of the motion from its constraints, of
             quaternions from unit length (T,).
         basis: where each channel's force is from: "measured" (logged) or "computed" (from the model); and
@@ -73,8 +85,9 @@ class Ledger(
     violation: Mapping[str, Array]
     basis: Mapping[str, str]
     rule: str = ""
-
-    turnover = RenamedAttribute("energy_exchanged")
+    delta_p: Mapping[str, Array] = field(default_factory=dict)
+    delta_p_bar: Mapping[str, Array] = field(default_factory=dict)
+    momentum_exchanged: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, what in _WHAT.items():
@@ -125,7 +138,7 @@ class Ledger(
         arrays: dict[str, Any] = {n: getattr(self, n)[rows] for n in ("t", "K2", "K1", "K0")}
         groups: dict[str, Any] = {
             group: {name: values[rows] for name, values in getattr(self, group).items()}
-            for group in _WHAT.keys() - {"work_from"}
+            for group in _WHAT.keys() - {"work_from", "momentum_exchanged"}
         }
         return replace(self, **arrays, **groups)
 
@@ -142,6 +155,7 @@ class Ledger(
             "delta_c": self.delta_c,
             "error_bar": self.error_bar,
             "momentum": self.momentum,
+            "delta_p": self.delta_p,
             "violation": self.violation,
         }
         for group, members in groups.items():
@@ -188,6 +202,17 @@ class Ledger(
             for name, values in self.delta_c.items()
         }
 
+    def momenta(self) -> dict[str, dict[str, float]]:
+        """Of each speed: largest |ΔP_r|, its error bar (kg·m/s, kg·m²/s), its share of p_r's changes."""
+        return {
+            name: {
+                "delta_p": (size := float(np.abs(values).max())),
+                "error_bar": float(self.delta_p_bar[name].max()),
+                "relative": size / change if (change := self.momentum_exchanged[name]) else 0.0,
+            }
+            for name, values in self.delta_p.items()
+        }
+
     def summary(self) -> str:
         """Method, largest |ΔC| of each testing function, energy exchanged."""
         worst = ", ".join(
@@ -197,7 +222,7 @@ class Ledger(
         return f"{self.method}; max |ΔC|: {worst}; {self.energy_exchanged:.4g} J exchanged"
 
     def sections(self) -> Iterator[Section]:
-        """Works of the channels and changes of the energies, then the testing functions."""
+        """Works of the channels and changes of the energies, then the energy and momentum functions."""
         rows = [
             (
                 name,
@@ -221,6 +246,19 @@ class Ledger(
                 for name, f in self.functions().items()
             ),
         )
+        if self.delta_p:
+            yield Table(
+                ("momentum function", "max |ΔP| (kg·m/s, kg·m²/s)", "±", "share"),
+                tuple(
+                    (
+                        name,
+                        number(f["delta_p"], digits=3),
+                        number(f["error_bar"], digits=2),
+                        percent(f["relative"]),
+                    )
+                    for name, f in self.momenta().items()
+                ),
+            )
         yield f"{self.energy_exchanged:.4g} J were exchanged in {self.duration:g} s; ΔC by {self.method}."
 
 
@@ -249,6 +287,9 @@ _WHAT = {
     "error_bar": "testing function",
     "momentum": "momentum balance",
     "momentum_bar": "momentum balance",
+    "delta_p": "speed with a momentum function",
+    "delta_p_bar": "speed with a momentum function",
+    "momentum_exchanged": "speed with a momentum function",
     "violation": "violation",
 }
 """What each of the ledger's mappings is of."""

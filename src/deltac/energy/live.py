@@ -15,6 +15,7 @@ import casadi as ca
 from deltac.arrays import EPS, Array
 from deltac.calls.caching import LRUCache
 from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.independence import dependent_speeds
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import testing_functions
@@ -136,7 +137,8 @@ def _written_out(
     mechanism: Mechanism, given: Given, testing: str, start: tuple[float, Array]
 ) -> LiveKernels:
     nu = len(mechanism.speeds)
-    known = {part.name for part in equations_of_motion(mechanism).channels}
+    motion = equations_of_motion(mechanism)
+    known = {part.name for part in motion.channels}
     known |= {ChannelName("prescribed", j.name) for j in mechanism.joints if j.prescribed}
     known |= {ChannelName("constraint", c.name) for c in mechanism.constraints}
     logged = [name for name in given.channels if name in known]
@@ -145,7 +147,7 @@ def _written_out(
     places = {name: slice(k * nu, (k + 1) * nu) for k, name in enumerate(logged)}
     log = LoggedForces(dict.fromkeys(logged, list(range(nu))), places, nu * len(logged))
     symbols = ledger_symbols(mechanism, log, None, start)
-    (function,) = testing_functions((testing,), constrained=bool(mechanism.constraints))
+    (function,) = testing_functions((testing,), constrained=dependent_speeds(motion, *start))
     ledger = ledger_kernels(symbols, (function,), logged)
     s = symbols.system
     speeds = ca.Function("speeds", [s.t, s.q, s.u], [s.u_all])

@@ -75,14 +75,15 @@ class OnePass:
     """What a pass keeps.
 
     `known` are the outputs of the kernel at the `rows` that are kept (n, k), `integral` those of its last
-    outputs; over all rows were taken: `flow`, ∫|P| dt of each channel (J), and the `least` and `largest`
-    K2, K1, K0, V and K.
+    outputs; over all rows were taken: `flow`, ∫|P| dt of each channel (J), `size`, ∫|·| dt of each of those
+    last outputs, and the `least` and `largest` K2, K1, K0, V and K.
     """
 
     rows: NDArray[np.intp]
     known: Array
     integral: Integral
     flow: dict[ChannelName, float]
+    size: Array
     least: Array
     largest: Array
 
@@ -442,6 +443,7 @@ def in_one_pass(
         known,
         Integral(value.T, bar.T, "samples", observed_order(finer[leading], coarser[leading])),
         dict(zip((*kernels.conservative, *kernels.channels), flow.tolist())),
+        size_of,
         np.min([s.lowest for s in sums], axis=0),
         np.max([s.highest for s in sums], axis=0),
     )

@@ -22,8 +22,8 @@ OVERLAP = 8
 KEPT = 20_000
 """Rows of the ledger that is handed back, about."""
 
-_CARRIED = ("work", "delta_c", "momentum")
-_BARS = ("work_error", "error_bar", "momentum_bar")
+_CARRIED = ("work", "delta_c", "momentum", "delta_p")
+_BARS = ("work_error", "error_bar", "momentum_bar", "delta_p_bar")
 _PLAIN = ("potential", "power", "violation")
 
 
@@ -75,8 +75,11 @@ def balance_chunks(
     if state is None:
         raise LogError("the log has no rows; a balance needs at least two")
     total = state.exchanged + float(np.ptp(state.K)) + float(np.ptp(state.V))
+    momenta = {
+        name: sum(part.momentum_exchanged[name] for part in parts) for name in parts[0].delta_p
+    }
     kept_rows = replace(_joined_rows(rows), events=tuple(happened.values()))
-    return replace(_joined(parts), energy_exchanged=total), kept_rows
+    return replace(_joined(parts), energy_exchanged=total, momentum_exchanged=momenta), kept_rows
 
 
 @dataclass

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -15,7 +15,12 @@ from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.independence import independence
-from deltac.dynamics.momentum import momentum_balances
+from deltac.dynamics.momentum import (
+    MomentumFunctions,
+    constraint_force,
+    momentum_balances,
+    momentum_functions,
+)
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
@@ -29,7 +34,7 @@ from deltac.dynamics.terms import (
     reactions_from,
     terms,
 )
-from deltac.dynamics.testing_functions import TestingFunction
+from deltac.dynamics.testing_functions import MOMENTUM, TestingFunction
 from deltac.energy.sampling.segments import Rows
 from deltac.errors import LogError
 from deltac.kernels import Kernel
@@ -231,7 +236,7 @@ def _measured(
     nothing = ca.SX.zeros(nu)
     driving = sum((f for name, f in measured.items() if name in driven), start=nothing)
     ties = sum((f for name, f in measured.items() if name not in driven), start=nothing)
-    multipliers = ca.SX(0, 1) if bound is None else bound.multipliers_from(ties[system.free_u])
+    multipliers = ca.SX(0, 1) if bound is None else bound.multipliers_from(ties[system.free_u, :])
     return Reactions(driving, multipliers)
 
 
@@ -241,8 +246,12 @@ class LedgerKernels:
 
     `at_samples`: K2, K1, K0 and V (`energies`), the `potential` of each source, each `momentum`, the powers
     of the `conservative` channels, then all of `between`: the powers of the other `channels`, the powers P
-    of the testing `functions`, the `force` on each momentum. Conservative is what has a potential, unless
-    the log holds its force: its work is what the potential lost, and its power need not be integrated.
+    of the testing `functions`, the `force` on each momentum. Momenta are those of the balances (`momenta`),
+    then those of the `speeds` that have momentum testing functions. Conservative is what has a potential,
+    unless the log holds its force: its work is what the potential lost, and its power need not be integrated.
+
+    Where works were `recorded`, P lacks the powers of those channels, and of the conservative ones:
+    `entering` tells whose works are to be added to its integral.
     """
 
     conservative: tuple[ChannelName, ...]
@@ -250,8 +259,18 @@ class LedgerKernels:
     potential: tuple[ChannelName, ...]
     functions: tuple[str, ...]
     momenta: tuple[str, ...]
+    speeds: tuple[str, ...]
     at_samples: Kernel
     between: Kernel
+    recorded: frozenset[ChannelName] = frozenset()
+
+    def entering(self, function: str) -> frozenset[ChannelName]:
+        """Channels whose work enters ∫P of a function although their power is not part of `between`."""
+        if not self.recorded:
+            return frozenset()
+        if function == "liu-huston":
+            return self.recorded.union(self.conservative)
+        return self.recorded.difference(self.potential)
 
     @property
     def powers(self) -> tuple[ChannelName, ...]:
@@ -260,29 +279,55 @@ class LedgerKernels:
 
 
 def ledger_kernels(
-    symbols: LedgerSymbols, functions: Sequence[TestingFunction], logged: Container[str]
+    symbols: LedgerSymbols,
+    functions: Sequence[TestingFunction],
+    logged: Container[str],
+    recorded: frozenset[ChannelName] = frozenset(),
+    *,
+    momenta: bool = False,
 ) -> LedgerKernels:
-    """Write the kernels out; `logged` are the channels that the log holds."""
+    """Write the kernels out, with the momentum functions if `momenta`.
+
+    The log holds forces of `logged` channels, and works of `recorded` ones.
+    """
     s, k = symbols.system, symbols.computed
     potential = {p.name: p.potential for p in symbols.parts if p.potential is not None}
     power = channel_powers(s, symbols.parts)
     power |= reaction_powers(s, symbols.reactions, symbols.constrained)
     conservative = {n: power.pop(n) for n in potential if n not in logged}
+
+    def without_recorded(known: Terms) -> Terms:
+        """The terms without the powers whose integrals are known."""
+        if not recorded:
+            return known
+        return replace(
+            known,
+            force_power=known.force_power
+            - sum([power[n] for n in recorded] + list(conservative.values())),
+            nonpotential_power=known.nonpotential_power
+            - sum(power[n] for n in recorded if n not in potential),
+        )
+
     P = {
-        name: function.P(known)
+        name: function.P(without_recorded(known))
         for function in functions
         for name, known in variants(symbols, function.name).items()
     }
     balances = momentum_balances(s)
+    of_speeds = (of_momenta(symbols),) if momenta else ()
     between = {
         "channels": _column(power.values()),
         "functions": _column(P.values()),
-        "force": _column(balance.force(symbols.parts) for balance in balances),
+        "force": _column(
+            [*(b.force(symbols.parts) for b in balances), *(known.rate for known in of_speeds)]
+        ),
     }
     at_samples = {
         "energies": ca.vertcat(k.K2, k.K1, k.K0, k.V),
         "potential": _column(potential.values()),
-        "momentum": _column(balance.momentum for balance in balances),
+        "momentum": _column(
+            [*(b.momentum for b in balances), *(known.momentum for known in of_speeds)]
+        ),
         "conservative": _column(conservative.values()),
     }
     return LedgerKernels(
@@ -291,9 +336,22 @@ def ledger_kernels(
         tuple(potential),
         tuple(P),
         tuple(balance.name for balance in balances),
+        tuple(name for known in of_speeds for name in known.names),
         _kernel(symbols, at_samples | between),
         _kernel(symbols, between),
+        recorded,
     )
+
+
+def of_momenta(symbols: LedgerSymbols) -> MomentumFunctions:
+    """The momentum testing functions: with the constraints' forces of the log, or by the equations."""
+    s, force = symbols.system, total_force(symbols.system, symbols.parts)
+    ties = [f for name, f in symbols.measured.items() if name.kind == "constraint"]
+    if symbols.split is None and len(ties) == len(s.mechanism.constraints):
+        force = sum(ties, start=force)
+    elif symbols.split is None:
+        force = force + constraint_force(s, force, symbols.constrained)
+    return momentum_functions(s, force, symbols.split)
 
 
 def _column(entries: Iterable[SX]) -> SX:
@@ -308,8 +366,10 @@ def _kernel(symbols: LedgerSymbols, outputs: Mapping[str, SX]) -> Kernel:
     return Kernel(inputs, outputs, name="ledger")
 
 
-def residual_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]) -> Kernel:
-    """ε = Ė − P of every function, and F_r + F*_r of every free speed."""
+def residual_kernel(
+    symbols: LedgerSymbols, functions: Sequence[TestingFunction], *, momenta: bool
+) -> Kernel:
+    """ε = Ė − P of every function, F_r + F*_r of every free speed; ṗ_r less its rate, where `momenta`."""
     s, k = symbols.system, symbols.computed
     along = ca.vertcat(s.q, s.u, s.t)
     motion = ca.vertcat(s.qdot, s.udot, 1)
@@ -324,6 +384,9 @@ def residual_kernel(symbols: LedgerSymbols, functions: Sequence[TestingFunction]
     if symbols.constrained is not None:
         residual = residual + ca.mtimes(symbols.constrained.rows.G.T, symbols.reactions.multipliers)
     outputs["coordinates"] = residual
+    if momenta:
+        known_momenta = of_momenta(symbols)
+        outputs[MOMENTUM] = ca.jtimes(known_momenta.momentum, along, motion) - known_momenta.rate
     return Kernel(symbols.inputs, outputs, name="residuals")
 
 

@@ -22,7 +22,7 @@ from deltac.trajectories.formats.episodes import COLUMNS, episodes
 from deltac.trajectories.formats.files import naming, read_raw, read_trajectory
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
 from deltac.trajectories.formats.raw import Collector, RawLog, checked_raw
-from deltac.trajectories.formats.reading import to_trajectory
+from deltac.trajectories.formats.reading import LogReading
 from deltac.trajectories.trajectory import Trajectory
 
 TIMES = ("time", "t", "tout")
@@ -126,7 +126,9 @@ def read_episodes(
                 if name not in raws:
                     raise LogError(f"there is no episode {name!r} any more; run it again")
                 with naming(f"episode {name}"):
-                    found.append(to_trajectory(checked_raw(raws[name]), mapping, known))
+                    found.append(
+                        LogReading.of(checked_raw(raws[name]), mapping, known).trajectory()
+                    )
         except InputError as error:
             found.append(error)
     return found

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
 
 from deltac.calls.arguments import checked
+from deltac.calls.services import service
 from deltac.diagnosis.verdict import EXIT_CODES
 from deltac.errors import listed
 from deltac.fleets.rows import FAILED, SETTING, is_point
@@ -99,7 +99,7 @@ class Fleet(Report):
         Raises:
             InputError: another ending, a folder that does not exist, an axis that the table lacks.
         """
-        import_module("deltac.fleets.summary").write_summary(self, path, x=x, y=y, case=case)
+        service("write_summary")(self, path, x=x, y=y, case=case)
 
     def groups(self) -> tuple[Group, ...]:
         """The rows of each setting: model, solver and step; of audits each log, or episode."""

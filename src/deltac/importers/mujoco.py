@@ -19,6 +19,7 @@ from deltac.errors import FileError, InputError, ModelError, PackageError, Wrong
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import Limits, free_memory
 from deltac.importers.equalities import read_equalities
+from deltac.importers.files import BASES, with_base
 from deltac.importers.names import (
     actuator_names,
     body_names,
@@ -35,7 +36,6 @@ from deltac.importers.visuals import read_visuals
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
 from deltac.mechanism.quantities import vector
 from deltac.mechanism.state import State
-from deltac.models import BASES, with_base
 
 
 def require_mujoco() -> Any:

@@ -10,7 +10,6 @@ import casadi as ca
 import numpy as np
 
 from deltac.calls.arguments import checked
-from deltac.calls.deprecation import renamed_keywords
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.errors import ModelError, UnknownName, WrongType, closest
@@ -19,7 +18,6 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.laws import Law, as_law, symbol_names, symbol_of
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, load_model
 from deltac.simulation.equations import Equations
 
 
@@ -238,16 +236,8 @@ class SymbolicEquations:
         return lines
 
 
-@renamed_keywords(mechanism="model")
-def symbolic_equations(model: ModelLike, *, simplify: bool = True) -> SymbolicEquations:
-    """Write a model's equations of motion out in its coordinates, speeds and parameters.
-
-    They are the recursions that the kernels run, translated to SymPy, so that what you read is what is
-    computed. `simplify` expands them and gathers sines and cosines, which takes seconds from 3 speeds on.
-
-    Raises InputError for more than `LARGEST` free speeds.
-    """
-    mechanism = load_model(model).mechanism
+def symbolic_equations(mechanism: Mechanism, *, simplify: bool = True) -> SymbolicEquations:
+    """Write the equations of motion of a mechanism out: the core of `deltac.symbolic_equations`."""
     free = mechanism.free
     if len(free.u) > LARGEST:
         raise ModelError(

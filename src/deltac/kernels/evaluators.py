@@ -9,7 +9,6 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Protocol
 
 from deltac.arrays import Array
-from deltac.calls.deprecation import warn_renamed
 from deltac.errors import PackageError, UnknownName, closest, warn_user
 
 if TYPE_CHECKING:
@@ -60,9 +59,6 @@ def evaluator_name() -> str:
         InputError: an unknown name, or llvm is asked for and llvmlite is not installed.
     """
     forced = os.environ.get("DELTAC_EVALUATOR", "").strip().lower()
-    if forced == "heyoka":  # what compiled kernels before
-        warn_renamed("DELTAC_EVALUATOR=heyoka", "DELTAC_EVALUATOR=llvm")
-        forced = "llvm"
     if forced and forced not in EVALUATORS:
         raise UnknownName(f"DELTAC_EVALUATOR={forced!r}{closest(forced, EVALUATORS)}")
     installed = importlib.util.find_spec("llvmlite") is not None

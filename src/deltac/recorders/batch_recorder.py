@@ -11,7 +11,7 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, RecordingError
 from deltac.importers.names import coordinate_names, speed_names
-from deltac.recorders.mujoco_recorder import IMPLICIT, integrator_names
+from deltac.recorders.mujoco_recorder import IMPLICIT, ORDERS, solver_name
 from deltac.recorders.recorder import HELD, OCCASIONAL, Forces, TrajectoryBuilder, simulator
 from deltac.trajectories import Provenance, Trajectory
 
@@ -53,8 +53,7 @@ class BatchRecorder:
     def __init__(self, model: Model, data: Batch, worlds: Sequence[int] | None = None) -> None:
         self._mujoco = simulator("mujoco", "mujoco")
         self._model = model
-        names = {value: name for name, value in integrator_names().items()}
-        self._solver = names[self._mujoco.mjtIntegrator(model.opt.integrator)]
+        self._solver = solver_name(model)
         if self._solver == "rk4":
             raise RecordingError(
                 "with RK4 a batch holds the forces of the last stage, not those of its rows; record with "
@@ -105,7 +104,7 @@ class BatchRecorder:
         model = self._model
         builder = TrajectoryBuilder(coordinate_names(model), speed_names(model))
         data = self._mujoco.MjData(model)
-        kept: list[tuple[float, Array, Array, Array, Forces]] = []
+        steps: list[tuple[float, Array, Array, Array, Array, Forces]] = []
         corrected = False
         step = self._step_of(k, rows)
         for row in rows:
@@ -128,18 +127,21 @@ class BatchRecorder:
                 "applied all": np.where(np.abs(other) > least, other, 0.0),
                 IMPLICIT: correction,
             }
-            kept.append((float(t[k]), q[k], u[k], a, forces))
-        for t0, q0, u0, a, forces in kept:
+            steps.append((float(t[k]), q[k], u[k], a, 0.5 * (u[k] + after[k]), forces))
+        for t0, q0, u0, a, mean, forces in steps:
             acting = {n: x for n, x in forces.items() if n != IMPLICIT or corrected}
             builder.add(t0, q0, u0, a, acting)
+            builder.stage(step, mean, acting)
         return builder.trajectory(
             Provenance(
                 simulator=f"MuJoCo {self._mujoco.mj_versionString()} (batch)",
                 solver=self._solver,
                 step=step,
+                order=ORDERS.get(self._solver),
                 model=bytes(model.names).split(b"\0", 1)[0].decode() or None,
                 stage=HELD,
                 held=builder.channels,
+                inputs="held",
                 looked_for=OCCASIONAL,
                 notes={"world": str(self._worlds[k]), "precision": str(self._precision)},
             )

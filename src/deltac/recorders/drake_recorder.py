@@ -138,8 +138,10 @@ class DrakeRecorder(Recorder):
                 simulator=f"Drake {version('drake')}",
                 solver=solver,
                 step=self._period or (integrator.get_maximum_step_size() if fixed else None),
+                order=1 if discrete else None,
                 stage=HELD if discrete else INSTANT,
                 held=self._builder.channels if discrete else (),
+                inputs="held" if discrete else "",
                 looked_for=OCCASIONAL,
                 acted=self._acted,
             )

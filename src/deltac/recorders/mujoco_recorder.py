@@ -16,11 +16,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from deltac.arrays import EPS, SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
-from deltac.calls.deprecation import renamed_keywords
 from deltac.errors import (
     InputError,
     ModelError,
@@ -62,6 +60,9 @@ INPUTS = (
 MOST_SKIPPED = 100_000
 """Steps between two samples, at most."""
 
+ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
+"""Order of each integrator in the state, for smooth forces."""
+
 REPLAY = 1e-6
 """How far a replayed step may be off, relative: the constraint solver's tolerance, not more."""
 
@@ -76,15 +77,25 @@ STAGES = {
     + IMPLICIT
     + "' what the implicit integrator added to the forces at the start of the step: M udot + bias = sum "
     "of forces; its work is part of the integrator's error",
-    "rk4": "state before each step, with the accelerations and forces of its first stage, continuous "
-    "dynamics; those of stages 2 to 4 are not recorded, so discrete work does not close",
+    "rk4": "state before each step, with the accelerations and forces of its first stage; works are those of "
+    "all four stages",
 }
+
+RK4 = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
+"""Of each stage of MuJoCo's RK4: how far it goes along the rates of the stage before, and six times its
+weight.
+"""
 
 
 def integrator_names() -> dict[str, Any]:
     """Name -> value of every integrator of the installed MuJoCo: euler, rk4, implicit, …."""
     values = simulator("mujoco", "mujoco").mjtIntegrator.__members__
     return {name.removeprefix("mjINT_").lower(): value for name, value in values.items()}
+
+
+def solver_name(model: Model) -> str:
+    """The name of a model's integrator."""
+    return next(n for n, v in integrator_names().items() if v == model.opt.integrator)
 
 
 class MujocoRecorder(Recorder):
@@ -122,11 +133,18 @@ class MujocoRecorder(Recorder):
         self._mujoco = mujoco
         self._model, self._data = model, data
         self._elements = Elements.of(model, grouped=channels == "grouped")
-        self._before = mujoco.MjData(model)
+        self._before, self._stage = mujoco.MjData(model), mujoco.MjData(model)
+        kinds = mujoco.mjtJoint
+        ahead = {int(kinds.mjJNT_FREE): 3, int(kinds.mjJNT_BALL): 0}
+        starts = [
+            model.jnt_dofadr[j] + ahead[int(kind)]
+            for j, kind in enumerate(model.jnt_type)
+            if int(kind) in ahead
+        ]
+        self._turning = [slice(start, start + 3) for start in starts]
         # What all rows hold depends on whether an implicit integrator corrected any step.
         self._rows: list[_Row] = []
         self._steps: set[float] = set()
-        self._varied: dict[str, NDArray[np.bool_]] = {}
         self._off = 0.0
         self._keep()
 
@@ -203,47 +221,44 @@ class MujocoRecorder(Recorder):
         self._builder = TrajectoryBuilder(coordinate_names(self._model), speed_names(self._model))
         implicit = any(row.corrected for row in rows)
         for row in rows:
-            forces = {**row.forces, IMPLICIT: row.correction} if implicit else row.forces
-            self._instant(
-                row.t, row.q, row.u, row.step_acceleration if implicit else row.qacc, forces
-            )
+            forces = row.forces
+            if row.correction is not None and implicit:
+                forces = {**forces, IMPLICIT: row.correction}
+            udot = row.step_acceleration if implicit else row.qacc
+            self._builder.add(row.t, row.q, row.u, udot, forces)
+            self._builder.work({n: w for n, w in row.works.items() if implicit or n != IMPLICIT})
         if not rows:  # it broke off in its first step: there is the start, and why
             start = self._before
             if not np.isfinite([*start.qpos, *start.qvel]).all():
                 raise RecordingError(f"nothing was recorded: {message}")
-            self._instant(float(start.time), start.qpos, start.qvel, None, {})
-        return self._trajectory(self._provenance(implicit, message))
+            self._builder.add(float(start.time), start.qpos, start.qvel)
+        varying = frozenset[str]().union(*(row.varying for row in rows))
+        return self._builder.trajectory(self._provenance(implicit, varying, message))
 
     def _keep(self) -> None:
         """Keep all of the present state, warm start and contact memory included."""
         self._mujoco.mj_copyData(self._before, self._model, self._data)
 
     def _set_inputs(self, data: Data) -> None:
-        """Give `data` the present inputs; note which of them changed since the last sample."""
+        """Give `data` the present inputs."""
         for name in INPUTS:
-            old, new = getattr(data, name), getattr(self._data, name)
-            differs = np.asarray(old != new)
-            varied = differs.any(axis=1) if name == "xfrc_applied" else differs
-            if self._rows:
-                before = self._varied.get(name, varied)
-                self._varied[name] = np.asarray(before | varied, dtype=np.bool_)
-            np.copyto(old, new)
+            np.copyto(getattr(data, name), getattr(self._data, name))
 
     def _replay(self, data: Data) -> _Row:
         """Take the step from the state in `data`; the row of what it began with."""
         model, mujoco = self._model, self._mujoco
         t, q, u = float(data.time), np.array(data.qpos), np.array(data.qvel)
         plastic, h = plastic_state(data), float(model.opt.timestep)
-        stages = model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-        if stages:
+        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             mujoco.mj_forward(model, data)
-        else:
-            mujoco.mj_step(model, data)  # leaves the accelerations and forces of its start
+            qacc = np.array(data.qacc)
+            forces = generalized_forces(model, data, self._elements, plastic)
+            works, varying = self._stages(data, forces, plastic)
+            mujoco.mj_RungeKutta(model, data, 4)
+            return _Row(t, q, u, qacc, forces, qacc, works, varying)
+        mujoco.mj_step(model, data)  # leaves the accelerations and forces of its start
         qacc = np.array(data.qacc)
         forces = generalized_forces(model, data, self._elements, plastic)
-        if stages:
-            mujoco.mj_RungeKutta(model, data, 4)
-            return _Row(t, q, u, qacc, forces, qacc, np.zeros(model.nv), corrected=False)
         a = (data.qvel - u) / h
         if discrete(model):
             total = np.sum([*forces.values(), np.zeros(model.nv)], axis=0)
@@ -257,7 +272,56 @@ class MujocoRecorder(Recorder):
             rounding = 64.0 * EPS * np.abs(u).max(initial=0.0) / h
             rounding += SUM_OF_FORCES * np.abs(a).max(initial=0.0)
             corrected = bool(np.abs(a - qacc).max(initial=0.0) > rounding)
-        return _Row(t, q, u, qacc, forces, a, correction, corrected)
+        # Forces and accelerations are held, so speeds are linear in time.
+        moved = 0.5 * h * (u + data.qvel)
+        held = {**forces, IMPLICIT: correction}
+        works = {name: float(force @ moved) for name, force in held.items()}
+        return _Row(t, q, u, qacc, forces, a, works, correction=correction, corrected=corrected)
+
+    def _stages(
+        self, data: Data, forces: Forces, plastic: Array
+    ) -> tuple[dict[str, float], frozenset[str]]:
+        """The works over a step of RK4 from `data`, with `forces` there, and the channels that varied.
+
+        The stages are taken as mj_RungeKutta takes them: speeds and activations along the rates of the stage
+        before, positions by the exponential map in a chart at the start of the step (Munthe-Kaas), inputs
+        as they are.
+        """
+        model, mujoco, stage, h = (
+            self._model,
+            self._mujoco,
+            self._stage,
+            float(self._model.opt.timestep),
+        )
+        mujoco.mj_copyData(stage, model, data)
+        works: dict[str, float] = {}
+        varying: set[str] = set()
+        chart_rate = np.array(data.qvel)
+        for ahead, weight in RK4:
+            acting = forces
+            if ahead:
+                moved, a, rate = (
+                    ahead * h * chart_rate,
+                    np.array(stage.qacc),
+                    np.array(stage.act_dot),
+                )
+                np.copyto(stage.qpos, data.qpos)
+                mujoco.mj_integratePos(model, stage.qpos, moved, 1.0)
+                stage.qvel[:] = data.qvel + ahead * h * a
+                stage.act[:] = data.act + ahead * h * rate
+                stage.time = data.time + ahead * h
+                mujoco.mj_forward(model, stage)
+                acting = generalized_forces(model, stage, self._elements, plastic)
+                chart_rate = np.array(stage.qvel)
+                for place in self._turning:
+                    chart_rate[place] = _inverse_dexp(moved[place], chart_rate[place])
+            for name, force in acting.items():
+                works[name] = works.get(name, 0.0) + h * weight / 6.0 * float(force @ stage.qvel)
+            for name in forces.keys() | acting.keys():
+                start, now = forces.get(name, np.zeros(1)), acting.get(name, np.zeros(1))
+                if np.abs(now - start).max() > SUM_OF_FORCES * np.abs(start).max():
+                    varying.add(name)
+        return works, frozenset(varying)
 
     def _check_replay(self) -> None:
         """InputError unless the replayed step ended where MuJoCo's did."""
@@ -274,9 +338,9 @@ class MujocoRecorder(Recorder):
                     "make a new recorder where you set the state"
                 )
 
-    def _provenance(self, implicit: bool, message: str) -> Provenance:
+    def _provenance(self, implicit: bool, varying: frozenset[str], message: str) -> Provenance:
         model, channels = self._model, self._builder.channels
-        solver = next(n for n, v in integrator_names().items() if v == model.opt.integrator)
+        solver = solver_name(model)
         steps = self._steps or {float(model.opt.timestep)}
         return Provenance(
             simulator=f"MuJoCo {self._mujoco.mj_versionString()}",
@@ -286,37 +350,37 @@ class MujocoRecorder(Recorder):
             completed=not message,
             message=message,
             stage=STAGES["rk4" if solver == "rk4" else "implicit" if implicit else "explicit"],
-            held=tuple(channels if solver != "rk4" else self._varied_channels(channels)),
+            order=ORDERS.get(solver),
+            held=tuple(channel for channel in channels if channel not in varying),
+            inputs="held",
             looked_for=OCCASIONAL,
             acted=self._acted,
             strengths=motor_strengths(model),
             notes={"replay": f"every step was replayed; largest difference {self._off:.3g}"},
         )
 
-    def _varied_channels(self, channels: tuple[str, ...]) -> list[str]:
-        """Channels of inputs that were changed from step to step, and are constant in between."""
-        model, varied = self._model, self._varied
-        held = []
-        for k, name in enumerate(self._elements.actuators):
-            own = slice(
-                model.actuator_ctrladr[k], model.actuator_ctrladr[k] + model.actuator_ctrlnum[k]
-            )
-            stateful = model.actuator_actadr[k] >= 0  # an activation smooths the control
-            if "ctrl" in varied and varied["ctrl"][own].any() and not stateful:
-                held.append(f"actuator {name}")
-        if "qfrc_applied" in varied and varied["qfrc_applied"].any():
-            held.append("applied qfrc")
-        for body in np.flatnonzero(varied.get("xfrc_applied", np.zeros(0))):
-            held.append(f"applied {self._elements.bodies[body]}")
-        return [channel for channel in held if channel in channels]
-
 
 record_mujoco = checked(MujocoRecorder, name="record_mujoco")
 
 
+def _inverse_dexp(x: Array, w: Array) -> Array:
+    """The rate ẋ (3,) of a rotation vector x at which exp(x) turns with w, in body components.
+
+    ẋ = w + x × w/2 + c x × (x × w) with c = (1 − (|x|/2) cot(|x|/2))/|x|².
+    """
+    a = float(np.linalg.norm(x))
+    c = 1.0 / 12.0 + a * a / 720.0 if a < 1e-2 else (1.0 - 0.5 * a / math.tan(0.5 * a)) / (a * a)
+    across = np.cross(x, w)
+    return np.asarray(w + 0.5 * across + c * np.cross(x, across))
+
+
 @dataclass(frozen=True)
 class _Row:
-    """A step: the state it began with, q̈ and forces there, and what an implicit integrator added."""
+    """A step: the state it began with, q̈ and forces there, and the works of the step.
+
+    `varying` are the channels whose forces were not constant in it; `correction` is what an implicit
+    integrator added to the forces.
+    """
 
     t: float
     q: Array
@@ -324,8 +388,10 @@ class _Row:
     qacc: Array
     forces: Forces
     step_acceleration: Array
-    correction: Array
-    corrected: bool
+    works: dict[str, float]
+    varying: frozenset[str] = frozenset()
+    correction: Array | None = None
+    corrected: bool = False
 
 
 # --- A whole run of MuJoCo, recorded -------------------------------------------------------------
@@ -333,7 +399,7 @@ class _Row:
 Control = Callable[[Model, Data], object]
 
 
-@renamed_keywords(control="controller")
+@checked
 def run_mujoco(
     model: Model | str | Path,
     duration: float,
@@ -430,9 +496,6 @@ def _positive(name: str, value: float) -> float:
 
 # --- MuJoCo as a simulator of a study: `simulator(step)` runs the same motion at any step --------
 
-ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
-"""Order of each integrator in the state, for smooth forces."""
-
 
 @dataclass(frozen=True, eq=False)
 class MujocoSimulator:
@@ -469,7 +532,7 @@ class MujocoSimulator:
         )
 
 
-@renamed_keywords(control="controller")
+@checked
 def mujoco_simulator(
     model: Any,
     duration: float,

@@ -119,6 +119,53 @@ class PinocchioRecorder(Recorder):
             InputError: an array of the wrong size.
         """
         pin, model, data = self._pin, self._model, self._data
+        q, v, acting = self._acting(q, v, tau, fext, forces)
+        if a is None:
+            total = np.sum([*acting.values(), np.zeros(model.nv)], axis=0)
+            a = np.array(pin.aba(model, data, q, v, total))
+        a = sized("a", a, model.nv)
+        ours: Forces = {name: self._turned(f, q) for name, f in acting.items()}
+        self._instant(t, self._coordinates(q), self._turned(v, q), self._rates(a, v, q), ours)
+
+    def stage(
+        self,
+        duration: float,
+        q: Array,
+        v: Array,
+        tau: Array | None = None,
+        fext: Sequence[Any] | None = None,
+        forces: Mapping[str, Array] | None = None,
+    ) -> None:
+        """Record a stage of the step from the last sample, for the works of all channels.
+
+        A Runge–Kutta method of weights b has stages of duration b h: with the classical one h/6, h/3, h/3,
+        h/6, the first at the sample itself. See `TrajectoryBuilder.stage`. A monitor has no use for it.
+
+        Args:
+            duration: weight of the stage, s.
+            q: Pinocchio's configuration (model.nq) of the stage.
+            v: Pinocchio's velocity (model.nv) there.
+            tau: as for `sample`.
+            fext: as for `sample`.
+            forces: as for `sample`.
+
+        Raises:
+            InputError: an array of the wrong size, or no sample yet.
+        """
+        q, v, acting = self._acting(q, v, tau, fext, forces)
+        ours = {name: self._turned(f, q) for name, f in acting.items()}
+        self._builder.stage(duration, self._turned(v, q), ours)
+
+    def _acting(
+        self,
+        q: Array,
+        v: Array,
+        tau: Array | None,
+        fext: Sequence[Any] | None,
+        forces: Mapping[str, Array] | None,
+    ) -> tuple[Array, Array, Forces]:
+        """The state as arrays, and all forces by channel, in Pinocchio's conventions."""
+        model = self._model
         q, v = sized("q", q, model.nq), sized("v", v, model.nv)
         acting = {name: sized(name, f, model.nv) for name, f in (forces or {}).items()}
         if tau is not None:
@@ -130,22 +177,22 @@ class PinocchioRecorder(Recorder):
                 acting[name] = acting[name] + part if name in acting else part
         if fext is not None:
             acting["applied external"] = self._external(q, fext)
-        if a is None:
-            total = np.sum([*acting.values(), np.zeros(model.nv)], axis=0)
-            a = np.array(pin.aba(model, data, q, v, total))
-        a = sized("a", a, model.nv)
-        ours: Forces = {name: self._turned(f, q) for name, f in acting.items()}
-        self._instant(t, self._coordinates(q), self._turned(v, q), self._rates(a, v, q), ours)
+        return q, v, acting
 
     def trajectory(
-        self, solver: str | None = None, step: float | None = None, held: Sequence[str] = ()
+        self,
+        solver: str | None = None,
+        step: float | None = None,
+        held: Sequence[str] = (),
+        order: int | None = None,
     ) -> Trajectory:
-        """The samples so far, with what the caller says of the integrator, its step, and channels it held."""
+        """The samples so far, with the integrator's name, step and order, and the channels that it held."""
         return self._trajectory(
             Provenance(
                 simulator=f"Pinocchio {self._pin.__version__}",
                 solver=solver,
                 step=step,
+                order=order,
                 model=self._model.name or None,
                 stage=INSTANT,
                 held=tuple(held),

@@ -175,8 +175,10 @@ class PybulletRecorder(Recorder):
                 simulator=f"PyBullet {self._p.getAPIVersion()}",
                 solver="semi-implicit euler",
                 step=h,
+                order=1,
                 stage=HELD,
                 held=self._builder.channels,
+                inputs="held",
                 looked_for=OCCASIONAL,
                 acted=self._acted,
             )

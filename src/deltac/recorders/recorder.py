@@ -66,6 +66,8 @@ class TrajectoryBuilder:
         self._speeds = tuple(speeds)
         self._rows: list[tuple[float, Array, Array, Array | None]] = []
         self._forces: dict[str, dict[int, Array]] = {}
+        self._works: dict[str, dict[int, float]] = {}
+        self._steps: set[int] = set()
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -113,13 +115,68 @@ class TrajectoryBuilder:
         for channel, force in (forces or {}).items():
             self._forces.setdefault(channel, {})[row] = self._sized(channel, force, t)
 
+    def stage(
+        self,
+        duration: float,
+        u: Sequence[float] | Array,
+        forces: Mapping[str, Sequence[float] | Array],
+    ) -> None:
+        """Add a stage of the step that the integrator makes from the last row.
+
+        The works of the trajectory are the sums of duration × force · u: what the integrator itself
+        would find if it integrated the power. A Runge–Kutta method of weights b has stages of duration
+        b h; a force that is held over a step in which u is linear has one stage, of duration h, at the
+        mean of the speeds at both ends.
+
+        Args:
+            duration: weight of the stage, s.
+            u: speeds (nu,) of the stage.
+            forces: as for `add`, of the stage.
+
+        Raises:
+            InputError: an array of the wrong size, or no row yet.
+        """
+        speeds = self._sized("u", u, duration)
+        self.work(
+            {n: duration * float(self._sized(n, f, duration) @ speeds) for n, f in forces.items()}
+        )
+
+    def work(self, works: Mapping[str, float]) -> None:
+        """Add work (J), by channel, of the step that the integrator makes from the last row."""
+        if not self._rows:
+            raise RecordingError(
+                "a stage or work belongs to the step from a row: add the row first"
+            )
+        row = len(self._rows) - 1
+        self._steps.add(row)
+        for channel, work in works.items():
+            self._forces.setdefault(channel, {})
+            steps = self._works.setdefault(channel, {})
+            steps[row] = steps.get(row, 0.0) + float(work)
+
     def trajectory(self, provenance: Provenance) -> Trajectory:
-        """The samples so far. Raises InputError for what a Trajectory refuses."""
+        """The samples so far.
+
+        Raises InputError for what a Trajectory refuses, and where only some of the steps have stages.
+        """
         t, q, u, udot = zip(*self._rows) if self._rows else ((), (), (), ())
+        steps = range(len(t) - 1)
+        works: dict[str, Array] = {}
+        if self._steps:
+            missing = next((k for k in steps if k not in self._steps), None)
+            if missing is not None:
+                raise RecordingError(
+                    f"the step from row {missing}, t = {t[missing]:g} s, has neither stage() nor work(), "
+                    "others have; give them for every step or for none"
+                )
+            for channel in self._forces:
+                own = self._works.get(channel, {})
+                works[channel] = np.cumsum([0.0, *(own.get(k, 0.0) for k in steps)])
         forces = {}
         for channel, rows in self._forces.items():
             forces[channel] = np.zeros((len(t), len(self._speeds)))
-            forces[channel][list(rows)] = list(rows.values())
+            if rows:  # else it acted in stages alone
+                forces[channel][list(rows)] = list(rows.values())
         return Trajectory(
             t=np.array(t),
             q=np.array(q),
@@ -128,6 +185,7 @@ class TrajectoryBuilder:
             coordinates=self._coordinates,
             speeds=self._speeds,
             forces=forces,
+            works=works,
             provenance=provenance,
         )
 
@@ -259,7 +317,11 @@ class Recorder:
         forces: Forces,
         udot: Array | None = None,
     ) -> None:
-        """A step between two states, with forces held over it; u̇ is that of the speeds by default."""
+        """A step between two states, with forces held over it; u̇ is that of the speeds by default.
+
+        Accelerations are held as well, so speeds are linear in time, and the work of a force is that at
+        their mean.
+        """
         if self.monitor is not None:
             # What corrected the step is the integrator's, and is not excused.
             acted = {n: f for n, f in forces.items() if ChannelName.parse(n).kind != "correction"}
@@ -270,6 +332,7 @@ class Recorder:
             if udot is None:
                 udot = (after[2] - before[2]) / (after[0] - before[0])
             self._builder.add(*before, udot, forces)
+            self._builder.stage(after[0] - before[0], 0.5 * (before[2] + after[2]), forces)
 
     def _trajectory(self, provenance: Provenance) -> Trajectory:
         if self.monitor is not None:

@@ -203,6 +203,26 @@ def all_functions(ledger: Ledger) -> TimePlot:
     )
 
 
+def momentum_functions(ledger: Ledger) -> TimePlot:
+    """|ΔP| of every speed with its error bar, as a share of the momentum that the speed exchanged."""
+    exchanged = {name: size or np.inf for name, size in ledger.momentum_exchanged.items()}
+    return TimePlot(
+        "What is left of each speed's momentum, |ΔP|, as a share of ∫|ṗ| dt",
+        ledger.t,
+        tuple(
+            Line(
+                name,
+                np.maximum(np.abs(values) / exchanged[name], EPS),
+                ledger.delta_p_bar[name] / exchanged[name],
+                shown=k < MOST_LINES,
+            )
+            for k, (name, values) in enumerate(ledger.delta_p.items())
+        ),
+        "1",
+        log=True,
+    )
+
+
 def energy_plots(ledger: Ledger) -> Iterator[TimePlot]:
     """Kinetic and potential energies, then the work of every channel that is not in V."""
     K = ledger.kinetic

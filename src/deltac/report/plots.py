@@ -28,6 +28,7 @@ from deltac.report.panels import (
     energy_plots,
     flows_of,
     fronts,
+    momentum_functions,
     orders,
     residuals,
     study_errors,
@@ -308,7 +309,9 @@ _HEIGHTS: dict[type, Callable[[Any], float]] = {
 def _ledger(ledger: Ledger) -> Figure:
     function = next((n for n in ("wang", "liu-huston") if n in ledger.delta_c), None)
     flows = () if function is None else (flows_of(ledger, function),)
-    return _drawn("Energy ledger", *energy_plots(ledger), all_functions(ledger), *flows)
+    momenta = (momentum_functions(ledger),) if ledger.delta_p else ()
+    tests = (all_functions(ledger), *momenta)
+    return _drawn("Energy ledger", *energy_plots(ledger), *tests, *flows)
 
 
 def _audit(audit: Audit) -> Figure:

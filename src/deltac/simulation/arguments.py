@@ -20,7 +20,6 @@ from deltac.errors import (
     ArgumentsError,
     InputError,
     LimitError,
-    ModelError,
     SolverError,
     StateError,
     warn_user,
@@ -53,10 +52,6 @@ def check_request(
             f"the state has {state.q.size} coordinates and {state.u.size} speeds; the mechanism "
             f"{mechanism.name!r} has {len(mechanism.coordinates)} and {len(mechanism.speeds)}. "
             "Make it by mechanism.state(...)"
-        )
-    if not len(mechanism.free.u):
-        raise ModelError(
-            f"the mechanism {mechanism.name!r} has no free speeds, so there is nothing to integrate"
         )
     if step is not None:
         positive(step, "step")

@@ -22,6 +22,8 @@ from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at, quaternions
+from deltac.dynamics.forces import total_force
+from deltac.dynamics.momentum import MomentumFunctions, momentum_functions
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import (
@@ -34,7 +36,7 @@ from deltac.dynamics.terms import (
     reactions_from,
     terms,
 )
-from deltac.dynamics.testing_functions import testing_functions
+from deltac.dynamics.testing_functions import MOMENTUM, testing_functions
 from deltac.errors import ArgumentsError, InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import Channel, ChannelName
@@ -78,13 +80,6 @@ PROJECTION = Projection()
 
 Keeping: TypeAlias = Projection | Baumgarte | None
 """How a run stays on its constraints; None: on the level of accelerations alone."""
-
-
-def stabilised(old: object) -> Any:
-    """What the argument `constraints` is for one of the old name, `stabilisation`: "none", (α, β)."""
-    if isinstance(old, tuple) and len(old) == 2:
-        return Baumgarte(*old)
-    return None if old == "none" else old
 
 
 def keeping(constraints: str | Keeping) -> Keeping:
@@ -146,6 +141,12 @@ class Flow(Once):
         return bool(self.given.shape[0] == 0)
 
     @cached_property
+    def driven(self) -> bool:
+        """Whether the motion follows from what is prescribed, so that only powers are integrated."""
+        determined = not self.u_size if self.bound is None else self.bound.determined
+        return self.own is None and determined
+
+    @cached_property
     def quaternions(self) -> tuple[slice, ...]:
         """Places of unit quaternions in x; none where x holds the user's own coordinates."""
         if self.own is not None and self.own.mapped:
@@ -168,7 +169,10 @@ class Flow(Once):
         """The rates of all integrals (W), for accelerations whoever made them."""
         by_channel = _powers(self.system, parts, reactions, bound)
         working = [by_channel[name] for name in self.works]
-        return _integrands(known, working, self.testing, self.integrals)
+        momenta = None
+        if any(name.startswith(MOMENTUM) for name in self.integrals):
+            momenta = _momenta(self.system, parts, reactions, bound, self.split)
+        return _integrands(known, working, self.testing, self.integrals, momenta)
 
     def booked(self, changes: SX) -> SX:
         """What integrals take of `changes` of the testing functions' energies and of what follows them."""
@@ -266,10 +270,10 @@ def build_flow(
     """
     mechanics = equations_of_motion(mechanism, vary)
     system = mechanics.system
-    dependent = bool(mechanism.constraints) and split is None
-    functions = testing_functions(testing, constrained=dependent)
     parts = mechanics.channels
     bound = mechanics.constrained(rows)
+    dependent = bound is not None and split is None and not bound.determined
+    functions = testing_functions(testing, constrained=dependent)
     split_own = trace_split(system, split, None if bound is None else bound.rows)
     own: OwnCoordinates | None = None
     correcting = isinstance(constraints, Projection) and constraints.energy
@@ -280,7 +284,7 @@ def build_flow(
     if written is None:
         motion = forward(system, parts, bound, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
-        q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u]
+        q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u, :]
     else:
         state = written.state
         own, q, u, qdot = state.own, state.q, state.u, state.qdot
@@ -301,7 +305,12 @@ def build_flow(
         )
     names = tuple(function.name for function in functions)
     booked = CORRECTIONS if projecting or correcting else ()
-    integrals = (*names, *booked, *((ENERGY_CORRECTION, ENERGY_DUE) if correcting else ()))
+    momenta = None
+    if MOMENTUM in testing:
+        momenta = _momenta(system, parts, reactions, bound, split_own)
+    of_speeds = () if momenta is None else tuple(f"{MOMENTUM} {name}" for name in momenta.names)
+    restored, due = ((ENERGY_CORRECTION,), (ENERGY_DUE,)) if correcting else ((), ())
+    integrals = (*names, *booked, *restored, *of_speeds, *due)
 
     known = terms(system, udot_all, parts, split_own, bound, reactions)
     by_channel = _powers(system, parts, reactions, bound) if works and functions else {}
@@ -313,7 +322,7 @@ def build_flow(
         "u": ca.SX(system.u_all),
         "udot": udot_all,
         "driving": reactions.driving,
-        "P": _integrands(known, list(working.values()), names, integrals),
+        "P": _integrands(known, list(working.values()), names, integrals, momenta),
         "E": ca.vertcat(*(function.E(known) for function in functions), known.K, known.V),
         **{str(name): force for name, force in tied.items()},
     }
@@ -355,12 +364,36 @@ def build_flow(
 
 
 def _integrands(
-    known: Terms, working: Sequence[SX], testing: Sequence[str], integrals: Sequence[str]
+    known: Terms,
+    working: Sequence[SX],
+    testing: Sequence[str],
+    integrals: Sequence[str],
+    momenta: MomentumFunctions | None,
 ) -> SX:
-    """The rates of works and integrals (W): powers; zero of what corrections book; Q of the energy due."""
+    """The rates of works and integrals (W): powers; zero of what corrections book; Q of the energy due.
+
+    Of momentum functions, N or N·m: what changes `momenta`.
+    """
     rates: dict[str, SX] = {f.name: f.P(known) for f in testing_functions(testing)}
     rates[ENERGY_DUE] = known.nonpotential_power + known.prescribed_power
+    if momenta is not None:
+        of_speeds = zip(momenta.names, ca.vertsplit(momenta.rate))
+        rates |= {f"{MOMENTUM} {name}": rate for name, rate in of_speeds}
     return ca.vertcat(ca.SX(0, 1), *working, *(rates.get(name, ca.SX(0)) for name in integrals))
+
+
+def _momenta(
+    system: System,
+    parts: tuple[Channel, ...],
+    reactions: Reactions,
+    bound: Constrained | None,
+    split: OwnCoordinates | None,
+) -> MomentumFunctions:
+    """The momentum testing functions, with the constraint forces of the motion."""
+    force = total_force(system, parts)
+    if bound is not None and split is None:
+        force = force + ca.mtimes(bound.rows.G_all.T, reactions.multipliers)
+    return momentum_functions(system, force, split)
 
 
 def _powers(

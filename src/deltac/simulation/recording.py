@@ -33,7 +33,8 @@ class Record:
 
     Attributes:
         testing: names of the testing functions whose power is integrated by the same solver and step; the
-            integrals (J) are in the trajectory's `integrals`.
+            integrals (J) are in the trajectory's `integrals`. "momentum" adds those of the momentum functions
+            ΔP_r, as ``"momentum <speed>"`` (kg·m/s, kg·m²/s).
         every: keep every so many steps of a fixed-step solver. By default `simulate` keeps each step, and
             `simulate_ensemble` the start and the end.
         coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
@@ -84,7 +85,9 @@ def observer(flow: Flow) -> Kernel:
 
 def observed(flow: Flow, observe: Kernel, motion: Motion, p: Array) -> dict[str, Array]:
     """What the observer sees of the samples of a motion, time first; p (np,), or (T, np) where it varies."""
-    arrays: dict[str, Array] = {"t": motion.t, "x": motion.x}
+    arrays: dict[str, Array] = {"t": motion.t}
+    if flow.x.shape[0]:
+        arrays["x"] = motion.x
     if flow.inputs.shape[0]:
         arrays["inputs"] = motion.inputs
     if flow.given.shape[0]:
@@ -100,12 +103,21 @@ def recorded(
     motion: Motion,
     p: Array,
     provenance: Provenance,
+    *,
+    guarded: bool,
 ) -> Trajectory:
-    """The samples of a motion, and what was seen of them, as a trajectory of the mechanism."""
+    """The samples of a motion, and what was seen of them, as a trajectory of the mechanism.
+
+    `guarded` tells that steps near dependent constraints were taken with care.
+    """
     rows, (_, _, summed) = len(motion.t), flow.parts
     seen = {name: values[:rows] for name, values in seen.items()}
     singular = _singular(flow, seen, motion, p)
-    note = _where(singular) if singular.size else _near(seen, motion, provenance)
+    note = ""
+    if singular.size:
+        note = _where(singular)
+    elif not guarded and provenance.step is None:
+        note = _near(seen, motion, provenance)
     q, u, udot, driving = (seen[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving"))
     if not (np.isfinite(udot).all() and np.isfinite(driving).all()):
         # The last state before a run broke down may have no acceleration.
@@ -200,11 +212,8 @@ def _singular(flow: Flow, seen: dict[str, Array], motion: Motion, p: Array) -> A
 
 
 def _near(seen: dict[str, Array], motion: Motion, provenance: Provenance) -> str:
-    """What an adaptive run near a singular configuration has to know, or an empty text.
-
-    Fixed steps that meet one are taken again by least squares; the others pass it unguarded.
-    """
-    if provenance.step is not None or "pivot" not in seen:
+    """What a run whose steps pass singular configurations unguarded has to know, or an empty text."""
+    if "pivot" not in seen:
         return ""
     nearest = int(np.argmin(seen["pivot"]))
     if seen["pivot"][nearest] > NEARLY_DEPENDENT:

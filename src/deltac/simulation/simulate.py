@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.calls.arguments import named, unknown_argument
 from deltac.calls.caching import LRUCache
-from deltac.calls.deprecation import renamed_keywords, warn_renamed
-from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.errors import ArgumentsError, InputError, warn_user
+from deltac.errors import warn_user
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, StateLike, opened
+from deltac.mechanism.state import State
 from deltac.simulation.arguments import (
     check_accelerations,
     check_correction,
@@ -39,7 +35,7 @@ from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.equations import Controller, Equations, as_equations, by_hand
 from deltac.simulation.events.run import Eventful, EventRun, check_apart, eventful
-from deltac.simulation.flow import Flow, Keeping, Projection, build_flow, keeping, stabilised
+from deltac.simulation.flow import Flow, Keeping, build_flow, keeping
 from deltac.simulation.recording import (
     RECORD,
     Record,
@@ -57,6 +53,7 @@ from deltac.simulation.solvers import (
     Solver,
     Sundials,
     Taylor,
+    find_solver,
     solver_options,
 )
 from deltac.simulation.step_size.stiffness import explained
@@ -77,12 +74,10 @@ class SimulationStoppedWarning(UserWarning):
     """A run ended before its time; the trajectory holds what was computed."""
 
 
-@renamed_keywords(mechanism="model")
-@interruptible()
 def simulate(
-    model: ModelLike,
-    state: StateLike = None,
-    duration: float | None = None,
+    mechanism: Mechanism,
+    state: State,
+    duration: float,
     step: float | None = None,
     solver: str | Options = "ode5",
     record: Record | Sequence[str] | int = RECORD,
@@ -91,48 +86,8 @@ def simulate(
     controller: Controller | None = None,
     constraints: str | Keeping = "projection",
     progress: Progress | None = None,
-    **renamed: Any,
 ) -> Trajectory:
-    """Simulate a mechanism from a state, and integrate the powers of testing functions with it.
-
-    Args:
-        model: what moves: a Mechanism, a Problem, or what else `load_model` takes. The code that runs is
-            compiled once for all values of the parameters named by `Mechanism.varying`.
-        state: where it starts (`mechanism.state(...)`), or values by name; by default the model's own start.
-        duration: how long, s; by default the problem's.
-        step: of a fixed-step solver, s; it must divide the duration. For the others the spacing of
-            samples; without it they are sampled at their own steps (Taylor, CVODES, IDAS: 200 samples).
-        solver: a name or alias of `solver_names()`, or an object of `deltac.solvers` with options, such as
-            `Scipy("DOP853", tolerance=1e-9)`.
-        record: a `Record`; or just the names of the testing functions, or the number of steps between rows.
-        equations: hand-written equations of motion in place of the mechanism's own: `Equations`, or a
-            function (t, q, u) -> u̇ of the mechanism's coordinates, or (t, y) -> ẏ as SciPy takes it.
-        controller: drives the motors that have no law (`joint_torque` without torque).
-        constraints: how the run stays on its constraints: "projection" of q and u after each step (least
-            in the mass metric), `Projection(energy=True)`, `Baumgarte(alpha, beta)`, or None.
-        progress: called with the fraction done.
-        **renamed: arguments of version 0.1, with a warning that says what to write now.
-
-    Returns:
-        Trajectory with q, u, u̇ of all joints, the forces (channels ``prescribed`` and ``actuator``) that
-        drove it, and the integrals. A run whose state ceases to be finite, or whose implicit step has no
-        solution, stops there with a warning `SimulationStoppedWarning`; the trajectory keeps the rows so far,
-        and its provenance says when and why.
-
-    Raises:
-        InputError: the model or an argument cannot be simulated; raised before anything is computed.
-
-    Warns:
-        EnergyLeftWarning: corrections of the energy could not keep up with what the steps lost.
-        IllConditionedWarning: the accelerations at the start have few digits in double precision, since
-            masses or lengths differ by too many powers of ten.
-        StiffStepWarning: the step is far too large for friction, contact, or the mechanism; it names the time
-            scale.
-    """
-    mechanism, state, duration = opened(model, state, duration)
-    if renamed:
-        solver, record, constraints = _as_before(renamed, solver, record, constraints)
-        mechanism = mechanism.varying(*renamed.get("vary", ()))
+    """Simulate a mechanism from a state: the core of `deltac.simulate`, which says what the arguments are."""
     vary = mechanism.varied
     options = solver_options(solver)
     found, wanted, kept = options.solver, Record.of(record), keeping(constraints)
@@ -144,7 +99,7 @@ def simulate(
     check_correction(kept, found, watching=watching)
     steps = whole_steps(duration, step, every) if found.takes_steps else 0
     check_start(mechanism, state, found, step)
-    rows = constraint_start(mechanism, state, found, equations, kept)
+    rows = constraint_start(mechanism, state, found, kept)
     made = _compiled(
         mechanism,
         found,
@@ -182,8 +137,9 @@ def simulate(
     compiled = flow.traced and controller is None
     stepper = _stepper(made, options, rate, p_run, duration, compiled=compiled)
     careful = None
-    if found.step is not None and compiled and flow.bound is not None and equations is None:
-        careful = CarefulStep(moving, found, p_run)
+    if found.passes_singular and compiled and flow.bound is not None and equations is None:
+        explicit = found if found.step else find_solver("ode5")
+        careful = CarefulStep(moving, explicit, p_run, getattr(options, "tolerance", 0.0))
     loop = Loop(
         stepper,
         rate,
@@ -216,7 +172,7 @@ def simulate(
         message=motion.message,
         **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
     )
-    run = recorded(mechanism, flow, seen, motion, p, provenance)
+    run = recorded(mechanism, flow, seen, motion, p, provenance, guarded=careful is not None)
     if events is None:
         return run
     return with_occurrences(moving, made.observe_events, events.happened, run)
@@ -342,52 +298,3 @@ def _circumstances(
         "held": held,
         "coordinates": {} if coordinates is None else coordinates.to_dict(),
     }
-
-
-def _as_before(
-    old: dict[str, Any],
-    solver: str | Options,
-    record: Record | Sequence[str] | int,
-    constraints: str | Keeping,
-) -> tuple[str | Options, Record, str | Keeping]:
-    """Solver, record and constraints as arguments of version 0.1 say them, each with a warning."""
-    for name in old:
-        if name not in _RENAMED:
-            raise unknown_argument("simulate", name, named(inspect.signature(simulate)))
-        warn_renamed(f"simulate({name}=…)", _RENAMED[name], stacklevel=None)
-    wanted = Record.of(record)
-    wanted = Record(
-        old.get("testing", wanted.testing),
-        old.get("record_every", wanted.every),
-        old.get("coordinates", old.get("speeds", wanted.coordinates)),
-    )
-    solver = solver_options(solver, old.get("tolerance"), old.get("spectral_radius"))
-    if "switches" in old:
-        solver = replace(solver, switches=old["switches"])
-    constraints = stabilised(old["stabilisation"]) if "stabilisation" in old else constraints
-    if old.get("correct") not in (None, "energy"):
-        raise InputError(
-            f"unknown correction {old['correct']!r}; expected 'energy', or None for none"
-        )
-    if old.get("correct") is not None:
-        if constraints not in ("projection", Projection()):
-            raise ArgumentsError(
-                "correct='energy' goes with projection; write constraints=deltac.Projection(energy=True)"
-            )
-        constraints = Projection(energy=True)
-    return solver, wanted, constraints
-
-
-_RENAMED = {
-    "coordinates": "deltac.Record(coordinates=…)",
-    "speeds": "deltac.Record(coordinates=…)",
-    "vary": "Mechanism.varying(…)",
-    "switches": "an option of the solver, such as deltac.solvers.FixedStep('ode5', switches=…)",
-    "testing": "simulate(record=…)",
-    "record_every": "deltac.Record(every=…)",
-    "tolerance": "an option of the solver, such as deltac.solvers.Scipy('DOP853', tolerance=…)",
-    "spectral_radius": "deltac.solvers.GeneralizedAlpha(spectral_radius=…)",
-    "stabilisation": "simulate(constraints=…)",
-    "correct": "simulate(constraints=deltac.Projection(energy=True))",
-}
-"""Arguments of version 0.1, and what to write now; to go in the next release."""

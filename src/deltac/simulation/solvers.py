@@ -39,6 +39,11 @@ class Solver:
         """Whether its steps are all of one length, which the user chooses."""
         return self.family in ("fixed", "implicit")
 
+    @property
+    def passes_singular(self) -> bool:
+        """Whether steps near dependent constraints are taken with multipliers by least squares."""
+        return self.step is not None or self.family in ("adaptive", "scipy")
+
 
 SOLVERS: dict[str, Solver] = {
     solver.name: solver
@@ -217,31 +222,23 @@ class Taylor(Options):
         return "taylor-quad" if self.quad else "taylor"
 
 
-def solver_options(
-    solver: str | Options, tolerance: float | None = None, spectral_radius: float | None = None
-) -> Options:
-    """The solver as an option object, with options that were given beside its name.
+def solver_options(solver: str | Options, tolerance: float | None = None) -> Options:
+    """The solver as an option object, with a tolerance that was given beside its name.
 
-    InputError for an unknown solver, and for an option that it does not have, naming those that do.
+    InputError for an unknown solver, and for a tolerance of one that takes fixed steps.
     """
     if isinstance(solver, Options):
-        if tolerance is not None or spectral_radius is not None:
-            what = "tolerance" if tolerance is not None else "spectral_radius"
-            raise SolverError(f"{what}= was given beside {solver!r}; give it to that object")
+        if tolerance is not None:
+            raise SolverError(f"tolerance= was given beside {solver!r}; give it to that object")
         return solver
     found = find_solver(solver)
-    if spectral_radius is not None and found.name != "generalized-alpha":
-        raise SolverError(
-            f"spectral_radius is {spectral_radius!r}, and solver {found.name!r} has none; leave it out, or "
-            "use deltac.solvers.GeneralizedAlpha(spectral_radius=...)"
-        )
     if tolerance is not None and found.takes_steps:
         raise SolverError(
             f"solver {found.name!r} takes fixed steps and no tolerance; give a smaller step, or use an "
             "adaptive solver such as deltac.solvers.Scipy('DOP853', tolerance=...)"
         )
     if found.name == "generalized-alpha":
-        return GeneralizedAlpha(DEFAULT_RADIUS if spectral_radius is None else spectral_radius)
+        return GeneralizedAlpha(DEFAULT_RADIUS)
     if found.takes_steps:
         return FixedStep(found.name)
     if found.family == "taylor":

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from deltac.errors import WrongType
 from deltac.mechanism.laws import Law, rate, with_values
@@ -30,7 +30,8 @@ class MechanismNames:
 
     `motors`: the channel of the motor that acts on a speed, by the speed's name. `bodies`: the body that a
     joint of one coordinate carries, by the coordinate's name. `laws`: those of t of prescribed joints, by the
-    columns ``q.<coordinate>`` and ``u.<speed>``.
+    columns ``q.<coordinate>`` and ``u.<speed>``. `branches`: whether a body carries more than one joint that
+    moves, so that joints in a row have more than one natural order.
     """
 
     coordinates: Mapping[str, str]
@@ -38,19 +39,24 @@ class MechanismNames:
     motors: Mapping[str, str] = field(default_factory=dict)
     bodies: Mapping[str, str] = field(default_factory=dict)
     laws: Mapping[str, Law] = field(default_factory=dict)
+    branches: bool = False
 
     @classmethod
-    def of(cls, mechanism: Mechanism | MechanismNames) -> MechanismNames:
-        """The names and units of a mechanism's coordinates and speeds."""
-        if isinstance(mechanism, MechanismNames):
-            return mechanism
+    def of(cls, model: Any) -> MechanismNames:
+        """The names and units of a mechanism's coordinates and speeds, or of the mechanism that `model` has.
+
+        Raises WrongType where it has none.
+        """
+        if isinstance(model, MechanismNames):
+            return model
         from deltac.mechanism.mechanism import Mechanism
 
+        mechanism = getattr(model, "mechanism", model)
         if not isinstance(mechanism, Mechanism):
             raise WrongType(
-                f"mechanism_names: found {type(mechanism).__name__}, expected a Mechanism; "
-                "deltac.load_model(…).mechanism is that of a file. The order of arguments is "
-                "read_trajectory(log, mapping, mechanism)"
+                f"model: found {type(model).__name__}, expected a Mechanism; "
+                "deltac.load_model(…) reads that of a file. The order of arguments is "
+                "read_trajectory(log, mapping, model)"
             )
         from deltac.mechanism.forces import JointTorque
 
@@ -69,7 +75,17 @@ class MechanismNames:
                 if joint.name in mechanism.coordinates.names
             },
             dict(_laws(mechanism)),
+            _branches(mechanism),
         )
+
+
+def _branches(mechanism: Mechanism) -> bool:
+    """Whether joints that move fork somewhere; bodies that are fixed to each other are one."""
+    fixed = {joint.child: joint.parent for joint in mechanism.joints if joint.kind == "fixed"}
+    carriers = [joint.parent for joint in mechanism.joints if joint.child not in fixed]
+    while any(body in fixed for body in carriers):
+        carriers = [fixed.get(body, body) for body in carriers]
+    return len(set(carriers)) < len(carriers)
 
 
 def _laws(mechanism: Mechanism) -> Iterator[tuple[str, Law]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,14 +21,13 @@ from deltac import rotations
 from deltac.calls.arguments import checked
 from deltac.errors import LogError, WrongType
 from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
-from deltac.trajectories.rates import rotation_vectors
+from deltac.trajectories.motion import Fit, Movement
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
-    from deltac.mechanism.mechanism import Mechanism
+    pass
 
 _DEGREE = math.pi / 180.0
-_FIT, _CLOSE = 0.98, 0.02
 _SURE = 0.999  # for a ratio that no unit explains
 _GAP = 5.0  # times the wider of the neighbouring intervals
 MANY, STRETCHES = 20_000, 8
@@ -73,39 +72,17 @@ class Suspicion:
     reorder: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """Δq = ratio · ∫u dt; `correlation` 1 where that holds exactly, 0 where nothing moves."""
-
-    ratio: float
-    correlation: float
-
-    @property
-    def good(self) -> bool:
-        return abs(self.correlation) >= _FIT
-
-    def near(self, value: float) -> bool:
-        return self.good and abs(self.ratio / value - 1.0) <= _CLOSE
-
-    def beats(self, usual: _Fit) -> bool:
-        """Whether this reading fits where the usual one does not, and by far better."""
-        misfit, usual_misfit = 1.0 - abs(self.correlation), 1.0 - abs(usual.correlation)
-        return self.good and not usual.good and misfit < 0.2 * usual_misfit
-
-
 @checked
-def suspicions(
-    run: Trajectory, mechanism_names: MechanismNames | Mechanism | None = None
-) -> list[Suspicion]:
+def suspicions(run: Trajectory, model: Any = None) -> list[Suspicion]:
     """What seems wrong with the units, quaternions and times of a run; empty if nothing does.
 
-    `mechanism_names` distinguishes angles from lengths; without it both are considered.
+    `model` distinguishes angles from lengths; without it both are considered.
     """
     if not isinstance(run, Trajectory):
         raise WrongType(
             f"run: found {type(run).__name__}, expected a Trajectory; deltac.read_trajectory(…) reads a file"
         )
-    names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
+    names = None if model is None else MechanismNames.of(model)
     found = list(_gaps(run.t))
     if len(run) < 4 or "u" in run.provenance.derived:
         return found  # u was derived from q: they agree by construction
@@ -169,30 +146,18 @@ def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:
 # -- coordinates and their rates -----------------------------------------------------------------
 
 
-def _fits(run: Trajectory, pairs: Sequence[tuple[int, int]]) -> dict[tuple[int, int], _Fit]:
+def _fits(run: Trajectory, pairs: Sequence[tuple[int, int]]) -> dict[tuple[int, int], Fit]:
     """The fit of each coordinate to its speed, by their places."""
     if not pairs:
         return {}
-    near = ~_wide(run.t)
     places, rates = (list(of) for of in zip(*pairs))
-    u = run.u[:, rates]
-    told = 0.5 * np.diff(run.t)[:, None] * (u[1:] + u[:-1])
-    columns = (np.ascontiguousarray(x[near].T) for x in (np.diff(run.q[:, places], axis=0), told))
-    return {pair: _fit(*both) for pair, *both in zip(pairs, *columns)}
-
-
-def _fit(moved: FloatArray, told: FloatArray) -> _Fit:
-    """Least squares of `moved` on `told`, each scaled first, so that no square under- or overflows."""
-    a, b = (float(np.max(np.abs(x), initial=0.0)) for x in (moved, told))
-    if not (a > 0.0 and b > 0.0):
-        return _Fit(0.0, 0.0)
-    x, y = (told / b).ravel(), (moved / a).ravel()
-    xy, xx, yy = float(x @ y), float(x @ x), float(y @ y)
-    return _Fit(xy / xx * (a / b), xy / math.sqrt(xx * yy))
+    near = ~_wide(run.t)
+    movement = Movement.of(run.t, run.q[:, places], run.u[:, rates]).among(near)
+    return {pair: movement.column(k).fit() for k, pair in enumerate(pairs)}
 
 
 def _of_rate(
-    run: Trajectory, names: MechanismNames | None, i: int, j: int, fit: _Fit
+    run: Trajectory, names: MechanismNames | None, i: int, j: int, fit: Fit
 ) -> Iterator[Suspicion]:
     if not fit.good or fit.near(1.0):
         return
@@ -221,7 +186,7 @@ def _of_rate(
 def _time(
     run: Trajectory,
     names: MechanismNames | None,
-    fits: Mapping[tuple[int, int], _Fit],
+    fits: Mapping[tuple[int, int], Fit],
     value: float,
     unit: str,
     turning: bool,
@@ -241,7 +206,7 @@ def _wide_swings(
     run: Trajectory,
     names: MechanismNames | None,
     kinematics: Kinematics,
-    fits: Mapping[tuple[int, int], _Fit],
+    fits: Mapping[tuple[int, int], Fit],
     reaches: FloatArray,
     other: bool,
 ) -> list[Suspicion]:
@@ -282,17 +247,16 @@ class _Turning:
     """A joint with a quaternion: the reading of it that fits best, and what that means."""
 
     joint: str
-    fit: _Fit
+    fit: Fit
     rotation: FloatArray  # (T, 3, 3), by the reading that fits
     suspicions: tuple[Suspicion, ...]
 
 
 def _turning(run: Trajectory, joint: str, i: int, j: int) -> _Turning:
-    near = ~_wide(run.t)
-    told = 0.5 * np.diff(run.t)[:, None] * (run.u[1:, j : j + 3] + run.u[:-1, j : j + 3])
+    near, w = ~_wide(run.t), run.u[:, j : j + 3]
     stored = run.q[:, i : i + 4]
     readings = [
-        (_fit(rotation_vectors(p, frame)[near], told[near]), order, frame, p)
+        (Movement.turning(run.t, p, w, frame).among(near).fit(), order, frame, p)
         for order, p in (("wxyz", stored), ("xyzw", stored[:, [3, 0, 1, 2]]))
         for frame in ("body", "world")
     ]
@@ -302,7 +266,7 @@ def _turning(run: Trajectory, joint: str, i: int, j: int) -> _Turning:
     return _Turning(joint, fit, rotations.matrices(p), found)
 
 
-def _of_turning(joint: str, fit: _Fit, order: str, frame: str) -> Iterator[Suspicion]:
+def _of_turning(joint: str, fit: Fit, order: str, frame: str) -> Iterator[Suspicion]:
     how = f"{joint!r}: the quaternion turns as the angular velocity says (correlation "
     how += f"{abs(fit.correlation):.4f}) only "
     if order == "xyzw":
@@ -325,7 +289,7 @@ def _of_turning(joint: str, fit: _Fit, order: str, frame: str) -> Iterator[Suspi
             "store the angular velocity in body components",
         )
     speeds = [f"u.{joint}.w{axis}" for axis in "xyz"]
-    size = _Fit(abs(fit.ratio), fit.correlation)
+    size = Fit(abs(fit.ratio), fit.correlation)
     told = f"{joint!r} turns by {fit.ratio:.4g} times what its angular velocity says"
     known = [item for ratio, item in _ANGLES.items() if item[1] == "u" and size.near(ratio)]
     for kind, _, factor, text in known:
@@ -348,11 +312,8 @@ def _velocity_frame(run: Trajectory, turn: _Turning) -> Iterator[Suspicion]:
     x = np.column_stack([run.coordinate(name) for name in parts])
     v = np.column_stack([run.speed(name) for name in speeds])
     near = ~_wide(run.t)
-    h = np.diff(run.t)[near, None]
-    moved = np.diff(x, axis=0)[near]
-    as_stored = _fit(moved, 0.5 * h * (v[1:] + v[:-1])[near])
     turned = np.einsum("tij,tj->ti", turn.rotation, v)
-    as_body = _fit(moved, 0.5 * h * (turned[1:] + turned[:-1])[near])
+    as_stored, as_body = (Movement.of(run.t, x, u).among(near).fit() for u in (v, turned))
     if as_body.near(1.0) and as_body.beats(as_stored):
         yield Suspicion(
             "velocity frame",

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import json
 import math
 import operator
 import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -20,6 +17,7 @@ import numpy.typing as npt
 
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
+from deltac.calls.services import service
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
@@ -49,6 +47,7 @@ class Provenance:
     simulator  "deltac", or the name of the program that wrote the log
     solver     the solver's name, if known
     step       fixed step of the solver, s (not the spacing of the samples, which may be wider)
+    order      nominal order of the solver in the state, for smooth forces
     tolerance  relative tolerance of an adaptive solver
     model      name of the model
     model_hash fingerprint of the model, to tell whether a ledger uses the same one
@@ -60,15 +59,17 @@ class Provenance:
     corrected  what the solver corrected after each step: "energy"
     singular   where the constraints were dependent, in words
     held       channels whose forces were constant over each step; None where nobody said
+    inputs     "held" where controls and applied forces were set before each step and kept over it, so that
+               what they act through may jump from row to row
     stage      of which instant accelerations and forces are, in words of a recorder
     looked_for kinds of channels that a recorder logs where they act; `acted`: channels that did
     strengths  channel of an actuator -> its generalized force at unit control, by speed
     derived    "u", "udot": what was derived from the other columns -> largest error by speed
     converted  columns that a reader converted, with their units; `ignored`: those it did not use
+    reading    what columns of a foreign log were read as, and because of what, in one line
+    guessed    what of that the log does not declare, and the motion decided; an audit is less sure of it
     repairs    slips of the log that were undone, such as "degrees"
     notes      anything else worth keeping, text by text
-
-    What logs of schema version 1 and 2 have of these is among their notes, and is put in its place.
 
     Raises InputError for a value of the wrong type or an impossible step or tolerance.
     """
@@ -76,6 +77,7 @@ class Provenance:
     simulator: str
     solver: str | None = None
     step: float | None = None
+    order: int | None = None
     tolerance: float | None = None
     model: str | None = None
     model_hash: str | None = None
@@ -87,6 +89,7 @@ class Provenance:
     corrected: str = ""
     singular: str = ""
     held: tuple[str, ...] | None = None
+    inputs: str = ""
     stage: str = ""
     looked_for: tuple[str, ...] = ()
     acted: tuple[str, ...] = ()
@@ -94,6 +97,8 @@ class Provenance:
     derived: Mapping[str, Mapping[str, float]] = field(default_factory=dict, hash=False)
     converted: tuple[str, ...] = ()
     ignored: tuple[str, ...] = ()
+    reading: str = ""
+    guessed: tuple[str, ...] = ()
     repairs: tuple[str, ...] = ()
     notes: Mapping[str, str] = field(default_factory=dict, hash=False)
 
@@ -114,12 +119,13 @@ class Provenance:
             raise _unfit("notes", self.notes, "a mapping of text to text")
         _set(self, "completed", bool(self.completed))
         _set(self, "step", _positive("step", self.step, zero=False))
+        if self.order is not None and not (isinstance(self.order, int) and self.order >= 1):
+            raise _unfit("order", self.order, "a whole number, 1 or more, or None")
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
-        _take_from_notes(self)
-        for name in ("ended", "equations", "corrected", "singular", "stage"):
+        for name in ("ended", "equations", "corrected", "singular", "inputs", "stage", "reading"):
             if not isinstance(getattr(self, name), str):
                 raise _unfit(name, getattr(self, name), "text")
-        for name in ("held", "looked_for", "acted", "converted", "ignored", "repairs"):
+        for name in ("held", "looked_for", "acted", "converted", "ignored", "guessed", "repairs"):
             values = getattr(self, name)
             if values is None and name == "held":
                 continue
@@ -148,8 +154,9 @@ class Trajectory(Shown, Once):
     udot        (T, nu) time derivatives of the speeds, or None when not known
     forces      channel -> (T, nu) generalized force (N, N·m); its power, the product with u, is
                 positive when it adds energy to the system
-    works       channel -> (T,) work that it did on the system, J, integrated in the loop by the solver,
-                from the first row on; that of impulses is told by `events`
+    works       channel -> (T,) work that it did on the system, J, integrated in the loop by the solver, or
+                by a recorder at the stages of the solver, from the first row on; that of impulses is told
+                by `events`
     integrals   testing function -> (T,) integral over time of its power P, J, taken in the loop
                 by the solver, from the first row on
     provenance  who made it
@@ -335,7 +342,7 @@ class Trajectory(Shown, Once):
         The sign is that of M u̇ + h = f + Gᵀλ; rows that follow from others have none. Gᵀλ itself is in
         `forces`, as ``constraint <name>``.
         """
-        found = import_module("deltac.analysis.evaluate").evaluate(self._known("multipliers"), self)
+        found = service("evaluate")(self._known("multipliers"), self)
         names = dict.fromkeys(found.rows)
         return MappingProxyType(
             {
@@ -346,7 +353,7 @@ class Trajectory(Shown, Once):
 
     def _kinematics(self) -> Any:
         mechanism = self._known("kinematics")
-        return import_module("deltac.analysis.kinematics").kinematics(mechanism, self)
+        return service("kinematics")(mechanism, self)
 
     def _known(self, what: str) -> Mechanism:
         if self.mechanism is None:
@@ -469,9 +476,7 @@ class Trajectory(Shown, Once):
             InputError: states of another size, or of which no usual order makes sense; the message has the
                 names for `order`.
         """
-        from importlib import import_module
-
-        made: Trajectory = import_module("deltac.recorders.state_vectors").trajectory_of_states(
+        made: Trajectory = service("trajectory_of_states")(
             result,
             model,
             order=order,
@@ -485,49 +490,11 @@ class Trajectory(Shown, Once):
         """A polars DataFrame with the columns of the log schema (see `schema`)."""
         import polars
 
-        from deltac.trajectories.formats.schema import to_columns
-
-        return polars.DataFrame(to_columns(self))
+        return polars.DataFrame(service("to_columns")(self))
 
     def write(self, path: str | Path) -> None:
-        """Write a `.parquet` or `.csv` log; see `files.write_trajectory`."""
-        from deltac.trajectories.formats.files import write_trajectory
-
-        write_trajectory(self, path)
-
-
-def _take_from_notes(provenance: Provenance) -> None:
-    """Put the notes of older logs in their places; text that is none of theirs stays a note."""
-    if not provenance.notes:
-        return
-    notes = dict(provenance.notes)
-    for name in ("ended", "equations", "singular", "stage"):
-        if name in notes and not getattr(provenance, name):
-            _set(provenance, name, notes.pop(name))
-    for name in ("held", "looked_for", "acted", "converted", "ignored"):
-        if name in notes and not getattr(provenance, name):
-            _set(provenance, name, tuple(filter(None, notes.pop(name).split(";"))))
-    # One key had two meanings: what a solver corrects, and what a reader put right.
-    for text in filter(None, notes.pop("corrected", "").split(";")):
-        if text == "energy":
-            _set(provenance, "corrected", text)
-        else:
-            _set(provenance, "repairs", (*provenance.repairs, text))
-    with contextlib.suppress(ValueError, TypeError, AttributeError):  # notes of somebody else's
-        strengths = json.loads(notes.get("strengths", "{}"))
-        found = {str(n): [float(x) for x in values] for n, values in strengths.items()}
-        _set(provenance, "strengths", {**found, **provenance.strengths})
-        notes.pop("strengths", None)
-    with contextlib.suppress(ValueError, TypeError, AttributeError):
-        errors = json.loads(notes.get("derived_error", "{}"))
-        names = filter(None, notes.get("derived", "").split(";"))
-        _set(
-            provenance,
-            "derived",
-            {n: dict(errors.get(n, {})) for n in names} | {**provenance.derived},
-        )
-        notes.pop("derived", None), notes.pop("derived_error", None)
-    _set(provenance, "notes", notes)
+        """Write a `.parquet` or `.csv` log; see `deltac.write_trajectory`."""
+        service("write_trajectory")(self, path)
 
 
 def as_numbers(label: str, values: Any) -> FloatArray:

@@ -10,7 +10,6 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
-from deltac.calls.deprecation import RenamedAttribute
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Deadline, Parts, Progress, untold
 from deltac.diagnosis.audit import checks
@@ -100,9 +99,6 @@ class Audit(
     tolerance: float
     step: OneStep | None = None
     strict: bool = False
-
-    left_over = RenamedAttribute("energy_error")
-    turnover = RenamedAttribute("energy_exchanged")
 
     @property
     def one_step(self) -> dict[str, Any] | None:

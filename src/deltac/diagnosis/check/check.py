@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Parts, Progress, untold
 from deltac.diagnosis.check.example import Example, simplest_failure
@@ -193,7 +193,7 @@ SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
 """Of the time that each part of a check takes, roughly."""
 
 
-@renamed_keywords(mechanism="model", rhs="equations")
+@checked
 @interruptible()
 def check_equations(
     model: ModelLike,

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.matching import Match, explain_residual
 from deltac.diagnosis.residuals.at_states import EquationTest
@@ -19,8 +19,9 @@ from deltac.diagnosis.verdict import percent
 from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
-from deltac.energy import residuals
+from deltac.energy import Ledger, balance, residuals
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.results import Report
 from deltac.trajectories import Trajectory
@@ -30,6 +31,8 @@ MOST_ROWS = 1000
 
 HOLDS = 1e-6
 """A relative residual below this is no departure: constraint solvers and files stop there."""
+
+EXCHANGED = "the momentum exchanged"
 
 BULK = 0.8
 """Share of a residual that the told part of the motion holds."""
@@ -53,8 +56,9 @@ class BodyPower:
 class Departure:
     """One equation that a motion does not obey: where, when, by what.
 
-    `relative`: root mean square of F_r + F*_r as a fraction of the equation's terms; `span` (s) holds most
-    of it; `terms`: what it consists of, if that could be told.
+    `relative`: root mean square of F_r + F*_r as a fraction of the equation's terms, or without accelerations
+    the largest |ΔP_r| as a fraction of the momentum exchanged (`scale` says which); `span` (s) holds most of
+    it; `terms`: what it consists of, if that could be told.
     """
 
     speed: str
@@ -62,12 +66,13 @@ class Departure:
     relative: float
     span: tuple[float, float]
     terms: tuple[Match, ...]
+    scale: str = "its terms"
 
     def __str__(self) -> str:
         start, end = self.span
         said = [
-            f"equation {self.number} ({self.speed}) is off by {percent(self.relative)} of its terms, mostly "
-            f"from t = {start:.4g} to {end:.4g} s"
+            f"equation {self.number} ({self.speed}) is off by {percent(self.relative)} of {self.scale}, "
+            f"mostly from t = {start:.4g} to {end:.4g} s"
         ]
         if self.terms:
             said.append(" and ".join(map(str, self.terms)))
@@ -80,10 +85,11 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
 
     Attributes:
         t: times (T,), s.
-        speeds: names of the (own) speeds; `residual`: F_r + F*_r of each (T, n), N or N·m.
+        speeds: names of the (own) speeds; `residual`: F_r + F*_r of each (T, n), N or N·m; without
+            accelerations what changes ΔP_r between the rows.
         joints: power that each joint takes beyond what the model's forces supply (T,), W: −Σ u_r (F_r + F*_r)
             over its speeds. Zero where the motion obeys the model.
-        bodies: the power balance of each body, joint reactions included.
+        bodies: the power balance of each body, joint reactions included; none without accelerations.
         departures: the equations that do not hold, the worst first.
     """
 
@@ -125,28 +131,32 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
             yield f"Power that the model does not supply, at most: {told}."
 
 
-@renamed_keywords(mechanism="model")
+@checked
 @interruptible()
 def localise(
     model: ModelLike, run: Trajectory, *, coordinates: CoordinateMap | None = None
 ) -> Localisation:
     """Find where a motion departs from a model: in which equation and joint, when, and by which term.
 
-    Nothing is integrated. The run needs accelerations. Forces that it holds take the place of the model's.
+    With accelerations nothing is integrated. A run without any is told by the momentum functions ΔP_r, which
+    name the equation and not the term, and see the integrator's error too. Forces that the run holds take the
+    place of the model's.
 
     Args:
         model: a Mechanism, a Problem, or what else `load_model` takes.
-        run: the motion, at least two samples with u̇.
+        run: the motion, at least two samples.
         coordinates: own coordinates and speeds, in which the equations are told; the map's inverse must be
             known. By default the mechanism's own.
 
     Raises:
-        InputError: a run that is not the mechanism's, has no u̇, or a map without inverse.
+        InputError: a run that is not the mechanism's, or a map without inverse.
     """
     mechanism = load_model(model).mechanism
+    if isinstance(run, Trajectory) and run.udot is None:
+        return _by_momenta(mechanism, run, coordinates)
     rows = some_rows(run, MOST_ROWS)
     found = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
-    assert run.udot is not None  # residuals would have refused
+    assert run.udot is not None
     kane = Kane(mechanism, coordinates)
     states = states_along(kane, run, rows)
     test = EquationTest(kane, states, strict=False)
@@ -169,6 +179,33 @@ def localise(
         bodies=_bodies(kane, t, q, u, udot),
         departures=_departures(test, own, own_udot),
     )
+
+
+def _by_momenta(
+    mechanism: Mechanism, run: Trajectory, coordinates: CoordinateMap | None
+) -> Localisation:
+    """The same without accelerations, by what changes ΔP_r."""
+    rows = some_rows(run, MOST_ROWS)
+    t = run.t[rows]
+
+    def forces(ledger: Ledger) -> dict[str, Array]:
+        return {n: -np.gradient(delta[rows], t) for n, delta in ledger.delta_p.items()}
+
+    ledger = own = balance(mechanism, run, "samples", ("momentum",))
+    if coordinates is not None:
+        own = balance(mechanism, run, "samples", ("momentum",), coordinates=coordinates)
+    joints: dict[str, Array] = {}
+    for index, force in zip(mechanism.free.u, forces(ledger).values()):
+        joint = mechanism.speeds[int(index)].joint
+        joints[joint] = joints.get(joint, 0.0) - run.u[rows, int(index)] * force
+    residual, departures = forces(own), []
+    for k, (name, size) in enumerate(own.momenta().items()):
+        if size["delta_p"] > size["error_bar"] and size["relative"] > HOLDS:
+            span = _span(t, residual[name])
+            departures.append(Departure(name, k + 1, size["relative"], span, (), EXCHANGED))
+    departures.sort(key=lambda departure: -departure.relative)
+    names, columns = tuple(residual), np.array([*residual.values()]).T
+    return Localisation(t, names, columns, joints, {}, tuple(departures))
 
 
 def _departures(test: EquationTest, residual: Array, udot: Array) -> tuple[Departure, ...]:

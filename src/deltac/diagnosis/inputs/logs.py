@@ -283,7 +283,7 @@ def held_between_rows(log: Log) -> float:
     Held over a step h a force is on average h/2 older than one that is interpolated: ∫ (h/2) ḟᵀu dt.
     """
     run, step = log.run, log.run.provenance.step
-    if step is None or np.median(np.diff(log.consecutive.t)) < 1.01 * step:
+    if run.works or step is None or np.median(np.diff(log.consecutive.t)) < 1.01 * step:
         return 0.0
     held = [run.forces[n] for n in run.provenance.held or () if n in run.forces]
     mean = 0.5 * (run.u[1:] + run.u[:-1])
@@ -295,7 +295,13 @@ def work_of(run: Trajectory) -> str | None:
     """How an engine's own scheme takes the work, where the log tells; else what `balance` chooses."""
     step = run.provenance.step
     held = set(run.provenance.held or ())
-    if run.integrals or not run.forces or step is None or not held.issuperset(run.forces):
+    if (
+        run.integrals
+        or run.works
+        or not run.forces
+        or step is None
+        or not held.issuperset(run.forces)
+    ):
         return None
     every_step = np.allclose(np.diff(run.t), step, rtol=1e-6, atol=0.0)
     return "discrete" if every_step else None

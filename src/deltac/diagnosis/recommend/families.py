@@ -12,9 +12,9 @@ import numpy as np
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, Piece
 from deltac.diagnosis.study.simulators import MUJOCO, SimulationOptions
 from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
+from deltac.importers.files import with_base
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.models import with_base
 from deltac.simulation.equations import Controller
 from deltac.simulation.recording import Record
 from deltac.simulation.simulate import simulate

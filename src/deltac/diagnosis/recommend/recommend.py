@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Unpack
 
-from deltac.calls.deprecation import renamed_keywords
+from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.channels import not_simulated
@@ -48,7 +48,7 @@ SAFETY = 1.1
 """Margin on a step that an order predicts, so that the next trial seldom has to be repeated."""
 
 
-@renamed_keywords(control="controller")
+@checked
 @interruptible()
 def recommend(
     model: ModelLike,

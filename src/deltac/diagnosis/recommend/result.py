@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from deltac.calls.deprecation import RenamedAttribute
 from deltac.diagnosis.inputs.channels import told
 from deltac.diagnosis.recommend.work_precision import Trial
 from deltac.results import Report, Section, Table, number, percent
@@ -62,8 +61,6 @@ class Recommendation(
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
     import_report: ImportReport | None = None
-
-    turnover = RenamedAttribute("energy_exchanged")
 
     @property
     def imported(self) -> dict[str, tuple[str, ...]]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
-from deltac.calls.deprecation import renamed_keywords
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternions
@@ -117,7 +116,7 @@ class Scales:
         return self.lever * self.rate
 
 
-@renamed_keywords(mechanism="model")
+@checked
 def random_states(
     model: ModelLike,
     coordinates: CoordinateMap | None = None,

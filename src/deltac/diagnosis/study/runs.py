@@ -12,7 +12,6 @@ from typing import TypeAlias
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.calls.deprecation import RenamedAttribute
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
 from deltac.diagnosis.measurements.digits import resolution
@@ -85,8 +84,6 @@ class StudyRun:
     failure: str = ""
     findings: tuple[Finding, ...] = ()
     stiff: str = ""
-
-    left_over = RenamedAttribute("energy_error")
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.calls.deprecation import RenamedAttribute, renamed_keywords, warn_renamed
+from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
@@ -47,9 +47,8 @@ from deltac.errors import ArgumentsError, InputError, SolverError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Section, Table, number, percent
-from deltac.simulation.flow import stabilised
 from deltac.simulation.solvers import Options, solver_options
-from deltac.trajectories import Trajectory, read_trajectory
+from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
     from deltac.importers.report import ImportReport
@@ -103,8 +102,6 @@ class Study(
     def horizon(self) -> float:
         """The time (s) up to which motions at successive steps stay together."""
         return self.comparison.horizon
-
-    turnover = RenamedAttribute("energy_exchanged")
 
     @property
     def energy_exchanged(self) -> float:
@@ -389,7 +386,7 @@ TOLERANCE = 1e-6
 """Energy error that is accepted by default, as a fraction of the energy exchanged."""
 
 
-@renamed_keywords(control="controller", simulator="runs", logs="runs", testing="record")
+@checked
 @interruptible()
 def study(
     model: ModelLike,
@@ -434,9 +431,7 @@ def study(
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     loaded = load_model(model)
-    given: dict[str, Any] = {**simulation}
-    solver, steps, runs = _as_before(given, solver, steps, runs, loaded)
-    options = handed_on(study, given)
+    options = handed_on(study, simulation)
     findings: list[Finding] = []
     unit = "s"
     if runs is not None and (solver is not None or options):
@@ -521,49 +516,3 @@ def _default_solver(loaded: Model) -> Options:
 def _tells_tolerance(run: Trajectory) -> bool:
     """Whether it is the tolerance, and not the step, that a run tells of itself."""
     return run.provenance.step is None and bool(run.provenance.tolerance)
-
-
-def _as_before(
-    old: dict[str, Any],
-    solver: str | Options | Sequence[Options] | None,
-    steps: Sequence[float] | None,
-    runs: Simulator | Sequence[Trajectory | str | Path] | None,
-    loaded: Model,
-) -> tuple[
-    str | Options | Sequence[Options] | None,
-    Sequence[float] | None,
-    Simulator | Sequence[Trajectory | str | Path] | None,
-]:
-    """Solver, steps and runs as arguments of version 0.1 say them, which leave `old`; each with a warning."""
-    if "stabilisation" in old:
-        warn_renamed("study(stabilisation=…)", "study(constraints=…)", stacklevel=None)
-        old["constraints"] = stabilised(old.pop("stabilisation"))
-    if "mapping" in old:
-        write = "runs=[deltac.read_trajectory(log, mapping, mechanism) for log in …]"
-        warn_renamed("study(mapping=…)", "study(runs=…)", write=write, stacklevel=None)
-        mapping = old.pop("mapping")
-        if runs is not None and not callable(runs):
-            runs = [
-                read_trajectory(Path(run), mapping, loaded.mechanism)
-                if isinstance(run, str | Path)
-                else run
-                for run in runs
-            ]
-    if "tolerances" in old:
-        write = "solver=[deltac.solvers.Scipy('DOP853', tolerance=t) for t in …]"
-        warn_renamed("study(tolerances=…)", "study(solver=…)", write=write, stacklevel=None)
-        tolerances = old.pop("tolerances")
-        if tolerances is not None and steps is not None:
-            raise ArgumentsError("give steps= or tolerances=, not both")
-        if tolerances is not None and runs is not None:
-            steps = tolerances
-        elif tolerances is not None:
-            solver = "DOP853" if solver is None else solver
-            assert isinstance(solver, str | Options)
-            options = solver_options(solver)
-            if options.solver.takes_steps:
-                raise SolverError(
-                    f"solver {options.solver.name!r} takes fixed steps: give steps= in place of tolerances="
-                )
-            solver = [options.with_tolerance(t) for t in tolerances]
-    return solver, steps, runs

@@ -180,13 +180,15 @@ def _cumulated(parts: Array) -> Array:
 class Jumps:
     """What the impulses of a run's events come to, cumulated at its rows (T,): J, and kg·m/s or kg·m²/s.
 
-    `work` by channel, `functions` what flows into E of each testing function, `momentum` by balance;
-    `exchanged` is the sum of all |work|.
+    `work` by channel, `functions` what flows into E of each testing function, `momentum` by balance,
+    `speeds` the generalized impulses (T, n) on the free (or own) speeds; `exchanged` is the sum of all
+    |work|.
     """
 
     work: ByChannel
     functions: Mapping[str, Array]
     momentum: Mapping[str, Array]
+    speeds: Array
     exchanged: float
 
 
@@ -201,13 +203,17 @@ def jumps(
     """Works of the impulses up to times `t`."""
     events = [event for event in rows.events if event.impulses]
     if not events:
-        return Jumps({}, {}, {}, 0.0)
+        return Jumps({}, {}, {}, np.zeros((len(t), 0)), 0.0)
     impulses = Impulses.symbols(len(system.mechanism.speeds))
     own = trace_split(system, speeds, None if constrained is None else constrained.rows)
     known = impulse_terms(system, impulses, own, constrained)
     balances = momentum_balances(system)
     outputs = [function.P(known) for function in functions]
     outputs += [ca.dot(balance.alpha, impulses.contact) for balance in balances]
+    impulse = (impulses.contact + impulses.driving + impulses.constraint)[system.free_u, :]
+    if own is not None:
+        impulse = ca.mtimes(ca.substitute(own.Y, own.own_q, own.own_state(system)[0]).T, impulse)
+    outputs.append(impulse)
     inputs = [system.t, system.q, system.u, *impulses.columns().values()]
     f = ca.Function("jumps", inputs, [ca.vertcat(ca.SX(0, 1), *outputs)])
     free = system.mechanism.free
@@ -241,6 +247,7 @@ def jumps(
         {channel: cumulated(values) for channel, values in works.items()},
         {g.name: cumulated(found[:, k]) for k, g in enumerate(functions)},
         {b.name: cumulated(found[:, len(functions) + k]) for k, b in enumerate(balances)},
+        np.array([cumulated(f) for f in found.T[len(functions) + len(balances) :]]).T,
         float(sum(np.abs(values).sum() for values in works.values())),
     )
 

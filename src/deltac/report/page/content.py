@@ -47,6 +47,7 @@ from deltac.report.panels import (
     energy_plots,
     flows_of,
     fronts,
+    momentum_functions,
     motions,
     named,
     orders,
@@ -206,6 +207,7 @@ def _(report: Study, beside: Beside) -> Page:
 def _(report: Ledger, beside: Beside) -> Page:
     worst = next((n for n in ("wang", "liu-huston") if n in report.delta_c), None)
     plots: list[Part] = [] if worst is None else [all_functions(report)]
+    plots += [momentum_functions(report)] if report.delta_p else []
     flows = () if worst is None else (flows_of(report, worst),)
     return Page(
         title="Ledger" if beside.mechanism is None else beside.mechanism.name,

@@ -9,8 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import ASSEMBLED, Array
-from deltac.calls.deprecation import renamed_keywords
-from deltac.calls.interrupts import interruptible
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import equations_of_motion
@@ -19,7 +17,6 @@ from deltac.errors import InputError, StateError, UnknownName, closest
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.models import ModelLike, StateLike, load_model
 
 
 @dataclass(frozen=True)
@@ -39,26 +36,8 @@ class Assembly:
     moved: float
 
 
-@renamed_keywords(mechanism="model")
-@interruptible()
-def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] = ()) -> Assembly:
-    """Find coordinates and speeds near a guess that satisfy every constraint.
-
-    Args:
-        model: with constraints: a Mechanism, a Problem, or what else `load_model` takes.
-        guess: an approximate state, or values by name; its time is kept. By default the model's own start.
-        pinned: names of coordinates and speeds that keep the values of the guess.
-
-    Returns:
-        The assembly. Its state is near the guess: it is found by damped Newton steps of least norm in the
-        mass metric.
-
-    Raises:
-        InputError: an unknown pinned name, or constraints that cannot be satisfied; the message names the
-            worst constraint and its residual.
-    """
-    loaded = load_model(model)
-    mechanism, guess = loaded.mechanism, loaded.start(guess)
+def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -> Assembly:
+    """Find a state near a guess that satisfies every constraint: the core of `deltac.assemble`."""
     q_free = [mechanism.coordinates[int(i)].name for i in mechanism.free.q]
     u_free = [mechanism.speeds[int(i)].name for i in mechanism.free.u]
     for name in pinned:

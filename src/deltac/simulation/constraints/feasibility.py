@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
@@ -14,7 +15,6 @@ from deltac.dynamics.independence import Independence, independence
 from deltac.errors import ModelError, SolverError, StateError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.simulation.equations import Equations
 from deltac.simulation.flow import Baumgarte, Keeping, Projection, keeping
 from deltac.simulation.solvers import Solver
 
@@ -35,7 +35,6 @@ def constraint_start(
     mechanism: Mechanism,
     state: State,
     solver: Solver,
-    equations: Equations | None,
     constraints: str | Keeping,
     vary: Sequence[str] = (),
     p: Array = NONE,
@@ -73,9 +72,10 @@ def constraint_start(
             "Where it should follow from the others, deltac.assemble(mechanism, state) makes the state "
             "exact; else move it away from them"
         )
-    if found.freedom == 0 and equations is None:
+    if found.freedom == 0 and not driven(motion):
         raise ModelError(
-            f"the constraints leave mechanism {mechanism.name!r} no degree of freedom; it cannot move"
+            f"the constraints leave mechanism {mechanism.name!r} no degree of freedom, and nothing drives "
+            "it: it cannot move. Prescribe a joint (motion=), or let a constraint move in time"
         )
     if found.singular:
         raise StateError(
@@ -83,6 +83,11 @@ def constraint_start(
             f"there, and more than one motion may start; give a nearby state to choose one"
         )
     return found.independent
+
+
+def driven(motion: EquationsOfMotion) -> bool:
+    """Whether a joint is prescribed or a constraint moves in time: then there is motion without freedom."""
+    return bool(motion.system.driven_u) or bool(ca.sparsify(ca.simplify(motion.rows.b)).nnz())
 
 
 def _consistent(motion: EquationsOfMotion, t: float, q: Array, u: Array, p: Array) -> Independence:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from threading import Lock
 
 import casadi as ca
@@ -18,15 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import Array
 from deltac.calls.caching import LRUCache, derived
-from deltac.calls.deprecation import renamed_keywords
-from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
+from deltac.dynamics.testing_functions import MOMENTUM
 from deltac.errors import ArgumentsError, InputError, ModelError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, cores, spread
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
-from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.arguments import check_request, count, positive
 from deltac.simulation.constraints.feasibility import check_members, constraint_start
 from deltac.simulation.ensemble.members import (
@@ -120,12 +117,10 @@ class Ensemble:
         )
 
 
-@renamed_keywords(mechanism="model", testing="record", record_every="record")
-@interruptible()
 def simulate_ensemble(
-    model: ModelLike,
-    states: States | StateLike,
-    duration: float | None,
+    mechanism: Mechanism,
+    states: States,
+    duration: float,
     step: ArrayLike,
     solver: str | FixedStep | Sequence[str | FixedStep] = "ode5",
     record: Record | Sequence[str] | int = RECORD,
@@ -135,33 +130,7 @@ def simulate_ensemble(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Ensemble:
-    """Simulate many members of a mechanism with fixed-step solvers.
-
-    States, steps, solvers and parameters that differ between members have N entries; shared ones have one.
-
-    Args:
-        model: what moves, as for `simulate`.
-        states: one for all members (None: the model's own start); a sequence of N, all at the same time; or
-            (Q, U) of shapes (N, nq) and (N, nu), all joints, at t = 0.
-        duration: how long, s; by default the problem's.
-        step: of the solver, s, or (N,); it must divide the duration.
-        solver: a fixed-step one, see `simulate`, or N of them.
-        record: a `Record`; or just the names of the testing functions, or the number of steps between rows
-            (the longest ones where steps differ). By default the start and the end are kept.
-        vary: values (N,) of parameters by name, one for each member. Other values need no new compilation.
-        sensitivity: parameters by which ΔC is differentiated: exact derivatives of the discrete motion,
-            from a start that does not depend on them. Each adds about two steps' work to every step.
-        threads: how many cores; all by default.
-        progress: called with the fraction done, from any thread but never from two at once.
-
-    Raises:
-        InputError: as `simulate`. For sizes that do not fit the message names the array, and for members that
-            violate a constraint or a prescribed motion at the start it names the first.
-    """
-    loaded = load_model(model)
-    mechanism, duration = loaded.mechanism, loaded.lasting(duration)
-    if states is None or isinstance(states, Mapping | str | Path):
-        states = loaded.start(states)
+    """Simulate many members of a mechanism: the core of `deltac.simulate_ensemble`."""
     duration = positive(duration, "duration")
     threads = None if threads is None else count(threads, "threads")
     wanted = Record.of(record)
@@ -169,6 +138,11 @@ def simulate_ensemble(
         raise ArgumentsError(
             "record: an ensemble has no coordinates of its own for testing functions; simulate its members "
             "one by one, or leave the coordinates out"
+        )
+    if MOMENTUM in wanted.testing:
+        raise ArgumentsError(
+            "record: an ensemble does not integrate the momentum functions; take dc.balance of its members, "
+            "or leave 'momentum' out"
         )
     if mechanism.events:
         raise ModelError(
@@ -194,7 +168,7 @@ def simulate_ensemble(
         check_request(mechanism, first, one, None, None, size)
         check_start(mechanism, first, one, size)
     check_members(mechanism, t0, Q, U, names, p)
-    rows = constraint_start(mechanism, first, solvers[0], None, "projection", names, p[:, 0])
+    rows = constraint_start(mechanism, first, solvers[0], "projection", names, p[:, 0])
     flow = _flow(mechanism, tuple(wanted.testing), tuple(names), rows)
     along = tuple(names.index(name) for name in sensitivity)
     result = _Result.empty(mechanism, flow, records + 1, members, len(along))

@@ -93,6 +93,8 @@ def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion:
     to its end with steps that cannot follow the mechanism as it was at the start (events can keep it in
     bounds).
     """
+    if not flow.q_size + flow.u_size:  # a tree whose joints are all prescribed: time alone moves it
+        return motion
     if not motion.message:
         motion = _within_measure(motion, x0, flow.q_size + flow.u_size)
     small = flow.q_size + flow.u_size <= SMALL

@@ -18,7 +18,6 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.caching import LRUCache
-from deltac.calls.deprecation import renamed_keywords
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.points import BodyPoint
 from deltac.dynamics.recursions import crba
@@ -30,7 +29,6 @@ from deltac.mechanism.laws import evaluate
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
 from deltac.mechanism.state import State
-from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation.solvers import Solver
 from deltac.simulation.step_size.stiffness import StiffStepWarning, longest_step, remedy
 
@@ -56,18 +54,9 @@ class TimeScale:
         return (1j if self.kind == "oscillation" else -1.0) / self.value
 
 
-@renamed_keywords(mechanism="model")
-def time_scales(model: ModelLike, state: StateLike = None) -> tuple[TimeScale, ...]:
-    """Time scales of a model's friction and contacts at a state, the shortest first.
-
-    For a contact, the overlap is the largest of three: the present one, the one that carries the weight of
-    its effective mass, and the one that stops the mass at its speed of approach after falling through the
-    gap. These are estimates from the present state, not bounds on the motion.
-    """
-    loaded = load_model(model)
-    return tuple(
-        sorted(_found(loaded.mechanism, loaded.start(state)), key=lambda scale: scale.value)
-    )
+def time_scales(mechanism: Mechanism, state: State) -> tuple[TimeScale, ...]:
+    """Time scales of friction and contacts, the shortest first: the core of `deltac.time_scales`."""
+    return tuple(sorted(_found(mechanism, state), key=lambda scale: scale.value))
 
 
 def check_start(mechanism: Mechanism, state: State, solver: Solver, step: float | None) -> None:

@@ -28,6 +28,13 @@ MOST_AHEAD = 8192
 FEW, MANY = 8, 256
 """Steps that are looked at together for events, to begin with and at most."""
 
+NEARLY_DEPENDENT = 1e-3
+"""Share of the largest pivot so far below which steps of a solver's own choice are not trusted.
+
+An error ε of a step changes the speeds by ε/√pivot when it is projected, and the next accelerations as well:
+an error control shortens its steps without end there, or accepts speeds that a projection has changed.
+"""
+
 MOST_PER_STEP = 20_000
 """Events within one step, before a run is said to make no headway."""
 
@@ -40,7 +47,8 @@ class Loop:
         stepper: takes the steps; all that follows is the same whatever it is.
         rate: ẋ along the run, and the motors' values.
         finish: what is done to each state after a step.
-        careful: takes a step again where the constraints become dependent; None if there are none.
+        careful: takes a step again where the constraints become dependent; None if there are none. Where the
+            stepper chooses its steps, careful ones as long as its last go past such a place.
         events: what may happen on the way; None if nothing can.
         t, x: where the run is.
         end: when it ends, s.
@@ -64,6 +72,8 @@ class Loop:
     _k: int = 0  # of the grid's times passed
     _sampled: int = 0  # of the grid's times looked at for samples
     _pivot: float = 1.0  # of the last step
+    _regular: float = 0.0  # the largest pivot so far
+    _stride: float = 0.0  # the last step of the stepper's own choice, s
     _singular: bool = False  # whether the next step is to be taken with care
     _suspect: bool = False  # whether it may have an event
     _told: float = 0.0
@@ -166,12 +176,18 @@ class Loop:
         on_grid = grid is not None and self.stepper.on_grid
         until = grid.time(self._k + 1) if on_grid and grid is not None else self.end
         before, t = self._pivot, self.t
+        passing = self.careful is not None and not self.stepper.on_grid
         if self._singular:
-            step = self._carefully(until)
+            step = self._carefully(self._near_end(until) if passing else until)
             x1 = step.x1
+            if passing:
+                self._pivot = self.finish(step.t1, x1, step.t1 - t)[1]
         else:
             step = self.stepper.attempt(t, self.x, until)
             x1 = self._finished(step, step.t1, step.x1, before)
+            if passing and self._nearly_dependent(step):
+                self._singular, self._pivot = True, before
+                return fresh
         if not np.isfinite(x1).all():
             if np.isfinite(step.x1).all():
                 raise StepFailed(
@@ -193,9 +209,13 @@ class Loop:
             if found is not None:
                 self._happen(step, events, *found)
                 return True
-        self._singular = False
-        self.stepper.accept(step.t1, x1)
         self._arrive(step.t1, x1)
+        if passing and self._singular:
+            self._singular = self._pivot < NEARLY_DEPENDENT * self._regular
+            self.stepper.restart(step.t1, x1, self.rate.parameters)
+        else:
+            self._singular = False
+            self.stepper.accept(step.t1, x1)
         self._sample(step, step.t1)
         if grid is None:
             self._keep(step.t1, x1)
@@ -209,6 +229,20 @@ class Loop:
             return self.careful(step.t0, step.x0, h)
         return finished
 
+    def _nearly_dependent(self, step: Step) -> bool:
+        """Whether a step of the stepper's own choice ended too near to dependent constraints."""
+        if self._stride and not self._pivot > NEARLY_DEPENDENT * self._regular:
+            return True
+        self._regular, self._stride = max(self._regular, self._pivot), step.t1 - step.t0
+        return False
+
+    def _near_end(self, until: float) -> float:
+        """Where a careful step is to end that stands for one of the stepper's own choice."""
+        assert self.careful is not None
+        h = min(self._stride, until - self.t)
+        length = self.careful.length(self.t, self.x, h)
+        return until if length == until - self.t else self.t + length
+
     def _carefully(self, until: float) -> Step:
         careful, t, x = self.careful, self.t, self.x
         assert careful is not None
@@ -216,7 +250,7 @@ class Loop:
         def exact(time: float) -> Array:
             return careful(t, x, time - t) if time > t else x
 
-        return Step(t, x, until, exact(until), exact)
+        return Step(t, x, until, exact(until), exact, exact)
 
     def _happen(self, step: Step, events: EventRun, t: float, x: Array, which: list[int]) -> None:
         """An event at (t, x) within a step."""

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from deltac.trajectories.formats.recognition import is_time
+from deltac.trajectories.formats.words import is_time
 
 if TYPE_CHECKING:
     import polars

@@ -8,14 +8,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError, LimitError, UnknownName, closest
 from deltac.foreign.files import appearing, opened
 from deltac.foreign.limits import Limits, require_memory
 from deltac.trajectories.columns import MechanismNames
-from deltac.trajectories.formats import reading
 from deltac.trajectories.formats.delimited import read_csv, write_csv
 from deltac.trajectories.formats.episodes import first_episode, only_episode
 from deltac.trajectories.formats.hdf5 import read_hdf5, write_hdf5
@@ -26,15 +25,11 @@ from deltac.trajectories.formats.objects import read_table
 from deltac.trajectories.formats.opensim import is_opensim_folder, read_opensim, read_opensim_folder
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
 from deltac.trajectories.formats.raw import RawLog, checked_raw
-from deltac.trajectories.formats.reading import ColumnReading, interpret, to_trajectory
+from deltac.trajectories.formats.reading import ColumnReading, LogReading
 from deltac.trajectories.formats.recognition import arrays_named
 from deltac.trajectories.formats.records import read_json, read_json_lines
 from deltac.trajectories.formats.rosbag import is_bag_folder, read_bag
 from deltac.trajectories.trajectory import FloatArray, Trajectory
-
-if TYPE_CHECKING:
-    from deltac.mechanism.mechanism import Mechanism
-
 
 # --- logs on disk --------------------------------------------------------------------------------
 
@@ -116,59 +111,63 @@ def write_trajectory(run: Trajectory, path: str | Path) -> None:
 
 @checked
 def read_trajectory(
-    path: Any,
+    log: Any,
     mapping: LogMapping | str | Path | None = None,
-    mechanism_names: MechanismNames | Mechanism | None = None,
+    model: Any = None,
 ) -> Trajectory:
     """Read a log in the format of its suffix (see `FORMATS`), of deltac or of another program.
 
-    `path` may also be a table itself: a dictionary of arrays, a DataFrame of pandas or polars, an xarray
-    Dataset, an array (T, n).
+    Args:
+        log: the path of a file, or a table itself: a dictionary of arrays, a DataFrame of pandas or polars,
+            an xarray Dataset, an array (T, n).
+        mapping: which columns are what, in which units: a TOML file (see `mapping`), or a `LogMapping`.
+        model: what moved: a Mechanism, or what holds one, such as a Problem or `load_model("robot.xml")`. It
+            says which coordinates are needed and which are angles; without it, and without a mapping, the
+            columns have the names of the schema (see `from_columns`). ``read_trajectory(log, model)`` means
+            the model as well.
 
-    `mapping`, a TOML file (see `mapping`), says which columns are what, in which units.
-    `mechanism_names`, a mechanism or its names, says which coordinates are needed and which are
-    angles. Without either the columns have the names of the schema (see `from_columns`). A log
-    without any speeds gets them from splines, see `derive`; ``provenance.derived`` says so.
+    Returns:
+        The trajectory. ``provenance.reading`` says in one line what was read as what, and because of what;
+        ``provenance.guessed`` what of it only the motion tells. A log without any speeds gets them from
+        splines; ``provenance.derived`` says so.
 
-    Raises InputError that names the file and, where it applies, column and row.
+    Raises:
+        InputError: that names the file and, where it applies, column and row.
     """
-    names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
-    known = as_mapping(mapping)
-    if not isinstance(path, str | Path):
-        return to_trajectory(only_episode(checked_raw(read_table(path))), known, names)
-    with naming(path):
-        return to_trajectory(only_episode(read_raw(path)), known, names)
+    with naming(log):
+        return _reading(log, mapping, model, only_episode).trajectory()
 
 
 def explain(
-    path: Any,
-    mapping: LogMapping | str | Path | None = None,
-    mechanism_names: MechanismNames | Mechanism | None = None,
+    log: Any, mapping: LogMapping | str | Path | None = None, model: Any = None
 ) -> list[ColumnReading]:
     """How `read_trajectory` reads each column of a file, without judging the values.
 
     What is missing, or cannot be used, is a reading whose note says so.
     """
-    names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
-    known = as_mapping(mapping)
-    if not isinstance(path, str | Path):
-        return interpret(checked_raw(read_table(path)), known, names, lenient=True)
-    with naming(path):
-        return interpret(read_raw(path), known, names, lenient=True)
+    with naming(log):
+        return _reading(log, mapping, model).explain()
 
 
-def draft_mapping(path: Any, mechanism_names: MechanismNames | Mechanism) -> str:
+def draft_mapping(log: Any, model: Any) -> str:
     """A mapping file (TOML) for a log of another program: what is recognised, guessed and missing.
 
     Raises InputError for a log that cannot be read, or is deltac's own.
     """
-    if not isinstance(path, str | Path):
-        raw = first_episode(checked_raw(read_table(path)))
-        return reading.draft_mapping(raw, MechanismNames.of(mechanism_names), "a table")
-    with naming(path):
-        return reading.draft_mapping(
-            first_episode(read_raw(path)), MechanismNames.of(mechanism_names), Path(path).name
-        )
+    with naming(log):
+        title = Path(log).name if isinstance(log, str | Path) else "a table"
+        return _reading(log, None, model, first_episode).draft(title)
+
+
+def _reading(
+    log: Any, mapping: Any, model: Any, episode: Callable[[RawLog], RawLog] = lambda raw: raw
+) -> LogReading:
+    if model is None and mapping is not None and not isinstance(mapping, LogMapping | str | Path):
+        mapping, model = None, mapping  # read_trajectory(log, model)
+    names = None if model is None else MechanismNames.of(model)
+    known = as_mapping(mapping)
+    raw = read_raw(log) if isinstance(log, str | Path) else checked_raw(read_table(log))
+    return LogReading.of(episode(raw), known, names)
 
 
 def read_arrays(path: str | Path, names: Sequence[str], width: int) -> list[FloatArray]:
@@ -196,12 +195,12 @@ def read_raw(path: str | Path) -> RawLog:
 
 
 @contextmanager
-def naming(path: str | Path) -> Iterator[None]:
-    """Put the file's name before the message of an InputError."""
+def naming(path: Any) -> Iterator[None]:
+    """Put the file's name before the message of an InputError; a table has none."""
     try:
         yield
     except InputError as error:
-        if str(error).startswith(f"{path}: "):
+        if not isinstance(path, str | Path) or str(error).startswith(f"{path}: "):
             raise
         raise InputError(f"{path}: {error}") from error
 

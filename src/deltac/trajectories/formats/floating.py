@@ -2,61 +2,77 @@
 
 Simulators agree on little here: the quaternion stands before the position or after it, with its scalar first
 or last; velocity and angular velocity are in the components of the world or of the body, and either may come
-first. Names seldom tell, and the motion does: only four consecutive columns are a unit quaternion that turns,
-and only three, in one frame, are the angular velocity by which it does.
+first. Names and widths say which columns may be what (`Layout`); the motion decides among these conventions
+alone, and against the declared or usual one only where another misses clearly less.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from deltac import rotations
-from deltac.trajectories.rates import continuous, rotation_vectors
+from deltac.trajectories.formats.units import without_unit
+from deltac.trajectories.formats.words import NEUTRAL, PLACES, UNREAL, words_of
+from deltac.trajectories.motion import Movement, preferred
 from deltac.trajectories.trajectory import FloatArray
 
-AGREES = 0.1
-"""How much of their changes coordinates may differ from the integrals of their speeds."""
-
-_CLEARLY = 0.5
-"""A frame other than the usual one is taken where that misses so much more."""
+BASES = ("base", "root", "torso", "trunk", "pelvis", "floating base", "free", "")
+"""What people call the one body that floats."""
 
 _UNIT, _TURNS = 1e-3, 1e-6
 
-_PARTS = 40
-"""Parts of a log over which increments are summed."""
+_MOST = 12
+"""Vectors of one kind that are tried."""
 
-_LEAST = 0.05
-"""An axis along which there is less of the motion, as a fraction, tells nothing."""
+_LINEAR = frozenset("lin linear linvel vel vels velocity v speed".split())
+_ANGULAR = frozenset("ang angular angvel rotvel omega gyro w".split())
+_FRAMES = {"w": "world", "world": "world", "b": "body", "body": "body"}
+"""Last words that say in whose components a vector is: ``root_lin_vel_w``."""
 
-_ORDERS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # places of w, x, y, z
+_QUATERNIONS = {"wxyz": (0, 1, 2, 3), "xyzw": (3, 0, 1, 2)}  # places of w, x, y, z
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Columns that may be a floating body's: of its position, quaternion, velocity and angular velocity.
+
+    `order` of the quaternion and frames of the velocities are empty where names do not say. `q` and `u` are
+    the arrays of which these are a part, without them, in the model's order.
+    """
+
+    position: tuple[str, ...]
+    quaternion: tuple[str, ...]
+    linear: tuple[str, ...]
+    angular: tuple[str, ...]
+    order: str = ""
+    linear_frame: str = ""
+    angular_frame: str = ""
+    q: tuple[str, ...] = ()
+    u: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Floating:
-    """The places of a floating body's columns in a table, in the schema's order, and how they are meant.
+    """A layout read in one way: the quaternion's `order`, both frames, and how far the motion misses it.
 
-    position (3,), quaternion (4,), scalar first, linear and angular velocity (3,). `order` is that of the
-    quaternion in the table, "wxyz" or "xyzw"; the frames of both velocities are "world" or "body".
-    `miss`: how far the motion differs from what they say, as a fraction.
+    `usual`: whether order and frames are the declared ones, or the schema's where none are.
     """
 
-    position: range
-    quaternion: tuple[int, ...]
-    linear: range
-    angular: range
+    layout: Layout
     order: str
     linear_frame: str
     angular_frame: str
     miss: float
+    usual: bool = False
 
     @property
-    def places(self) -> frozenset[int]:
-        """Those of all 13 columns."""
-        return frozenset((*self.position, *self.quaternion, *self.linear, *self.angular))
+    def quaternion(self) -> tuple[str, ...]:
+        """Its columns, scalar first."""
+        return _scalar_first(self.layout.quaternion, self.order)
 
     def __str__(self) -> str:
         frames = (
@@ -65,144 +81,148 @@ class Floating:
         return f"quaternion {self.order}, {frames}"
 
 
-@dataclass(frozen=True)
-class _Rate:
-    """A reading of three columns `at` as the rate, in a frame, of what moves `of` other columns."""
-
-    miss: float
-    frame: str
-    at: range
-    of: range
-
-
 def floating_base(
-    t: FloatArray, table: FloatArray, vectors: Sequence[range] = ()
+    t: FloatArray, table: Mapping[str, FloatArray], layouts: Sequence[Layout]
 ) -> Floating | None:
-    """What of the columns (T, n) of a table, in SI units, is a body that moves as its velocities say.
+    """The reading of the layouts, the most declared first, by which a body moves as its velocities say.
 
-    t (T,), s. `vectors`: places of three columns that are a vector by their names. Position and velocity are
-    these, or stand beside the quaternion and the angular velocity. None where nothing moves so.
+    t (T,), s; table: columns (T,) in SI units. None where nothing moves so.
     """
-    if table.shape[1] < 13 or len(t) < 4:
-        return None
-    readings = (
-        one
-        for first, order in product(_unit_quaternions(table), _ORDERS)
-        for one in _readings(t, table, first, order, vectors)
-    )
-    return min(readings, key=lambda one: one.miss, default=None)
+
+    def columns(names: Sequence[str]) -> FloatArray:
+        return np.column_stack([table[name] for name in names])
+
+    readings = [
+        reading
+        for layout in layouts
+        for order in ([layout.order] if layout.order else _QUATERNIONS)
+        for reading in _read(t, columns, layout, order)
+    ]
+    return preferred(readings, lambda one: one.miss)
 
 
-def moving_poses(
-    table: FloatArray, letters: Sequence[str], positions: Collection[int]
-) -> Iterator[tuple[int, ...]]:
-    """Positions and quaternions beside each other that move, without velocities, by letters of the columns.
-
-    `letters`: of each column the last of its name; `positions`: columns that may be of a position. Gives the
-    places of w, x, y, z of the quaternion and of x, y, z of the position.
-    """
-    for first in _unit_quaternions(table):
-        four = range(first, first + 4)
-        if sorted(letters[k] for k in four) != ["w", "x", "y", "z"]:
-            continue
-        for three in (range(first - 3, first), range(first + 4, first + 7)):
-            if set(three) <= set(positions) and [letters[k] for k in three] == ["x", "y", "z"]:
-                place = {letters[k]: k for k in four}
-                if np.max(np.ptp(table[:, three], axis=0)) > 0.0:
-                    yield (*(place[c] for c in "wxyz"), *three)
+def _scalar_first(quaternion: Sequence[str], order: str) -> tuple[str, ...]:
+    return tuple(quaternion[k] for k in _QUATERNIONS[order])
 
 
-def _unit_quaternions(table: FloatArray) -> Iterator[int]:
-    """Where four consecutive columns have length one, and turn."""
-    for first in range(table.shape[1] - 3):
-        four = table[:, first : first + 4]
-        one = (
-            np.max(np.abs(np.sum(four * four, axis=1) - 1.0)) < _UNIT
-        )  # False where a value is missing
-        if one and np.max(np.ptp(four, axis=0)) > _TURNS:
-            yield first
+def is_turning(p: FloatArray) -> bool:
+    """Whether four columns (T, 4) are a unit quaternion that is not constant."""
+    with np.errstate(over="ignore"):
+        one = np.max(np.abs(np.sum(p * p, axis=1) - 1.0)) < _UNIT  # False where a value is missing
+    return bool(one and np.max(np.ptp(p, axis=0)) > _TURNS)
 
 
-def _readings(
-    t: FloatArray, table: FloatArray, first: int, order: str, vectors: Sequence[range]
+def _read(
+    t: FloatArray, columns: Callable[[Sequence[str]], FloatArray], layout: Layout, order: str
 ) -> Iterator[Floating]:
-    """The reading of the quaternion that begins at a column; none where nothing moves by it."""
-    four = range(first, first + 4)
-    quaternion = tuple(first + k for k in _ORDERS[order])
-    p = continuous(table[:, quaternion])
-    turned = {frame: rotation_vectors(p, frame) for frame in ("body", "world")}
-    every = [range(k, k + 3) for k in range(table.shape[1] - 2)]
-    angular = _best(
-        (
-            _Rate(_miss(turned[frame], _integral(t, table[:, w])), frame, w, four)
-            for w, frame in product(every, turned)
-            if not set(w) & set(four)
-        ),
-        usual="body",
-    )
-    if angular is None:
+    """A layout with each pair of frames, the declared or usual ones first; none of no quaternion."""
+    p = columns(_scalar_first(layout.quaternion, order))
+    if not is_turning(p):
         return
-    R, w = rotations.matrices(p), angular.at
-    free = [x for x in every if not set(x) & {*four, *w}]
-    places, speeds = (
-        [x for x in free if x in vectors or x.stop == known.start or x.start == known.stop]
-        for known in (four, w)
-    )
-    fitting = [one for one in _linear(t, table, R, places, speeds) if one.miss < AGREES]
-    # Sliders and wheels beside the body are the rates of their coordinates as well: the usual order decides.
-    first_of_all = [one for one in fitting if one.of.stop == four.start and one.at.stop == w.start]
-    linear = _best(first_of_all or fitting, usual="world")
-    if linear is not None:
-        miss = angular.miss + linear.miss
-        yield Floating(
-            linear.of, quaternion, linear.at, w, order, linear.frame, angular.frame, miss
-        )
+    x, v, w = (columns(part) for part in (layout.position, layout.linear, layout.angular))
+    R = rotations.matrices(p)
+    linear, angular = layout.linear_frame or "world", layout.angular_frame or "body"
+    turns = {frame: Movement.turning(t, p, w, frame).miss for frame in ("body", "world")}
+    velocities = {"world": v, "body": np.einsum("tij,tj->ti", R, v)}
+    moves = {frame: Movement.of(t, x, velocity).miss for frame, velocity in velocities.items()}
+    for first, second in product(_from(linear), _from(angular)):
+        usual = (order, first, second) == (layout.order or "wxyz", linear, angular)
+        yield Floating(layout, order, first, second, max(moves[first], turns[second]), usual)
 
 
-def _linear(
-    t: FloatArray, table: FloatArray, R: FloatArray, places: list[range], speeds: list[range]
-) -> Iterator[_Rate]:
-    """Readings of triples as the velocities of others."""
-    for v in speeds:
-        own = table[:, v]
-        by_frame = {"world": own, "body": np.einsum("tij,tj->ti", R, own)}
-        for frame, velocity in by_frame.items():
-            told = _integral(t, velocity)
-            for x in places:
-                if not set(x) & set(v):
-                    yield _Rate(_miss(np.diff(table[:, x], axis=0), told), frame, v, x)
+def _from(first: str) -> list[str]:
+    return sorted(("world", "body"), key=lambda frame: frame != first)
 
 
-def _best(readings: Iterable[_Rate], usual: str) -> _Rate | None:
-    """The reading that misses least; the one in the usual frame where it misses hardly more."""
-    fitting = [one for one in readings if one.miss < AGREES]
-    best = min(fitting, key=lambda one: one.miss, default=None)
-    plain = min(
-        (one for one in fitting if one.frame == usual), key=lambda one: one.miss, default=None
-    )
-    if best is None or plain is None:
-        return best
-    return plain if best.miss > _CLEARLY * plain.miss else best
+def packed(q: Sequence[str], u: Sequence[str], i: int = 0, j: int = 0) -> Iterator[Layout]:
+    """Layouts of a body whose pose begins at the place i of the columns q, and its velocities at j of u."""
+    pose, twist = tuple(q[i : i + 7]), tuple(u[j : j + 6])
+    rest_q, rest_u = (*q[:i], *q[i + 7 :]), (*u[:j], *u[j + 6 :])
+    for x, p in ((pose[:3], pose[3:]), (pose[4:], pose[:4])):
+        for v, w in ((twist[:3], twist[3:]), (twist[3:], twist[:3])):
+            yield Layout(x, p, v, w, q=rest_q, u=rest_u)
 
 
-def _integral(t: FloatArray, speeds: FloatArray) -> FloatArray:
-    """What speeds (T, 3) move over each interval (T−1, 3)."""
-    result: FloatArray = 0.5 * np.diff(t)[:, None] * (speeds[1:] + speeds[:-1])
-    return result
+@dataclass(frozen=True)
+class Vector:
+    """Three or four columns that are one by their names.
 
-
-def _miss(moved: FloatArray, told: FloatArray) -> float:
-    """How far increments (T−1, 3) differ from what speeds say, as a fraction, along the worst axis.
-
-    Summed over some rows the noise of coordinates falls out; then they must agree twice as well.
+    `kind`: "position", "linear", "angular" or "quaternion"; `order` and `frame` where the names say; `own`:
+    whether they name the body; `owner`: the words before.
     """
-    rows = np.arange(0, len(moved), max(1, len(moved) // _PARTS))
-    sums = (np.add.reduceat(values, rows, axis=0) for values in (moved, told))
-    return min(_apart(moved, told), 2.0 * _apart(*sums))
+
+    columns: tuple[str, ...]
+    kind: str
+    order: str = ""
+    frame: str = ""
+    own: bool = False
+    owner: tuple[str, ...] = ()
 
 
-def _apart(moved: FloatArray, told: FloatArray) -> float:
-    size = np.abs(moved).sum(axis=0) + np.abs(told).sum(axis=0)
-    apart = np.abs(moved - told).sum(axis=0)
-    telling = size > _LEAST * size.sum()
-    return float(np.max(apart[telling] / size[telling])) if telling.any() else np.inf
+def vectors_of(
+    arrays: Mapping[str, Sequence[str]], columns: Sequence[str], names: Sequence[str]
+) -> list[Vector]:
+    """Vectors among arrays of three or four, and columns that end with x, y, z or w; `names` of the body."""
+    stems: dict[str, dict[str, str]] = {}
+    for column in columns:
+        plain = without_unit(column)
+        last = (words_of(plain) or ("",))[-1]
+        if 0 < len(last) <= 2 and last[-1] in "wxyz":
+            stems.setdefault(plain[:-1], {})[last[-1]] = column
+    lettered = {
+        stem: tuple(of[c] for c in "wxyz" if c in of)
+        for stem, of in stems.items()
+        if {"x", "y", "z"} <= set(of)
+    }
+    every = [(stem, several, "wxyz") for stem, several in lettered.items()]
+    every += [(name, tuple(c), "") for name, c in arrays.items() if len(c) in (3, 4)]
+    own = {words_of(name) for name in (*names, *BASES) if name}
+    return [one for each in every if (one := _vector(*each, own)) is not None]
+
+
+def _vector(
+    stem: str, columns: tuple[str, ...], order: str, own: set[tuple[str, ...]]
+) -> Vector | None:
+    words = words_of(stem)
+    if set(words) & (UNREAL | {"acc", "accel", "acceleration", "force", "torque"}):
+        return None
+    named = any(set(name) <= set(words) for name in own) or not words
+    if len(columns) == 4:
+        return Vector(columns, "quaternion", order, "", named, words[:-1])
+    frame = _FRAMES.get(words[-1], "") if len(words) > 1 else ""
+    telling = set(
+        words[:-1] if frame and set(words[:-1]) & (_LINEAR | _ANGULAR | PLACES) else words
+    )
+    frame = frame if len(telling) < len(set(words)) else ""
+    known = [set(name) for name in own]
+    rest = telling - NEUTRAL - {"p"}
+    if telling & _ANGULAR:
+        kind = "angular"
+    elif telling & _LINEAR:
+        kind = "linear"
+    elif telling & PLACES or not rest or any(rest <= name for name in known):
+        kind = "position"
+    else:
+        return None
+    return Vector(columns, kind, "", frame if kind != "position" else "", named, words[:-1])
+
+
+def of_vectors(vectors: Sequence[Vector]) -> Iterator[Layout]:
+    """Layouts of vectors of a body, of those that name it where any do."""
+    by_kind = {}
+    for kind in ("position", "quaternion", "linear", "angular"):
+        several = [one for one in vectors if one.kind == kind]
+        by_kind[kind] = ([one for one in several if one.own] or several)[:_MOST]
+    for x, p, v, w in product(*by_kind.values()):
+        if len({*x.columns, *p.columns, *v.columns, *w.columns}) == 13:
+            yield Layout(x.columns, p.columns, v.columns, w.columns, p.order, v.frame, w.frame)
+
+
+def poses(table: Mapping[str, FloatArray], vectors: Sequence[Vector]) -> Iterator[tuple[str, ...]]:
+    """Columns of positions with quaternions of the same owner that move: w, x, y, z and x, y, z."""
+    for p, x in product(vectors, vectors):
+        if p.order and x.kind == "position" and x.owner == p.owner:
+            position = np.column_stack([table[name] for name in x.columns])
+            turning = is_turning(np.column_stack([table[name] for name in p.columns]))
+            if turning and np.max(np.ptp(position, axis=0)) > 0.0:
+                yield (*_scalar_first(p.columns, p.order), *x.columns)

@@ -44,6 +44,7 @@ from deltac.foreign.files import read_text
 from deltac.foreign.limits import parse_toml
 from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.columns import QUATERNION, MechanismNames
+from deltac.trajectories.formats.meaning import Meaning
 from deltac.trajectories.formats.units import unit
 
 DIMENSIONS: Mapping[str, str] = {
@@ -71,32 +72,14 @@ _KNOWN = ("log", "units", "quaternions", "forces", *_TABLES)
 _SOURCE_KEYS = ("column", "constant", "step", "unit", "sign", "offset", "frame")
 _FRAMES = ("world", "body")
 _ORDERS = ("wxyz", "xyzw")
-
-
-@dataclass(frozen=True)
-class Source:
-    """Where the values of one column of the log schema come from.
-
-    `column` of the file, or a `constant`, or for the time the `step` from row to row; `unit` as written, None
-    where the mapping does not say; `where` names the place in the mapping for messages. `frame`: the
-    components that a floating body's velocity has, "world" or "body", where they are not the schema's.
-    """
-
-    column: str | None = None
-    constant: float | None = None
-    unit: str | None = None
-    sign: float = 1.0
-    offset: float = 0.0
-    where: str = "the mapping"
-    step: float | None = None
-    frame: str = ""
+_BECAUSE = "the mapping says so"
 
 
 @dataclass(frozen=True)
 class LogMapping:
     """A mapping file as read: schema column -> source, default units, which names are angles."""
 
-    sources: Mapping[str, Source]
+    sources: Mapping[str, Meaning]
     units: Mapping[str, str] = field(default_factory=dict)
     angles: tuple[str, ...] | None = None
     simulator: str = "unknown"
@@ -156,8 +139,9 @@ class _Parser:
         angles = log.get("angles")
         if angles is not None and not _texts(angles):
             raise self.error("log.angles", f"found {shown(angles)}, expected a list of names")
-        sources: dict[str, Source] = {}
-        for target, source in self.sources(log):
+        sources: dict[str, Meaning] = {}
+        for source in self.sources(log):
+            target = source.target
             if target in sources:
                 raise LogError(f"{source.where}: {target!r} is given twice; remove one")
             sources[target] = source
@@ -169,12 +153,12 @@ class _Parser:
             self.path,
         )
 
-    def sources(self, log: Mapping[str, Any]) -> Iterator[tuple[str, Source]]:
+    def sources(self, log: Mapping[str, Any]) -> Iterator[Meaning]:
         if "time" in log:
-            yield "time", self.source("log.time", log["time"])
+            yield self.source("time", "log.time", log["time"])
         for table, prefix in _TABLES.items():
             for name, value in self.table(table).items():
-                yield f"{prefix}.{name}", self.source(f"{table}.{name}", value)
+                yield self.source(f"{prefix}.{name}", f"{table}.{name}", value)
         for joint, value in self.table("quaternions").items():
             yield from self.quaternion(joint, value)
         for channel, speeds in self.table("forces").items():
@@ -186,9 +170,9 @@ class _Parser:
             if not isinstance(speeds, dict):
                 raise self.error(where, f"found {shown(speeds)}, expected a table: speed = column")
             for speed, value in speeds.items():
-                yield f"force.{channel}.{speed}", self.source(f"{where}.{speed}", value)
+                yield self.source(f"force.{channel}.{speed}", f"{where}.{speed}", value)
 
-    def quaternion(self, joint: str, value: Any) -> Iterator[tuple[str, Source]]:
+    def quaternion(self, joint: str, value: Any) -> Iterator[Meaning]:
         key = f"quaternions.{joint}"
         if isinstance(value, str):  # the columns have the schema's names, but another order
             value = {"columns": [f"q.{joint}.{part}" for part in QUATERNION], "order": value}
@@ -204,12 +188,13 @@ class _Parser:
                 f"{key}.columns", f"found {shown(columns)}, expected four names of columns"
             )
         for letter, column in zip(order, columns, strict=True):
-            yield f"q.{joint}.q{letter}", Source(column, unit="1", where=self.where(key))
+            target, where = f"q.{joint}.q{letter}", self.where(key)
+            yield Meaning(target, column, _BECAUSE, unit="1", where=where)
 
-    def source(self, key: str, value: Any) -> Source:
+    def source(self, target: str, key: str, value: Any) -> Meaning:
         where = self.where(key)
         if isinstance(value, str):
-            return Source(value, where=where)
+            return Meaning(target, value, _BECAUSE, where=where)
         if not isinstance(value, dict):
             raise self.error(
                 key, f"found {shown(value)}, expected a column's name or {{ column = … }}"
@@ -242,7 +227,18 @@ class _Parser:
                 f"{key}.frame",
                 f"found {shown(frame)}, expected 'world' or 'body', of speeds or accelerations",
             )
-        return Source(value.get("column"), constant, written, sign, offset, where, step, frame)
+        return Meaning(
+            target,
+            value.get("column", ""),
+            _BECAUSE,
+            step=step,
+            frame=frame,
+            constant=constant,
+            unit=written,
+            sign=sign,
+            offset=offset,
+            where=where,
+        )
 
     def units(self) -> dict[str, str]:
         units = self.table("units")

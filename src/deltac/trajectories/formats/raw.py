@@ -392,10 +392,9 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
         raise _damaged("rows", rows, f"a number of rows up to {Limits.current().rows}")
     if type(accelerations) is not bool:
         raise _damaged("accelerations", accelerations, "true or false")
-    names: dict[str, list[str]] = {}
+    names: dict[str, Any] = {}
     for key in _LISTS:
-        absent: Any = [] if key == "works" else None  # version 2 has no works
-        names[key] = header.get(key, absent)
+        names[key] = header.get(key)
         if not isinstance(names[key], list) or not all(isinstance(n, str) for n in names[key]):
             raise _damaged(key, names[key], "a list of names")
     counts = {key: len(found) for key, found in names.items()}

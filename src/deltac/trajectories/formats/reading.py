@@ -1,12 +1,13 @@
-"""From the columns of a file to those of the log schema: what each means, and in which unit."""
+"""The table that reading a log rests on: what each column is, and because of what (`LogReading`)."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from itertools import islice
+from dataclasses import dataclass, field, replace
+from itertools import groupby, islice
 
 import numpy as np
 import numpy.typing as npt
@@ -22,11 +23,13 @@ from deltac.trajectories.columns import (
     speed_of_force,
     speeds_of,
 )
-from deltac.trajectories.formats.mapping import LogMapping, Source
+from deltac.trajectories.formats.mapping import LogMapping
+from deltac.trajectories.formats.meaning import Basis, Meaning
 from deltac.trajectories.formats.raw import RawLog
-from deltac.trajectories.formats.recognition import Recognised, is_time, recognise
+from deltac.trajectories.formats.recognition import recognise
 from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
+from deltac.trajectories.formats.words import is_time
 from deltac.trajectories.rates import derived_speeds
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
 
@@ -60,11 +63,11 @@ class ColumnReading:
     """How one column of a file is read: value in SI = `factor` × number + `offset`.
 
     `column` is its name in the file (empty for a constant, and for times that are counted, where the number
-    is the row's), `meaning` its name in the log schema
-    (empty when it is not used), `unit` the unit in the file (empty: SI), `note` where the unit comes
-    from, or why the column is not used. `frame`: the components that a floating body's velocity has, "body"
-    or "world", where they are not the schema's. Where no column holds it, `law` tells its values at the
-    times.
+    is the row's), `meaning` its name in the log schema (empty when it is not used), `because` why, and
+    `basis` what that rests on: "declared", "motion", or "guess" (see `Meaning`). `unit` is that of the file
+    (empty: SI), `note` where it comes from, or why the column is not used. `frame`: the components that a
+    floating body's velocity has, "body" or "world", where they are not the schema's. Where no column holds
+    it, `law` tells its values at the times.
     """
 
     column: str
@@ -75,118 +78,558 @@ class ColumnReading:
     note: str = ""
     frame: str = ""
     law: Law | None = None
+    because: str = ""
+    basis: Basis = "declared"
 
 
 _anything = np.errstate(over="ignore", invalid="ignore")
 """A log may hold signalling NaN and numbers without bounds: checks find and name them, not warnings."""
 
 
-@_anything
-def interpret(
-    raw: RawLog,
-    mapping: LogMapping | None,
-    names: MechanismNames | None,
-    *,
-    lenient: bool = False,
-) -> list[ColumnReading]:
-    """How each column of the file is read.
+@dataclass(frozen=True)
+class LogReading:
+    """How a file is read.
 
-    Raises InputError for a mapping that does not fit the file, and for what is missing; if `lenient`, notes
-    say so instead.
+    meanings  column of the log schema -> the column of the file, and because of what
+    missing   what the log of the mechanism lacks -> an error that says so
+    guesses   what may be meant where something is missing: only for the draft of a mapping
+    columns   the readings, by column of the schema, or the error of a unit that cannot be
     """
-    if raw.header is not None:
-        if mapping is not None:
+
+    raw: RawLog
+    mapping: LogMapping | None
+    names: MechanismNames | None
+    meanings: dict[str, Meaning] = field(default_factory=dict)
+    missing: dict[str, InputError] = field(default_factory=dict)
+    guesses: dict[str, Meaning] = field(default_factory=dict)
+    columns: dict[str, ColumnReading | InputError] = field(default_factory=dict)
+
+    @classmethod
+    @_anything
+    def of(
+        cls, raw: RawLog, mapping: LogMapping | None = None, names: MechanismNames | None = None
+    ) -> LogReading:
+        """What the mapping says of a file's columns, then their names, then the motion.
+
+        Raises ArgumentsError for a mapping of a log that has deltac's own metadata.
+        """
+        if raw.header is not None and mapping is not None:
             raise ArgumentsError(
                 "the log has deltac's own metadata, which contain all that a mapping could say; leave the "
                 "mapping out"
             )
-        return [ColumnReading(name, name) for name in raw.columns]
-    sources, missing = _sources(raw, mapping, names)
-    if missing and not lenient:
-        raise next(iter(missing.values()))
-    known = mapping.names(names) if mapping is not None else names
-    readings = []
-    for target, source in sources.items():
-        try:
-            readings.append(_reading(target, source, raw, mapping, known))
-        except InputError as error:
-            if not lenient:
-                raise
-            readings.append(ColumnReading(source.column or "", target, note=f"not usable: {error}"))
-    if not lenient:
+        self = cls(raw, mapping, names)
+        if raw.header is not None:
+            self.meanings.update({name: Meaning(name, name, _OWN) for name in raw.columns})
+        else:
+            self._declared()
+            self._recognised()
+            self._find_missing()
+        for target, meaning in self.meanings.items():
+            try:
+                self.columns[target] = self._column(meaning)
+            except InputError as error:
+                self.columns[target] = error
+        self._add_laws()
+        return self
+
+    @property
+    def strict(self) -> bool:
+        """Whether nothing but the names of the schema says what the columns are."""
+        return self.mapping is None and not self.raw.plain_names
+
+    @property
+    def by_name(self) -> bool:
+        """Whether every column that is used has the name of the schema."""
+        return all(one.column == target for target, one in self.meanings.items())
+
+    @property
+    def guessed(self) -> tuple[str, ...]:
+        """What the file does not declare, and how the coordinates move decided, in words."""
+        return tuple(self._sentences("motion"))
+
+    @property
+    def sentence(self) -> str:
+        """What was read as what, because of what, and what of it was guessed, in one line."""
+        guessed = "; ".join(self.guessed)
+        parts = [*self._sentences("declared"), f"guessed: {guessed}" if guessed else ""]
+        return f"read as {'; '.join(filter(None, parts))}"
+
+    def _sentences(self, basis: Basis) -> Iterator[str]:
+        """What columns are, because of what, for each reason."""
+        rows = [one for one in self.meanings.values() if one.basis == basis and one.certain]
+        kinds = sorted(rows, key=lambda one: _ORDER.index(one.target.partition(".")[0]))
+        reasons = dict.fromkeys((one.target.partition(".")[0], one.because) for one in kinds)
+        for because, pairs in groupby(reasons, key=lambda pair: pair[1]):
+            of = {kind for kind, _ in pairs}
+            said = [
+                one
+                for one in kinds
+                if one.because == because and one.target.partition(".")[0] in of
+            ]
+            what = ", ".join(sorted(of, key=_ORDER.index))
+            columns = ranges([one.column for one in said if one.column])
+            yield f"{what}{f' from {columns}' if columns else ''} because {because}"
+
+    def explain(self) -> list[ColumnReading]:
+        """How each column is read; notes say what is missing, cannot be used, or is not."""
+        missing = [
+            ColumnReading("", t, note=f"missing: {str(e).partition(' (')[0]}")
+            for t, e in self.missing.items()
+        ]
+        readings = []
+        for target, one in self.columns.items():
+            if isinstance(one, InputError):
+                column = self.meanings[target].column
+                one = ColumnReading(column, target, note=f"not usable: {one}")
+            readings.append(one)
+        return missing + readings + self._unused()
+
+    def _unused(self) -> list[ColumnReading]:
+        used = {one.column for one in self.meanings.values()}
+        why = "not a name of the log schema"
+        if not (self.strict and self.by_name):
+            why = "ignored: nothing says what it is"
+        plain = [ColumnReading(n, "", note=why) for n in self.raw.columns if n not in used]
+        skipped = self.raw.skipped.items()
+        return plain + [ColumnReading(n, "", note=why) for n, why in skipped if n not in used]
+
+    @_anything
+    def trajectory(self, *, derive: bool = True) -> Trajectory:
+        """The trajectory that the columns describe; speeds that are missing are derived.
+
+        Raises InputError for what is missing or cannot be used.
+        """
+        raw, names = self.raw, self.names
+        if raw.header is not None:
+            for name in raw.skipped:
+                raise LogError(raw.skipped[name])
+            return from_columns(raw.columns, raw.header)
+        for error in (*self.missing.values(), *self.columns.values()):
+            if isinstance(error, InputError):
+                raise error
+        readings = [one for one in self.columns.values() if isinstance(one, ColumnReading)]
         _check_mixed(readings)
-    with_speeds = any(target.startswith("u.") for target in sources)
-    for name, law in known.laws.items() if known is not None else ():
-        if name not in sources and (with_speeds or name.startswith("q.")):
-            readings.append(ColumnReading("", name, note=_LAW, law=law))
-    used = {reading.column for reading in readings}
-    strict = _strict(raw, mapping) and all(r.column == r.meaning for r in readings)
-    for name in raw.columns:
-        if name not in used:
-            why = "not a name of the log schema" if strict else "ignored: nothing says what it is"
-            readings.append(ColumnReading(name, "", note=why))
-    readings += [ColumnReading(n, "", note=why) for n, why in raw.skipped.items() if n not in used]
-    told = {} if not lenient else missing
-    return [
-        ColumnReading("", t, note=f"missing: {str(e).partition(' (')[0]}") for t, e in told.items()
-    ] + readings
+        columns = values_of(raw, readings)
+        by_law = [reading.meaning for reading in readings if reading.law is not None]
+        if self.mapping is None:
+            _require_clock(readings, columns)
+        notes = {BY_LAW: ", ".join(by_law)} if by_law else {}
+        ignored = [one.column for one in self._unused()]
+        if not self.by_name:  # who writes the names of the schema writes no gaps
+            columns, left_out = _complete(columns)
+            notes |= left_out
+        if self.strict and self.by_name:  # from_columns refuses by name what it does not know
+            like_ours = {n: x for n, x in raw.columns.items() if names is None or is_schema_name(n)}
+            columns = {name: columns.get(name, x) for name, x in like_ours.items()} | columns
+            ignored = [name for name in ignored if name not in columns]
+        columns = in_schema_frames(columns, {r.meaning: r.frame for r in readings if r.frame})
+        frames = {f"{r.meaning[:-1]}*": r.frame for r in readings if r.frame}
+        if frames:
+            notes[FRAMES] = "; ".join(f"{n} in {frame} components" for n, frame in frames.items())
+        derived: dict[str, dict[str, float]] = {}
+        if derive and "time" in columns and any(n.startswith("q.") for n in columns):
+            lacking = set(_derivable(columns, names))
+            if lacking:
+                speeds, errors = derived_speeds(columns, names)
+                columns |= {name: values for name, values in speeds.items() if name in lacking}
+                derived["u"] = {n: e for n, e in errors.items() if f"u.{n}" in lacking}
+        if names is not None:
+            columns = _ordered(columns, names)
+        run = from_columns(columns)
+        units = [f"{r.column}: {r.unit}" for r in readings if r.unit and r.factor != 1.0]
+        resampled = {raw.resampled[r.column] for r in readings if r.column in raw.resampled}
+        source = Provenance(
+            self.mapping.simulator if self.mapping is not None else run.provenance.simulator,
+            derived=derived,
+            converted=(*units, *sorted(resampled)),
+            ignored=tuple(ignored),
+            reading="" if self.strict and self.by_name else self.sentence,
+            guessed=self.guessed,
+            notes=notes,
+        )
+        return replace(run, provenance=source)
+
+    # --- what each column is ---------------------------------------------------------------------
+
+    def _declared(self) -> None:
+        """What the mapping says, then the format and the names of the schema."""
+        raw, sources = self.raw, self.meanings
+        for target, one in (self.mapping.sources if self.mapping is not None else {}).items():
+            if one.column and (error := _unreadable(one, raw)):
+                self.missing[target] = error
+            else:
+                sources[target] = one
+        taken = {one.column for one in sources.values()}
+        for name in [*raw.columns, *raw.skipped]:
+            meaning = raw.meanings.get(name) or _own_meaning(name, raw, self.names)
+            if meaning is None or meaning in sources or name in taken:
+                continue
+            if name in raw.skipped:
+                self.missing[meaning] = LogError(raw.skipped[name])
+            else:
+                because = "the format says so" if name in raw.meanings else _OWN
+                sources[meaning] = Meaning(meaning, name, because)
+
+    def _recognised(self) -> None:
+        """What names, widths and the motion say, where a mechanism is known and no mapping says it."""
+        if self.names is None or self.mapping is not None:
+            return
+        taken = {one.column for one in self.meanings.values()}
+        for target, one in recognise(self.raw, self.names).items():
+            self.guesses.setdefault(target, one)
+            if target not in self.meanings and one.column not in taken and one.certain:
+                self.meanings[target] = one
+
+    def _find_missing(self) -> None:
+        """What a log of the mechanism must have; where it has no speeds at all, they are derived."""
+        names, sources = self.names, self.meanings
+        if names is None and self.strict:
+            return  # from_columns says what is missing
+        derivable = _unlogged(sources, names) if names is not None and self.mapping is None else ()
+        for target in _needed(names, any(target.startswith("u.") for target in sources)):
+            by_law = names is not None and target in names.laws
+            if target not in {*derivable, *sources, *self.missing} and not by_law:
+                self.missing[target] = self._missing(target)
+        if not self.missing and not any(target.startswith("q.") for target in sources):
+            self.missing["q"] = LogError(
+                "no column is known to be a coordinate; give the model, or say in a mapping file which "
+                f"columns are. Columns: {listed(self.raw.columns)}{_also(self.raw)}"
+            )
+
+    def _missing(self, target: str) -> InputError:
+        raw, guess = self.raw, self.guesses.get(target)
+        taken = {one.column for one in self.meanings.values()}
+        guess = None if guess is not None and guess.column in taken else guess
+        unused = [name for name in raw.columns if name not in taken]
+        if target == "time":
+            for name in [name for name in unused if is_time(name)]:
+                rows = np.flatnonzero(~(np.diff(raw.columns[name]) > 0.0)) + 1
+                if len(rows):
+                    row = int(rows[0])
+                    before, at = raw.columns[name][row - 1 : row + 1]
+                    return LogError(
+                        f"column {name!r} is called a time, but row {row} ({at:.9g}) is not later than the "
+                        f"row before ({before:.9g}). Leave out rows that are there twice, and give each "
+                        "motion a file of its own"
+                    )
+        hint = ""
+        if guess is not None and guess.column:
+            hint = f"; did you mean {guess.column!r}?"
+            hint += f" It may be: {guess.because}" if ";" in guess.because else ""
+        elif "did you mean" not in (hint := closest(target, unused)) and "." in target:
+            hint = closest(target.partition(".")[2], unused)
+        return LogError(
+            f"no column {target!r}{hint if unused else ''} ({_purpose(target)}). Add it, or say in a mapping "
+            f"file which "
+            f"column it is, or that it is constant: {_line(target, guess, unused)}; deltac audit MODEL LOG "
+            f"--draft-mapping map.toml writes one to edit{_also(raw)}"
+        )
+
+    # --- in which unit ---------------------------------------------------------------------------
+
+    @property
+    def _known(self) -> MechanismNames | None:
+        return self.mapping.names(self.names) if self.mapping is not None else self.names
+
+    def _unit(self, one: Meaning, si: str | None) -> tuple[str | None, str]:
+        """The unit of a column, None for SI, and who says so: the mapping, the file, or its default."""
+        raw, mapping, target = self.raw, self.mapping, one.target
+        if one.unit is not None:
+            return one.unit, "unit from the mapping"
+        if one.column in raw.units:
+            return raw.units[one.column], "unit from the file"
+        if one.column != target and (text := column_unit(one.column, si)):
+            return text, "unit from the column's name"
+        if mapping is not None and mapping.units:
+            if si is None:
+                raise _unknown_kind(one, "[units] of the mapping speaks of kinds of quantities")
+            if text := mapping.units.get(si):
+                return text, "unit from [units] of the mapping"
+        if raw.in_degrees and target != "time":
+            if si is None:
+                raise _unknown_kind(one, "the header says inDegrees=yes")
+            if target.startswith(("q.", "u.", "udot.")) and si.startswith("rad"):
+                return si.replace("rad", "deg"), "inDegrees=yes"
+        if text := _declared(one, raw, si):
+            return text, "unit declared beside the columns"
+        return None, f"{si or 'SI units'} assumed: no unit is named"
+
+    def _column(self, one: Meaning) -> ColumnReading:
+        """The reading of one column, in SI."""
+        if self.raw.header is not None:
+            return ColumnReading(one.column, one.target, because=one.because)
+        si = si_unit(one.target, self._known)
+        text, note = self._unit(one, si)
+        factor = 1.0 if text is None else _factor(one, text, si)
+        if one.step is not None:
+            factor, offset, note = factor * one.step, 0.0, "counted from row to row"
+        elif one.constant is not None:
+            factor, offset = 0.0, factor * (one.sign * one.constant + one.offset)
+            note = "constant"
+        else:
+            factor, offset = factor * one.sign, factor * one.offset
+            note += f"; in {one.frame} components" if one.frame else ""
+        return ColumnReading(
+            one.column,
+            one.target,
+            text or "",
+            factor,
+            offset,
+            note,
+            one.frame,
+            because=one.because,
+            basis=one.basis,
+        )
+
+    def _add_laws(self) -> None:
+        """Columns that the log lacks, and the laws of prescribed joints tell."""
+        known = self._known
+        with_speeds = any(target.startswith("u.") for target in self.meanings)
+        for name, law in (
+            known.laws.items() if known is not None and self.raw.header is None else ()
+        ):
+            if name not in self.meanings and (with_speeds or name.startswith("q.")):
+                self.columns[name] = ColumnReading("", name, note=_LAW, law=law, because=_LAW)
+
+    # --- a mapping to edit -----------------------------------------------------------------------
+
+    def draft(self, title: str) -> str:
+        """A mapping file for a foreign log; comments say what is recognised, guessed, and missing.
+
+        Raises ArgumentsError for a log of deltac's own, which needs none.
+        """
+        if self.raw.header is not None or self.names is None:
+            raise ArgumentsError(
+                "the log has deltac's own metadata, which contain all that a mapping could say; it needs none"
+            )
+        every = self.guesses | self.meanings
+        speeds = any(target.startswith("u.") for target in every)
+        tables: dict[str, list[str]] = {"log": [], "coordinates": [], "speeds": []}
+        for target in dict.fromkeys([*_needed(self.names, speeds), *self.meanings, *self.guesses]):
+            kind, _, name = target.partition(".")
+            table, key = _place(kind, name, self.names)
+            tables.setdefault(table, []).append(f"{key} = {self._entry(target, every.get(target))}")
+        lines = [
+            f"# A draft by deltac of the mapping for {title}: look at what is guessed, and at units that are "
+            f"assumed.",
+            f"# {LEGEND}",
+        ]
+        for table, entries in tables.items():
+            if entries:
+                text = [
+                    f"# {entry}" if '"?"' in entry or "  # missing: " in entry else entry
+                    for entry in entries
+                ]
+                lines += ["", f"[{table}]", *text]
+        used = {one.column for one in every.values()}
+        unused = [name for name in self.raw.columns if name not in used]
+        if unused:
+            lines += ["", "# Not used:", *(f"#   {_quoted(name)}" for name in unused[:MOST_UNUSED])]
+        return "\n".join(lines) + "\n"
+
+    def _entry(self, target: str, one: Meaning | None) -> str:
+        """The right side of a line of the mapping, with its comment."""
+        assert self.names is not None
+        if one is None:
+            why = f"else {_LAW}" if target in self.names.laws else f"missing: {_purpose(target)}"
+            return f'{{ column = "?" }}  # {why}'
+        if one.step is not None:
+            return f"{{ step = {one.step!r} }}  # guessed: {one.because}"
+        si, text = si_unit(target, self.names), None
+        with suppress(InputError):
+            text = self._unit(one, si)[0]
+        entry = f"column = {_quoted(one.column)}" + (f", unit = {_quoted(text)}" if text else "")
+        entry += f", frame = {_quoted(one.frame)}" if one.frame else ""
+        words = {"guess": "guessed: ", "open": "missing: perhaps so; "}
+        why = f"{words.get(one.basis, '')}{one.because}"
+        return f"{{ {entry} }}  # {why}" + ("" if text else f"; {si or 'SI'} assumed")
 
 
-@_anything
-def to_trajectory(
-    raw: RawLog,
-    mapping: LogMapping | None = None,
-    names: MechanismNames | None = None,
-    *,
-    derive: bool = True,
-) -> Trajectory:
-    """The trajectory that a file's columns describe; speeds that are missing are derived."""
-    readings = interpret(raw, mapping, names)
-    if raw.header is not None:
-        for name in raw.skipped:
-            raise LogError(raw.skipped[name])
-        return from_columns(raw.columns, raw.header)
-    columns = values_of(raw, readings)
-    by_law = [reading.meaning for reading in readings if reading.law is not None]
-    if mapping is None:
-        _require_clock(readings, columns)
-    notes = {BY_LAW: ", ".join(by_law)} if by_law else {}
-    ignored = [r.column for r in readings if not r.meaning]
-    by_name = all(r.column == r.meaning for r in readings if r.meaning)
-    if not by_name:  # who writes the names of the schema writes no gaps
-        columns, left_out = _complete(columns)
-        notes |= left_out
-    if _strict(raw, mapping) and by_name:  # from_columns refuses by name what it does not know
-        like_ours = {n: x for n, x in raw.columns.items() if names is None or is_schema_name(n)}
-        columns = {name: columns.get(name, values) for name, values in like_ours.items()} | columns
-        ignored = [name for name in ignored if name not in columns]
-    derived: dict[str, dict[str, float]] = {}
-    units = [f"{r.column}: {r.unit}" for r in readings if r.unit and r.factor != 1.0]
-    columns = in_schema_frames(columns, {r.meaning: r.frame for r in readings if r.frame})
-    told = {f"{r.meaning[:-1]}*": r.frame for r in readings if r.frame}
-    if told:
-        notes[FRAMES] = "; ".join(f"{name} in {frame} components" for name, frame in told.items())
-    resampled = {
-        raw.resampled[r.column] for r in readings if r.meaning and r.column in raw.resampled
-    }
-    if derive and "time" in columns and any(n.startswith("q.") for n in columns):
-        wanted = set(_derivable(columns, names))
-        if wanted:
-            speeds, errors = derived_speeds(columns, names)
-            columns |= {name: values for name, values in speeds.items() if name in wanted}
-            derived["u"] = {n: e for n, e in errors.items() if f"u.{n}" in wanted}
-    if names is not None:
-        columns = _ordered(columns, names)
-    run = from_columns(columns)
-    simulator = mapping.simulator if mapping is not None else run.provenance.simulator
-    source = Provenance(
-        simulator,
-        derived=derived,
-        converted=(*units, *sorted(resampled)),
-        ignored=tuple(ignored),
-        notes=notes,
+_ORDER = ("time", "q", "u", "udot", "force", "work", "integral")
+_OWN = "the names are those of the log schema"
+
+
+def ranges(columns: Sequence[str]) -> str:
+    """Names of columns, with those of an array as its first and last: ``qpos[0…14]``."""
+    parts: dict[str, list[str]] = {}
+    for column in columns:
+        found = re.fullmatch(r"(.*?)(\d+)(\D*)", column)
+        stem = f"{found[1]}#{found[3]}" if found else column
+        parts.setdefault(stem, []).append(found[2] if found else "")
+    texts = [
+        stem.replace("#", "…".join(dict.fromkeys((numbers[0], numbers[-1]))), 1)
+        if numbers[0]
+        else stem
+        for stem, numbers in (
+            (stem, sorted(several, key=_number)) for stem, several in parts.items()
+        )
+    ]
+    return ", ".join(texts[:_NAMED]) + (
+        f", … ({len(columns)} columns)" if len(texts) > _NAMED else ""
     )
-    return replace(run, provenance=source)
+
+
+def _number(digits: str) -> int:
+    return int(digits or 0)
+
+
+_NAMED = 6
+"""Names of columns, or of arrays, that a sentence has."""
+
+
+def _unreadable(one: Meaning, raw: RawLog) -> InputError | None:
+    """Why the column that a mapping names cannot be read."""
+    if one.column in raw.columns:
+        return None
+    if one.column in raw.skipped:
+        return LogError(f"{one.where}: {raw.skipped[one.column]}")
+    return UnknownName(
+        f"{one.where}: the file has no column {one.column!r}{closest(one.column, raw.columns)} "
+        f"(it is meant as {one.target!r}: {_purpose(one.target)}){_also(raw)}"
+    )
+
+
+def _own_meaning(name: str, raw: RawLog, names: MechanismNames | None) -> str | None:
+    if is_schema_name(name):
+        plain = without_unit(name)
+        return plain if is_schema_name(plain) and names is not None else name
+    if names is not None and name in names.coordinates and raw.plain_names:
+        return f"q.{name}"
+    return None
+
+
+def _needed(names: MechanismNames | None, with_speeds: bool) -> tuple[str, ...]:
+    """What a log of the mechanism must have; where it has no speeds at all, they are derived."""
+    coordinates = names.coordinates if names is not None else ()
+    speeds = names.speeds if names is not None and with_speeds else ()
+    return ("time", *(f"q.{name}" for name in coordinates), *(f"u.{name}" for name in speeds))
+
+
+def _line(target: str, guess: Meaning | None, unused: Sequence[str]) -> str:
+    """The lines of a mapping that would say what a column is, to be pasted."""
+    kind, _, name = target.partition(".")
+    if target == "time" and (guess is None or guess.step is not None):
+        step = f"{guess.step:g}" if guess is not None else "0.01"
+        return f"[log] time = {{ step = {step} }} (s from row to row)"
+    column = guess.column if guess is not None else next(iter(unused), "…")
+    table = {"q": "coordinates", "u": "speeds", "time": "log"}.get(kind, "log")
+    key = "time" if kind == "time" else json.dumps(name, ensure_ascii=False)
+    return f"[{table}] {key} = {{ column = {json.dumps(column, ensure_ascii=False)} }}"
+
+
+def _purpose(target: str) -> str:
+    return _PURPOSES.get(target.partition(".")[0], "")
+
+
+def _also(raw: RawLog) -> str:
+    if not raw.skipped:
+        return ""
+    return (
+        ". Not read: "
+        + "; ".join(islice(raw.skipped.values(), 12))
+        + "; …" * (len(raw.skipped) > 12)
+    )
+
+
+def _declared(one: Meaning, raw: RawLog, si: str | None) -> str | None:
+    """The unit of a column's kind that the file declares beside its columns; LogError if that is unclear."""
+    target, of = one.target, f"column {one.column!r}, read as {one.target!r}"
+    remedy = "say in a mapping file which unit the column has"
+    wanted = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
+    fitting: dict[float, str] = {}
+    rates: list[str] = []
+    for where, text in raw.declared.items():
+        if text.lower().removesuffix(" units") in _NO_OTHERS:
+            continue
+        try:
+            found = unit(text)
+        except InputError:
+            raise LogError(
+                f"{of}: {where!r} of the file declares a unit that is not known, {shown(text)}; {remedy}"
+            ) from None
+        if found.dimension in wanted:
+            if si is None and found.factor != 1.0:
+                raise _unknown_kind(one, f"{where!r} of the file is {text!r}")
+            fitting.setdefault(found.factor, text)
+        elif found.factor != 1.0 and any(
+            _of_rate(found.dimension, other, target) for other in wanted
+        ):
+            rates.append(text)
+    if len(fitting) > 1 or (rates and not fitting):
+        texts = [*fitting.values(), *rates]
+        raise LogError(f"{of}: the file declares {listed(texts)} beside its columns; {remedy}")
+    return next((text for factor, text in fitting.items() if factor != 1.0), None)
+
+
+def _of_rate(one: tuple[int, ...], other: tuple[int, ...], target: str) -> bool:
+    """Whether a speed or an acceleration is the rate of what has the first of two dimensions."""
+    (a, m, _, c), (d, n, _, f) = one, other
+    return target.startswith(("u.", "udot.")) and (a, m, c) == (d, n, f)
+
+
+_NO_OTHERS = ("si", "mks", "", "-", "none", "dimensionless")
+"""What stands for a unit, and changes no number."""
+
+
+def _factor(one: Meaning, text: str, si: str | None) -> float:
+    place = one.where if not one.column or one.unit else f"column {one.column!r}"
+    allowed = [si] if si else _ALLOWED[one.target.partition(".")[0]]
+    try:
+        found = unit(text)
+    except InputError as error:
+        raise InputError(f"{place}: {error}. Say in a mapping file which unit it has.") from None
+    if found.dimension not in [unit(u).dimension for u in allowed]:
+        raise LogError(
+            f"{place}: {text!r} is not a unit of {one.target!r}; expected one that converts to "
+            f"{' or '.join(allowed)}"
+        )
+    return found.factor
+
+
+_ALLOWED = {
+    "time": ("s",),
+    "q": ("rad", "m", "1"),
+    "u": ("rad/s", "m/s"),
+    "udot": ("rad/s^2", "m/s^2"),
+    "force": ("N", "N*m"),
+    "work": ("J",),
+    "integral": ("J",),
+}
+
+
+def _unknown_kind(one: Meaning, why: str) -> InputError:
+    return LogError(
+        f"column {one.column!r}, read as {one.target!r}: {why}, and whether this is an angle or a "
+        'length is not known. Give the model, or a mapping with [log] angles = ["…"], or with a '
+        "unit for each column"
+    )
+
+
+def _check_mixed(readings: list[ColumnReading]) -> None:
+    """A coordinate in a unit of length whose speed is in one of angles cannot be right."""
+    q = [r for r in readings if r.meaning.startswith("q.")]
+    u = [r for r in readings if r.meaning.startswith("u.")]
+    pairs = Kinematics.of(
+        [r.meaning.removeprefix("q.") for r in q], [r.meaning.removeprefix("u.") for r in u]
+    ).rates
+    for i, j in pairs:
+        if not (q[i].unit and u[j].unit):
+            continue
+        a, b = unit(q[i].unit).dimension, unit(u[j].unit).dimension
+        if (a[0], a[3]) != (b[0], b[3]):
+            raise LogError(
+                f"mixed units: {q[i].meaning!r} is in {q[i].unit!r} (column {q[i].column!r}), but its "
+                f"rate {u[j].meaning!r} in {u[j].unit!r} (column {u[j].column!r}); correct one of them"
+            )
+
+
+def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str, FloatArray]:
+    """The columns in the mechanism's order, for the order of a foreign file means nothing."""
+    order = [f"q.{n}" for n in names.coordinates]
+    order += [f"{prefix}.{n}" for prefix in ("u", "udot") for n in names.speeds]
+    place = {name: index for index, name in enumerate(order)}
+    return dict(sorted(columns.items(), key=lambda item: place.get(item[0], len(place))))
 
 
 def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, FloatArray]) -> None:
@@ -322,352 +765,6 @@ def in_schema_frames(
         turned = np.einsum("tij,tj->ti" if letter == "v" else "tji,tj->ti", R, vector)
         result |= dict(zip(parts, turned.T, strict=True))
     return result
-
-
-def _strict(raw: RawLog, mapping: LogMapping | None) -> bool:
-    """Whether nothing but the names of the schema says what the columns are."""
-    return mapping is None and not raw.plain_names
-
-
-def _sources(
-    raw: RawLog, mapping: LogMapping | None, names: MechanismNames | None
-) -> tuple[dict[str, Source], dict[str, InputError]]:
-    """Schema column -> where it is in this file: the mapping's word, then the names'; and what is missing."""
-    sources: dict[str, Source] = {}
-    missing: dict[str, InputError] = {}
-    if mapping is not None:
-        for target, source in mapping.sources.items():
-            if source.column is not None:
-                try:
-                    _require(source.column, source.where, target, raw)
-                except InputError as error:
-                    missing[target] = error
-                    continue
-            sources[target] = source
-    taken = {source.column for source in sources.values()}
-    for name in [*raw.columns, *raw.skipped]:
-        meaning = raw.meanings.get(name) or _own_meaning(name, raw, names)
-        if meaning is not None and meaning not in sources and name not in taken:
-            if name in raw.skipped:
-                missing[meaning] = LogError(raw.skipped[name])
-            else:
-                sources[meaning] = Source(name)
-    guesses: dict[str, Recognised] = {}
-    if names is not None and mapping is None:
-        taken = {source.column for source in sources.values()}
-        for found in recognise(raw, names):
-            if found.target in sources or found.column in taken:
-                continue
-            if found.certain:
-                sources[found.target] = Source(
-                    found.column or None, step=found.step, frame=found.frame
-                )
-            else:
-                guesses[found.target] = found
-    if names is None and _strict(raw, mapping):
-        return sources, missing  # from_columns says what is missing
-    derivable = _unlogged(sources, names) if names is not None and mapping is None else ()
-    for target in _needed(names, any(target.startswith("u.") for target in sources)):
-        known = names is not None and target in names.laws
-        if target in derivable or known:
-            continue
-        if target not in sources and target not in missing:
-            missing[target] = _missing(target, raw, sources, guesses.get(target))
-    if not missing and not any(target.startswith("q.") for target in sources):
-        missing["q"] = LogError(
-            "no column is known to be a coordinate; give the model, or say in a mapping file which "
-            f"columns are. Columns: {listed(raw.columns)}{_also(raw)}"
-        )
-    return sources, missing
-
-
-def _own_meaning(name: str, raw: RawLog, names: MechanismNames | None) -> str | None:
-    if is_schema_name(name):
-        plain = without_unit(name)
-        return plain if is_schema_name(plain) and names is not None else name
-    if names is not None and name in names.coordinates and raw.plain_names:
-        return f"q.{name}"
-    return None
-
-
-def _needed(names: MechanismNames | None, with_speeds: bool) -> tuple[str, ...]:
-    """What a log of the mechanism must have; where it has no speeds at all, they are derived."""
-    coordinates = names.coordinates if names is not None else ()
-    speeds = names.speeds if names is not None and with_speeds else ()
-    return ("time", *(f"q.{name}" for name in coordinates), *(f"u.{name}" for name in speeds))
-
-
-def _require(column: str, where: str, target: str, raw: RawLog) -> None:
-    if column in raw.columns:
-        return
-    if column in raw.skipped:
-        raise LogError(f"{where}: {raw.skipped[column]}")
-    raise UnknownName(
-        f"{where}: the file has no column {column!r}{closest(column, raw.columns)} "
-        f"(it is meant as {target!r}: {_purpose(target)}){_also(raw)}"
-    )
-
-
-def _missing(
-    target: str, raw: RawLog, sources: Mapping[str, Source], guess: Recognised | None
-) -> InputError:
-    taken = {source.column for source in sources.values()}
-    unused = [name for name in raw.columns if name not in taken]
-    if target == "time":
-        for name in [name for name in unused if is_time(name)]:
-            rows = np.flatnonzero(~(np.diff(raw.columns[name]) > 0.0)) + 1
-            if len(rows):
-                row = int(rows[0])
-                return LogError(
-                    f"column {name!r} is called a time, but row {row} ({raw.columns[name][row]:.9g}) is not "
-                    f"later than the row before ({raw.columns[name][row - 1]:.9g}). Leave out rows that are "
-                    "there twice, and give each motion a file of its own"
-                )
-    hint = (
-        f"; did you mean {guess.column!r}?" if guess and guess.column else closest(target, unused)
-    )
-    if "did you mean" not in hint and "." in target:
-        hint = closest(target.partition(".")[2], unused)
-    return LogError(
-        f"no column {target!r}{hint if unused else ''} ({_purpose(target)}). Add it, or say in a mapping "
-        f"file which "
-        f"column it is, or that it is constant: {_line(target, guess, unused)}; deltac audit MODEL LOG "
-        f"--draft-mapping map.toml writes one to edit{_also(raw)}"
-    )
-
-
-def _line(target: str, guess: Recognised | None, unused: Sequence[str]) -> str:
-    """The lines of a mapping that would say what a column is, to be pasted."""
-    kind, _, name = target.partition(".")
-    if target == "time" and (guess is None or guess.step is not None):
-        step = f"{guess.step:g}" if guess is not None else "0.01"
-        return f"[log] time = {{ step = {step} }} (s from row to row)"
-    column = guess.column if guess is not None else next(iter(unused), "…")
-    table = {"q": "coordinates", "u": "speeds", "time": "log"}.get(kind, "log")
-    key = "time" if kind == "time" else json.dumps(name, ensure_ascii=False)
-    return f"[{table}] {key} = {{ column = {json.dumps(column, ensure_ascii=False)} }}"
-
-
-def _purpose(target: str) -> str:
-    return _PURPOSES.get(target.partition(".")[0], "")
-
-
-def _also(raw: RawLog) -> str:
-    if not raw.skipped:
-        return ""
-    return (
-        ". Not read: "
-        + "; ".join(islice(raw.skipped.values(), 12))
-        + "; …" * (len(raw.skipped) > 12)
-    )
-
-
-def _reading(
-    target: str,
-    source: Source,
-    raw: RawLog,
-    mapping: LogMapping | None,
-    names: MechanismNames | None,
-) -> ColumnReading:
-    """The unit of one column: the mapping's, the file's, the mapping's default, else SI."""
-    column, si = source.column or "", si_unit(target, names)
-    written, note = source.unit, "unit from the mapping"
-    if written is None and column in raw.units:
-        written, note = raw.units[column], "unit from the file"
-    if written is None and column != target:
-        written, note = column_unit(column, si), "unit from the column's name"
-    if written is None and mapping is not None and mapping.units:
-        if si is None:
-            raise _unknown_kind(
-                target, source, "[units] of the mapping speaks of kinds of quantities"
-            )
-        written, note = mapping.units.get(si), "unit from [units] of the mapping"
-    if written is None and raw.in_degrees and target != "time":
-        if si is None:
-            raise _unknown_kind(target, source, "the header says inDegrees=yes")
-        degrees = target.startswith(("q.", "u.", "udot.")) and si.startswith("rad")
-        written, note = (si.replace("rad", "deg") if degrees else None), "inDegrees=yes"
-    if written is None:
-        written, note = _declared(target, source, raw, si), "unit declared beside the columns"
-    if written is None:
-        factor, note = 1.0, f"{si or 'SI units'}, as nothing else is said"
-    else:
-        factor = _factor(target, written, si, source, column)
-    if source.step is not None:
-        return ColumnReading(
-            "", target, written or "", factor * source.step, 0.0, "counted from row to row"
-        )
-    if source.constant is not None:
-        value = factor * (source.sign * source.constant + source.offset)
-        return ColumnReading("", target, written or "", 0.0, value, "constant")
-    offset = factor * source.offset
-    if source.frame:
-        note = f"{note}; in {source.frame} components"
-    factor *= source.sign
-    return ColumnReading(column, target, written or "", factor, offset, note, source.frame)
-
-
-def _declared(target: str, source: Source, raw: RawLog, si: str | None) -> str | None:
-    """The unit of a column's kind that the file declares beside its columns; LogError if that is unclear."""
-    of = f"column {source.column!r}, read as {target!r}"
-    remedy = "say in a mapping file which unit the column has"
-    wanted = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
-    fitting: dict[float, str] = {}
-    rates: list[str] = []
-    for where, text in raw.declared.items():
-        if text.lower().removesuffix(" units") in _NO_OTHERS:
-            continue
-        try:
-            found = unit(text)
-        except InputError:
-            raise LogError(
-                f"{of}: {where!r} of the file declares a unit that is not known, {shown(text)}; {remedy}"
-            ) from None
-        if found.dimension in wanted:
-            if si is None and found.factor != 1.0:
-                raise _unknown_kind(target, source, f"{where!r} of the file is {text!r}")
-            fitting.setdefault(found.factor, text)
-        elif found.factor != 1.0 and any(
-            _of_rate(found.dimension, other, target) for other in wanted
-        ):
-            rates.append(text)
-    if len(fitting) > 1 or (rates and not fitting):
-        told = [*fitting.values(), *rates]
-        raise LogError(f"{of}: the file declares {listed(told)} beside its columns; {remedy}")
-    return next((text for factor, text in fitting.items() if factor != 1.0), None)
-
-
-def _of_rate(one: tuple[int, ...], other: tuple[int, ...], target: str) -> bool:
-    """Whether a speed or an acceleration is the rate of what has the first of two dimensions."""
-    (a, m, _, c), (d, n, _, f) = one, other
-    return target.startswith(("u.", "udot.")) and (a, m, c) == (d, n, f)
-
-
-_NO_OTHERS = ("si", "mks", "", "-", "none", "dimensionless")
-"""What stands for a unit, and changes no number."""
-
-
-def _factor(target: str, written: str, si: str | None, source: Source, column: str) -> float:
-    place = source.where if source.column != column or source.unit else f"column {column!r}"
-    try:
-        found = unit(written)
-    except InputError as error:
-        raise InputError(f"{place}: {error}. Say in a mapping file which unit it has.") from None
-    allowed = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
-    if found.dimension not in allowed:
-        expected = si or " or ".join(_ALLOWED[target.partition(".")[0]])
-        raise LogError(
-            f"{place}: {written!r} is not a unit of {target!r}; expected one that converts to {expected}"
-        )
-    return found.factor
-
-
-_ALLOWED = {
-    "time": ("s",),
-    "q": ("rad", "m", "1"),
-    "u": ("rad/s", "m/s"),
-    "udot": ("rad/s^2", "m/s^2"),
-    "force": ("N", "N*m"),
-    "work": ("J",),
-    "integral": ("J",),
-}
-
-
-def _unknown_kind(target: str, source: Source, why: str) -> InputError:
-    return LogError(
-        f"column {source.column!r}, read as {target!r}: {why}, and whether this is an angle or a "
-        'length is not known. Give the model, or a mapping with [log] angles = ["…"], or with a '
-        "unit for each column"
-    )
-
-
-def _check_mixed(readings: list[ColumnReading]) -> None:
-    """A coordinate in a unit of length whose speed is in one of angles cannot be right."""
-    q = [r for r in readings if r.meaning.startswith("q.")]
-    u = [r for r in readings if r.meaning.startswith("u.")]
-    pairs = Kinematics.of(
-        [r.meaning.removeprefix("q.") for r in q], [r.meaning.removeprefix("u.") for r in u]
-    ).rates
-    for i, j in pairs:
-        if not (q[i].unit and u[j].unit):
-            continue
-        a, b = unit(q[i].unit).dimension, unit(u[j].unit).dimension
-        if (a[0], a[3]) != (b[0], b[3]):
-            raise LogError(
-                f"mixed units: {q[i].meaning!r} is in {q[i].unit!r} (column {q[i].column!r}), but its "
-                f"rate {u[j].meaning!r} in {u[j].unit!r} (column {u[j].column!r}); correct one of them"
-            )
-
-
-def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str, FloatArray]:
-    """The columns in the mechanism's order, for the order of a foreign file means nothing."""
-    order = [f"q.{n}" for n in names.coordinates]
-    order += [f"{prefix}.{n}" for prefix in ("u", "udot") for n in names.speeds]
-    place = {name: index for index, name in enumerate(order)}
-    return dict(sorted(columns.items(), key=lambda item: place.get(item[0], len(place))))
-
-
-# --- a mapping to edit ---------------------------------------------------------------------------
-
-
-@_anything
-def draft_mapping(raw: RawLog, names: MechanismNames, title: str) -> str:
-    """A mapping file for a foreign log; comments say what is recognised, guessed, and missing.
-
-    Raises InputError for a log of deltac's own, which needs none.
-    """
-    if raw.header is not None:
-        raise ArgumentsError(
-            "the log has deltac's own metadata, which contain all that a mapping could say; it needs none"
-        )
-    sources, _ = _sources(raw, None, names)
-    found = {one.target: one for one in recognise(raw, names)}
-    speeds = any(target.startswith("u.") for target in [*sources, *found])
-    tables: dict[str, list[str]] = {"log": [], "coordinates": [], "speeds": []}
-    used: set[str] = set()
-    for target in dict.fromkeys([*_needed(names, speeds), *sources, *found]):
-        one = found.get(target)
-        source = sources.get(target)
-        column = source.column if source is not None else one.column if one is not None else None
-        kind, _, name = target.partition(".")
-        table, key = _place(kind, name, names)
-        if column is None and target in names.laws:
-            line = f'# {key} = {{ column = "?" }}  # else {_LAW}'
-        elif column is None and not (one and one.step):
-            line = f'# {key} = {{ column = "?" }}  # missing: {_purpose(target)}'
-        elif one is not None and one.step is not None and not column:
-            line = f"{key} = {{ step = {one.step!r} }}  # guessed: {one.why}"
-        else:
-            assert column is not None
-            used.add(column)
-            si = si_unit(target, names)
-            unit_text = raw.units.get(column) or column_unit(column, si)
-            with suppress(InputError):
-                unit_text = unit_text or _declared(target, Source(column), raw, si)
-            entry = f"column = {_quoted(column)}" + (
-                f", unit = {_quoted(unit_text)}" if unit_text else ""
-            )
-            if one is not None and one.column == column and one.frame:
-                entry += f", frame = {_quoted(one.frame)}"
-            why = one.why if one is not None else "a name of its format"
-            sure = source is not None or (one is not None and one.certain)
-            told = why if sure else f"guessed: {why}"
-            line = f"{key} = {{ {entry} }}  # {told}" + (
-                "" if unit_text else f"; {si or 'SI'} assumed"
-            )
-        tables.setdefault(table, []).append(line)
-    lines = [
-        f"# A draft by deltac of the mapping for {title}: look at what is guessed, and at units that are "
-        f"assumed.",
-        f"# {LEGEND}",
-    ]
-    for table, entries in tables.items():
-        if entries:
-            lines += ["", f"[{table}]", *entries]
-    unused = [name for name in raw.columns if name not in used]
-    if unused:
-        lines += ["", "# Not used:", *(f"#   {_quoted(name)}" for name in unused[:MOST_UNUSED])]
-    return "\n".join(lines) + "\n"
 
 
 LEGEND = (

@@ -1,12 +1,9 @@
-"""What columns of other programs are, by how people name them, and by what they do: `recognise`.
+"""What columns of other programs are: `recognise`.
 
-A name is taken apart into words, as in ``/joint_states/Elbow.position [deg]``. The words of a coordinate of
-the mechanism say what the column belongs to; of what is left every word must be known as one for positions,
-velocities, accelerations or forces, or as one that says nothing. So ``elbow_pos_desired`` is nothing that
-happened. Arrays are known by their name and their width. What is there twice is not taken.
-
-Where names leave it open, the motion tells: coordinates move as their speeds say. That finds the times among
-several columns, the order of a state vector, and which column is the rate of which.
+What is declared decides: names of joints and quantities, names and widths of arrays, the order of the model.
+What is there twice is not taken. The motion, for coordinates move as their speeds say, confirms that or
+objects, and tells what nothing declares: the times among several columns, the order of a state vector, frames
+of a floating body, and which column is the rate of which.
 """
 
 from __future__ import annotations
@@ -14,87 +11,50 @@ from __future__ import annotations
 import difflib
 import os
 import re
-import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
-from deltac.trajectories.columns import ANGULAR, Kinematics, MechanismNames, si_unit
-from deltac.trajectories.formats.floating import AGREES, Floating, floating_base, moving_poses
+from deltac.trajectories.columns import ANGULAR, QUATERNION, Kinematics, MechanismNames, si_unit
+from deltac.trajectories.formats.floating import (
+    BASES,
+    Floating,
+    Layout,
+    floating_base,
+    of_vectors,
+    packed,
+    poses,
+    vectors_of,
+)
+from deltac.trajectories.formats.meaning import Basis, Meaning
 from deltac.trajectories.formats.raw import RawLog
 from deltac.trajectories.formats.units import column_unit, converts, unit, without_unit
+from deltac.trajectories.formats.words import (
+    DERIVATIVES,
+    KNOWN,
+    NEUTRAL,
+    RATES,
+    SKIPS,
+    SLIDES,
+    STEPS,
+    TABLE,
+    TURNS,
+    UNREAL,
+    WORDS,
+    arrays_of,
+    key,
+    kind_of,
+    names_time,
+    unglued,
+    without,
+    words_of,
+)
+from deltac.trajectories.motion import AGREES, Movement
 from deltac.trajectories.trajectory import FloatArray
 
-WORDS: Mapping[str, frozenset[str]] = {
-    "q": frozenset(
-        "q qpos pos position positions angle angles value theta th phi psi disp displacement p "
-        "winkel drehwinkel weg lage".split()
-    ),
-    "u": frozenset(
-        "qd dq qdot qvel vel vels velocity velocities speed speeds rate omega w v angvel "
-        "geschwindigkeit winkelgeschwindigkeit drehzahl".split()
-    ),
-    "udot": frozenset(
-        "qdd ddq qddot qacc acc accel acceleration accelerations vdot udot alpha a b "
-        "beschleunigung winkelbeschleunigung".split()
-    ),
-    "force": frozenset("tau torque torques trq effort efforts moment".split()),
-}
-"""Words that say what of a joint a column is. Single letters are those of Simscape's primitives: q, w, b,
-p, v."""
-
-TURNS = frozenset(
-    "angle angles theta th phi psi omega w angular angvel winkel drehwinkel "
-    "winkelgeschwindigkeit drehzahl rpm".split()
-)
-SLIDES = frozenset("x y z s disp displacement weg v linear".split())
-"""Words of quantities of joints that turn, and that slide."""
-
-_DERIVATIVES = {"dot": 1, "d": 1, "prime": 1, "ddot": 2, "dd": 2, "dt": 0}
-"""Words that differentiate what stands beside them, and how often."""
-
-NEUTRAL = frozenset(
-    "joint joints jnt coord coordinate coordinates state states data robot sim simulated meas measured "
-    "actual real "
-    "signal signals values series simlog simout logsout out log jointset rx ry rz px py pz linear sensor "
-    "jointstates "
-    "jointstate body link motor dof dofs lin".split()
-)
-"""Words that say nothing of it."""
-
-PLACES = frozenset("position pos translation trans location origin xyz".split())
-"""Words of where a body is, without which three columns beside a quaternion are no position."""
-
-TIMES = frozenset(
-    "time t ts times tout datetime timestamp timestamps stamp sec secs seconds clock zeit tiempo "
-    "temps".split()
-)
-NO_TIMES = frozenset(
-    "wall cpu solve compute real delta dt step d duration sampling scheduled plan".split()
-)
-"""Words of columns that are times, but not of the samples."""
-
-STEPS = frozenset("dt timestep ts h sampletime samplingtime sample period deltat".split())
-RATES = frozenset("fs hz rate frequency freq samplerate samplingrate fps".split())
-"""Names of single numbers that are the time between rows, s, and rows in a second."""
-
-SKIPS = frozenset("frameskip nsubsteps substeps decimation actionrepeat controldecimation".split())
-"""Names of single numbers that say how many such times lie between two rows."""
-
-_GREEK = {
-    "θ": "theta",
-    "ϑ": "theta",
-    "φ": "phi",
-    "ϕ": "phi",
-    "ω": "omega",
-    "α": "alpha",
-    "τ": "tau",
-    "ψ": "psi",
-}
-_DOTS = {"\u0307": " dot ", "\u0308": " ddot "}
 _LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
     (kind, frozenset(several.split()))
     for kind, several in (
@@ -109,31 +69,14 @@ _LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
 _STATES = frozenset("x xout state states yout y xs ys trajectory sol obs observations".split())
 """Names of arrays of coordinates and speeds in one."""
 
+_OF_MUJOCO = ("qpos", "qvel", "qacc")
+"""Names that say the conventions of a floating body: MuJoCo's, which are the schema's."""
+
 _COMMANDS = frozenset("ctrl control controls action actions act u input inputs command".split())
 """Names of arrays of what motors were told."""
 
-_BASES = ("base", "root", "torso", "trunk", "pelvis", "floating base", "free", "")
-"""What people call the one body that floats."""
-
 CLOSE, ALMOST = 0.75, 0.85
 """Similarity of two names, and of whole columns, from which on one may be a slip of the other."""
-
-
-@dataclass(frozen=True)
-class Recognised:
-    """A column that is taken for `target`, a column of the log schema, and why.
-
-    A guess, which is not `certain`, is only written into a draft. `step` (s): the time between rows, where
-    the times follow from that. `frame`: "world" or "body", whose components a floating body's velocity has,
-    where it is not the schema's.
-    """
-
-    target: str
-    column: str
-    why: str
-    certain: bool = True
-    step: float | None = None
-    frame: str = ""
 
 
 @dataclass
@@ -142,7 +85,7 @@ class _Search:
 
     raw: RawLog
     names: MechanismNames
-    found: dict[str, Recognised] = field(default_factory=dict)
+    found: dict[str, Meaning] = field(default_factory=dict)
     taken: set[str] = field(default_factory=set)
 
     @cached_property
@@ -152,14 +95,19 @@ class _Search:
         return {c: _readings(parts.get(c, c), common) for c in self.raw.columns}
 
     @cached_property
-    def groups(self) -> dict[str, list[str]]:
+    def arrays(self) -> dict[str, list[str]]:
         """The columns of each array."""
-        return _groups(self.raw)
+        return arrays_of(self.raw.columns)
 
     @cached_property
     def joints(self) -> list[_Joint]:
         """What columns may be of."""
         return list(_joints(self.names))
+
+    @cached_property
+    def floating(self) -> list[str]:
+        """The joints that float."""
+        return [n.removesuffix(".qw") for n in self.names.coordinates if n.endswith(".qw")]
 
     @cached_property
     def targets(self) -> dict[str, list[str]]:
@@ -171,7 +119,7 @@ class _Search:
         }
 
     @cached_property
-    def times(self) -> list[Recognised]:
+    def times(self) -> list[Meaning]:
         """Columns that are called a time."""
         return list(_times(self))
 
@@ -180,7 +128,7 @@ class _Search:
         """The columns that are found, by target."""
         return {one.target: one.column for one in self.found.values()}
 
-    def take(self, candidates: Iterator[Recognised]) -> None:
+    def take(self, candidates: Iterator[Meaning]) -> None:
         """Keep what is new of the candidates."""
         if "time" in self.found and self.raw.columns.keys() <= self.taken:
             return  # no column is left to be anything
@@ -189,18 +137,61 @@ class _Search:
                 self.found[one.target] = one
                 self.taken.add(one.column)
 
-    def told(self, column: str, si: str | None) -> str | None:
+    def unit(self, column: str, si: str | None) -> str | None:
         """The unit that the file or the column's name says, if it converts to `si`."""
-        told = self.raw.units.get(column) or column_unit(column, si)
-        return told if told and si and converts(told, si) else None
+        text = self.raw.units.get(column) or column_unit(column, si)
+        return text if text and si and converts(text, si) else None
 
-    def in_si(self, column: str, si: str | None) -> FloatArray:
-        """The values of a column, from its unit."""
-        told = self.told(column, si)
-        return (unit(told).factor if told else 1.0) * self.raw.columns[column]
+    def values(self, column: str, si: str | None = None) -> FloatArray:
+        """The values of a column in SI units, from its unit; of any kind if `si` is None."""
+        text = self.unit(column, si) if si else self.raw.units.get(column) or column_unit(column)
+        return (unit(text).factor if text else 1.0) * self.raw.columns[column]
+
+    def misfit(self, t: FloatArray, columns: Mapping[str, str]) -> float | None:
+        """How far coordinates do not move as their speeds say, as a share of how far they move.
+
+        `columns`: of the file by target. None where no coordinate with its speed is among them, or nothing
+        moves; infinite where a quaternion is none.
+        """
+        rows = slice(0, _LOOKED_AT)
+        coordinates, speeds = list(self.names.coordinates), list(self.names.speeds)
+        kinematics = Kinematics.of(coordinates, speeds)
+
+        def table(targets: Sequence[str]) -> FloatArray | None:
+            if not all(columns.get(target) in self.raw.columns for target in targets):
+                return None
+            each = [self.values(columns[n], si_unit(n, self.names))[rows] for n in targets]
+            same = {len(values) for values in each} == {len(t[rows])}
+            return np.column_stack(each) if same else None
+
+        movements = []
+        for i, j in kinematics.rates:
+            pair = table([f"q.{coordinates[i]}", f"u.{speeds[j]}"])
+            if pair is not None:
+                movements.append(Movement.of(t[rows], pair[:, :1], pair[:, 1:]))
+        for _, i, j in kinematics.quaternions:
+            p = table([f"q.{name}" for name in coordinates[i : i + 4]])
+            w = table([f"u.{name}" for name in speeds[j : j + 3]])
+            if p is None:
+                continue
+            if not np.nanmax(np.abs((p * p).sum(axis=1) - 1.0)) < AGREES:
+                return np.inf
+            if w is not None:
+                movements.append(Movement.turning(t[rows], p, w, "body"))
+        sizes = np.array([movement.sizes() for movement in movements]).reshape(-1, 2).sum(axis=0)
+        return float(sizes[1] / sizes[0]) if sizes[0] > 0.0 else None
+
+    def agrees(self, t: FloatArray, columns: Mapping[str, str]) -> bool:
+        """Whether coordinates move as their speeds say."""
+        misfit = self.misfit(t, columns)
+        return misfit is not None and misfit < AGREES
 
 
-def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
+_LOOKED_AT = 4000
+"""Rows that are looked at."""
+
+
+def recognise(raw: RawLog, names: MechanismNames) -> dict[str, Meaning]:
     """What the columns of a file are for a mechanism: at most one for each column of the schema."""
     search = _Search(raw, names)
     for rule in _RULES:
@@ -208,10 +199,10 @@ def recognise(raw: RawLog, names: MechanismNames) -> list[Recognised]:
     found = search.found
     frames = {one.frame for one in found.values() if one.target.startswith(("u.", "udot."))}
     rates = search.targets["udot"]
-    known = all(target in found for target in rates)
-    if not known or (frames > {""} and not any(found[target].frame for target in rates)):
-        return [one for one in found.values() if not one.target.startswith("udot.")]
-    return list(found.values())
+    whole = all(target in found for target in rates)
+    if not whole or (frames > {""} and not any(found[target].frame for target in rates)):
+        return {n: one for n, one in found.items() if not n.startswith("udot.")}
+    return found
 
 
 Named: TypeAlias = "Mapping[str, tuple[tuple[str, ...], ...]]"
@@ -220,7 +211,7 @@ Named: TypeAlias = "Mapping[str, tuple[tuple[str, ...], ...]]"
 
 def _readings(column: str, common: str) -> tuple[tuple[str, ...], ...]:
     column = column.removeprefix(common)
-    return tuple(dict.fromkeys((_words(without_unit(column)), _words(column))))
+    return tuple(dict.fromkeys((words_of(without_unit(column)), words_of(column))))
 
 
 def _components(s: _Search) -> dict[str, str]:
@@ -228,7 +219,7 @@ def _components(s: _Search) -> dict[str, str]:
     letters = {3: "xyz", 4: "wxyz"}
     return {
         column: f"{group}_{letter}"
-        for group, columns in s.groups.items()
+        for group, columns in s.arrays.items()
         if len(columns) in letters
         and (len(columns) == 3 or "quat" in group.lower() or "rot" in group.lower())
         for column, letter in zip(columns, letters[len(columns)])
@@ -242,31 +233,15 @@ def _common_path(columns: Sequence[str]) -> str:
     return common[: max(map(common.rfind, ".:/")) + 1]
 
 
-@lru_cache(4096)
-def _words(name: str) -> tuple[str, ...]:
-    """The words of a name, in small letters."""
-    text = unicodedata.normalize("NFC", re.sub(r"['′]", " prime ", name.replace("(t)", "")))
-    text = "".join(str(unicodedata.digit(c, c)) for c in text)  # θ₁
-    plain = []
-    for letter in text:
-        parts = unicodedata.normalize("NFD", letter)
-        base, marks = parts[:1], parts[1:]
-        # ẋ has a dot; ü has two, and is no second derivative.
-        dots = "".join(_DOTS.get(m, "") for m in marks if base.lower() not in "aeiou")
-        plain.append(f" {_GREEK[base]} {dots}" if base in _GREEK else _DOTS.get(base, base) + dots)
-    spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", "".join(plain))
-    return tuple(re.findall(r"[^\W\d_]+|\d+", spaced.lower()))
-
-
 # --- time ----------------------------------------------------------------------------------------
 
 
-def _times(s: _Search) -> Iterator[Recognised]:
+def _times(s: _Search) -> Iterator[Meaning]:
     """Columns that are called a time and increase: one that is sure, or those that may be."""
     times = [
         column
         for column, words in s.named.items()
-        if any(map(_is_time, (*words, _last_part(column)))) and _increases(s.raw.columns[column])
+        if any(map(names_time, (*words, _last_part(column)))) and _increases(s.raw.columns[column])
     ]
     exact = [c for c in times if {("time",), ("t",), ("tout",)} & set(s.named[c])]
     several = exact or times
@@ -275,7 +250,14 @@ def _times(s: _Search) -> Iterator[Recognised]:
         same = all(np.array_equal(s.raw.columns[other], first) for other in several)
         for column in several[:1] if same or len(exact) == 1 else several:
             sure = same or len(exact) == 1
-            yield Recognised("time", column, "called a time", certain=sure)
+            yield Meaning("time", column, "called a time", "declared" if sure else "guess")
+
+
+def _last_part(column: str) -> tuple[str, ...]:
+    """The last part of a path, where it is a time whatever stands before."""
+    parts = map(words_of, reversed(re.split(r"[./]", column)))
+    words = next((words for words in parts if not set(words) <= NEUTRAL), ())
+    return words if words in (("t",), ("time",)) else ()
 
 
 def _increases(values: FloatArray) -> bool:
@@ -283,20 +265,7 @@ def _increases(values: FloatArray) -> bool:
     return bool(len(known) and np.all(np.diff(known) > 0.0))
 
 
-def is_time(column: str) -> bool:
-    """Whether a column is called a time of the samples."""
-    return any(map(_is_time, _readings(column, "")))
-
-
-def _is_time(words: tuple[str, ...]) -> bool:
-    if not words or NO_TIMES & set(words[:-1]):
-        return False
-    return words[-1] in ("time", "times", "timestamp", "timestamps", "tout", "stamp") or (
-        set(words) <= TIMES | NEUTRAL and bool(set(words) & (TIMES - {"sec"}))
-    )
-
-
-def _step(s: _Search) -> Iterator[Recognised]:
+def _step(s: _Search) -> Iterator[Meaning]:
     """A single number that is the time between rows, where no column is the time.
 
     It is sure if the motion agrees; steps of physics may be so many times shorter as another number says.
@@ -307,17 +276,16 @@ def _step(s: _Search) -> Iterator[Recognised]:
     columns = s.columns
     rows = len(s.raw.columns[next(iter(columns.values()))]) if columns else 0
     for word, step in steps:
-        misfit = _misfit(step * np.arange(float(rows)), columns, s)
-        if misfit is not None and misfit < AGREES:
-            yield _counted(word, step)
+        if s.agrees(step * np.arange(float(rows)), columns):
+            yield _counted(word, step, len(steps) > 1)
             return
     word, step = steps[min(1, len(steps) - 1)]
-    yield Recognised("time", "", f"rows are {step:g} s apart, by {word!r}", False, step)
+    yield Meaning("time", "", f"rows are {step:g} s apart, by {word!r}", "guess", step)
 
 
-def _counted(word: str, step: float) -> Recognised:
+def _counted(word: str, step: float, several: bool) -> Meaning:
     why = f"rows are {step:g} s apart, by {word!r} and how the coordinates move"
-    return Recognised("time", "", why, True, step)
+    return Meaning("time", "", why, "motion" if several else "declared", step)
 
 
 def _steps(s: _Search) -> list[tuple[str, float]]:
@@ -325,7 +293,7 @@ def _steps(s: _Search) -> list[tuple[str, float]]:
 
     Steps of physics may be so many times shorter as another number says.
     """
-    plain = [(_words(name.rpartition(".")[2]), value) for name, value in s.raw.scalars.items()]
+    plain = [(words_of(name.rpartition(".")[2]), value) for name, value in s.raw.scalars.items()]
     skips = [value for words, value in plain if value > 1.0 and "".join(words) in SKIPS]
     steps = []
     for words, value in plain:
@@ -354,20 +322,20 @@ def _joints(names: MechanismNames) -> Iterator[_Joint]:
         targets = {"q": f"q.{name}"}
         if name in speed_of:
             targets |= _of_speed(speed_of[name], names)
-        yield _Joint(_words(name), targets)
+        yield _Joint(words_of(name), targets)
         joint, _, part = name.rpartition(".")
         if part in ("qw", "qx", "qy", "qz"):
             for alias in ("quat", "quaternion", "orientation", "rotation", "q"):
-                yield _Joint((*_words(joint), alias, part[1]), targets)
+                yield _Joint((*words_of(joint), alias, part[1]), targets)
     for name in speeds:
         if name in names.coordinates:
             continue
-        yield _Joint(_words(name), {"q": f"u.{name}", **_of_speed(name, names)})  # its bare name
+        yield _Joint(words_of(name), {"q": f"u.{name}", **_of_speed(name, names)})  # its bare name
         joint, _, part = name.rpartition(".")
         if part in ANGULAR:
             for alias in ("angular", "ang", "angvel", "gyro"):
                 turning = {"q": f"u.{name}", **_of_speed(name, names)}
-                yield _Joint((*_words(joint), alias, part[1]), turning)
+                yield _Joint((*words_of(joint), alias, part[1]), turning)
 
 
 def _of_speed(speed: str, names: MechanismNames) -> dict[str, str]:
@@ -387,145 +355,91 @@ def _aliases(names: MechanismNames) -> Iterator[_Joint]:
     """Other names of coordinates: of the one joint that floats; of the body that a joint carries."""
     floating = [n.removesuffix(".qw") for n in names.coordinates if n.endswith(".qw")]
     for joint in _joints(names):
-        first = _words(floating[0]) if len(floating) == 1 else ()
+        first = words_of(floating[0]) if len(floating) == 1 else ()
         if first and joint.words[: len(first)] == first:
-            for base in _BASES:
-                yield _Joint((*_words(base), *joint.words[len(first) :]), joint.targets)
+            for base in BASES:
+                yield _Joint((*words_of(base), *joint.words[len(first) :]), joint.targets)
         body = names.bodies.get(joint.targets.get("q", "").removeprefix("q."))
         if body:
-            yield _Joint(_words(body), joint.targets)
+            yield _Joint(words_of(body), joint.targets)
 
 
-def _by_words(named: Named, joints: Sequence[_Joint], certain: bool = True) -> Iterator[Recognised]:
+def _by_words(
+    named: Named, joints: Sequence[_Joint], basis: Basis = "declared"
+) -> Iterator[Meaning]:
     """Columns that name a coordinate and what of it, with how many words of them agree."""
     for column, readings in named.items():
         found = [
             (len(joint.words), joint.targets[kind])
             for words in readings
             for joint in joints
-            if (left := _without(words, joint.words)) is not None
-            if (kind := _kind(left)) is not None and kind in joint.targets
+            if (left := without(words, joint.words)) is not None
+            if (kind := kind_of(left)) is not None and kind in joint.targets
         ]
         most = max((count for count, _ in found), default=0)
         targets = {target for count, target in found if count == most}
         if len(targets) == 1:
-            why = "by its name" if certain else "by another name of the joint or its body"
-            yield Recognised(targets.pop(), column, why, certain)
+            declared = basis == "declared"
+            why = "by its name" if declared else "by another name of the joint or its body"
+            yield Meaning(targets.pop(), column, why, basis)
 
 
 _ACTUATION = frozenset("force forces actuation actuator motor".split())
 """Words beside the name of a motor that say no more than that it acts."""
 
 
-def _of_motors(s: _Search) -> Iterator[Recognised]:
+def _of_motors(s: _Search) -> Iterator[Meaning]:
     """Columns that name a motor of the model and say, by a word or their unit, that they are its force."""
     for speed, channel in s.names.motors.items():
-        motor = _words(channel.removeprefix("actuator "))
+        motor = words_of(channel.removeprefix("actuator "))
         si = "N*m" if si_unit(f"u.{speed}", s.names) == "rad/s" else "N"
         for column, readings in s.named.items():
             known = _ACTUATION | WORDS["force"] | NEUTRAL
-            if in_unit := s.told(column, si) is not None:
+            if in_unit := s.unit(column, si) is not None:
                 known |= {"t", "f", "m"}  # T, F and M of a torque or force
             for words in readings:
-                left = _without(words, motor)
+                left = without(words, motor)
                 acts = in_unit or set(words) & (_ACTUATION | WORDS["force"])
                 if left is not None and acts and set(left) <= known:
                     target = f"force.{channel}.{speed}"
-                    yield Recognised(target, column, "the motor's name")
+                    yield Meaning(target, column, "the motor's name")
                     break
 
 
-@lru_cache(1 << 16)
-def _without(words: tuple[str, ...], part: tuple[str, ...]) -> tuple[str, ...] | None:
-    """The words that are left without those of a joint, which must be there in their order."""
-    left, at = [], 0
-    for word in words:
-        if at < len(part) and word == part[at]:
-            at += 1
-        else:
-            left.append(word)
-    return tuple(left) if at == len(part) and part else None
-
-
-@lru_cache(4096)
-def _kind(left: tuple[str, ...]) -> str | None:
-    """What of a joint the other words of a column mean: "q", "u", "udot", "force"; None for nothing known."""
-    words = [part for word in left if word not in NEUTRAL for part in _unglued(word)]
-    if len(words) > 1 and words[0] == "angular":
-        words = words[1:]
-    times = sum(_DERIVATIVES.get(word, 0) for word in words)
-    telling = [word for word in words if word not in _DERIVATIVES]
-    kinds = [{kind for kind, known in WORDS.items() if word in known} for word in telling]
-    common = set.intersection(*kinds) if kinds else {"q"}
-    if times > 2 or (telling and times and not common & {"q", "u"}):
-        return None
-    if len(common) != 1:
-        return None
-    kind = common.pop()
-    orders = ["q", "u", "udot"]
-    place = orders.index(kind) + times if kind in orders else 0
-    if not times:
-        return kind
-    return orders[place] if place < len(orders) else None
-
-
-_KNOWN = frozenset().union(*WORDS.values(), _DERIVATIVES)
-_GLUED = re.compile(r"(d{0,2})([^\W\d_]+?)(dot|ddot|dotdot|d|dd|p|pp|prime)?")
-
-
-def _unglued(word: str) -> list[str]:
-    """A word with what differentiates it apart: ``thetadot``, ``dtheta``, ``thdd``, ``xp``."""
-    if word in _KNOWN or not (match := _GLUED.fullmatch(word)):
-        return [word]
-    before, stem, after = match.groups()
-    if stem not in WORDS["q"] | SLIDES - {"v"}:
-        return [word]
-    dots = len(before) + {"dot": 1, "d": 1, "p": 1, "prime": 1, None: 0}.get(after, 2)
-    return [stem, *["dot"] * dots]
-
-
-UNREAL = frozenset(
-    "desired des ref reference target targets cmd command commanded setpoint goal plan planned error err std "
-    "var cov covariance min max limit limits prev previous next last offset bias".split()
-)
-"""Words of columns that are nothing that happened."""
-
-
-def _alike(s: _Search) -> Iterator[Recognised]:
+def _alike(s: _Search) -> Iterator[Meaning]:
     """Columns that name a coordinate beside words that all of these have, which then tell nothing.
 
     They are sure where the coordinates move as their speeds say.
     """
     parts = {
-        column: tuple(part for word in readings[0] for part in _unglued(word))
+        column: tuple(part for word in readings[0] for part in unglued(word))
         for column, readings in s.named.items()
-        if any(_without(readings[0], joint.words) is not None for joint in s.joints)
+        if any(without(readings[0], joint.words) is not None for joint in s.joints)
     }
     if len(parts) < 2:
         return
     several = {word for joint in s.joints for word in joint.words}
-    common = set.intersection(*map(set, parts.values())) - _KNOWN - UNREAL - several
+    common = set.intersection(*map(set, parts.values())) - KNOWN - UNREAL - several
     plain: Named = {
         column: (tuple(word for word in words if word not in common),)
         for column, words in parts.items()
     }
     several_found = list(_unique(s, _by_words(plain, s.joints)))
     columns = {one.target: one.column for one in (*several_found, *s.found.values()) if one.certain}
-    t = s.in_si(columns["time"], "s") if columns.get("time") else None
-    misfit = _misfit(t, columns, s) if t is not None else None
-    sure = misfit is not None and misfit < AGREES
+    t = s.values(columns["time"], "s") if columns.get("time") else None
+    sure = t is not None and s.agrees(t, columns)
     for one in several_found:
-        yield replace(one, certain=one.certain and sure)
+        yield one if sure else replace(one, basis="guess")
 
 
-def _unique(s: _Search, candidates: Iterator[Recognised]) -> Iterator[Recognised]:
+def _unique(s: _Search, candidates: Iterator[Meaning]) -> Iterator[Meaning]:
     """Of the columns for one target the first, as a guess if several say different things."""
-    by_target: dict[str, list[Recognised]] = {}
+    by_target: dict[str, list[Meaning]] = {}
     for one in candidates:
         by_target.setdefault(one.target, []).append(one)
     for target, several in by_target.items():
         first = several[0]
-        values = [s.in_si(one.column, si_unit(target, s.names)) for one in several]
+        values = [s.values(one.column, si_unit(target, s.names)) for one in several]
         same = all(
             len(v) == len(values[0]) and np.allclose(v, values[0], rtol=1e-4, atol=0.0)
             for v in values[1:]
@@ -534,10 +448,10 @@ def _unique(s: _Search, candidates: Iterator[Recognised]) -> Iterator[Recognised
             yield first
         else:
             others = ", ".join(repr(one.column) for one in several[1:4])
-            yield Recognised(target, first.column, f"by its name; or {others}", certain=False)
+            yield Meaning(target, first.column, f"by its name; or {others}", "guess")
 
 
-def _sole(s: _Search) -> Iterator[Recognised]:
+def _sole(s: _Search) -> Iterator[Meaning]:
     """Columns that say only what they are: of the one joint, or of the one that turns, or slides."""
     joints = [j for j in s.joints if "q" in j.targets and "u" in j.targets]
     joints = [j for j in joints if j.targets["q"].startswith("q.")]
@@ -546,14 +460,14 @@ def _sole(s: _Search) -> Iterator[Recognised]:
     }
     places = letters if len(letters) > 1 else set()  # of a point, not of a joint
     for column, readings in s.named.items():
-        parts = [part for word in readings[0] for part in _unglued(word)]
-        kind = _kind(
+        parts = [part for word in readings[0] for part in unglued(word)]
+        kind = kind_of(
             tuple(part if part not in ("x", "y", "z", "s") else "displacement" for part in parts)
         )
         telling = set(parts)
         if kind == "udot" and all(len(part) == 1 for part in telling):
             continue  # Simscape's letters beside names of joints; alone they are anything
-        if column in s.taken or kind is None or not telling - NEUTRAL - _DERIVATIVES.keys():
+        if column in s.taken or kind is None or not telling - NEUTRAL - DERIVATIVES.keys():
             continue
         told = _told_unit(s, column)
         turns, slides = (bool(telling & known) for known in (TURNS, SLIDES))
@@ -579,154 +493,140 @@ def _sole(s: _Search) -> Iterator[Recognised]:
             fitting = joints  # a pendulum's x may be its angle, or how far its bob is
         if len(fitting) == 1:
             what = "the joint" if len(joints) == 1 else "the joint that turns or slides so"
-            yield Recognised(fitting[0].targets[kind], column, f"of {what}, by its name", sure)
+            yield Meaning(
+                fitting[0].targets[kind],
+                column,
+                f"of {what}, by its name",
+                "declared" if sure else "guess",
+            )
 
 
 def _told_unit(s: _Search, column: str) -> str | None:
     """Whether a column's unit is one of turning ("rad") or sliding ("m")."""
     for si in ("rad", "rad/s", "rad/s^2", "m", "m/s", "m/s^2"):
-        if s.told(column, si):
+        if s.unit(column, si):
             return si.partition("/")[0]
     return None
 
 
-# --- arrays and numbers --------------------------------------------------------------------------
+# --- arrays --------------------------------------------------------------------------------------
 
 
-def _by_width(s: _Search) -> Iterator[Recognised]:
+def _by_width(s: _Search) -> Iterator[Meaning]:
     """Arrays that are called so, where just one has as many columns as the mechanism has entries.
 
-    Arrays of joints may leave out the one that floats.
+    Arrays of joints may leave out the one that floats; where the mechanism branches their order is then any.
     """
     motors = [f"force.{channel}.{speed}" for speed, channel in s.names.motors.items()]
     for kind, keys in _LAYOUTS:
-        for targets in [*_widths(s, kind), *([motors] if kind == "force" and motors else [])]:
+        widths = _widths(s, kind)
+        for targets in [*widths, *([motors] if kind == "force" and motors else [])]:
             fitting = [
-                (group, columns)
-                for group, columns in s.groups.items()
-                if len(columns) == len(targets)
-                and columns != ["a"]  # alone it is anything
-                and (_key(group) in keys or (len(columns) > 1 and _array_kind(group) == kind))
+                (array, columns)
+                for array, columns in s.arrays.items()
+                if len(columns) == len(targets) and _is_of(array, columns, kind, keys)
             ]
-            if len(fitting) == 1:
-                group, columns = fitting[0]
-                for target, column in zip(targets, columns, strict=True):
-                    yield Recognised(
-                        target, column, f"in the model's order, by the width of {group!r}"
-                    )
-                break
+            if len(fitting) != 1:
+                continue
+            ((array, columns),) = fitting
+            why, basis = f"in the model's order, by the width of {array!r}", "declared"
+            if (
+                targets is not widths[0]
+                and len(targets) > 1
+                and s.names.branches
+                and kind != "force"
+            ):
+                why, basis = (
+                    f"{why}; the model branches, and nothing says the joints' order",
+                    "open",
+                )
+            elif s.floating and targets is widths[0] and key(array) not in _OF_MUJOCO:
+                why, basis = (
+                    f"{why}; the motion does not tell the floating body's convention",
+                    "guess",
+                )
+            for target, column in zip(targets, columns, strict=True):
+                yield Meaning(target, column, why, basis)  # type: ignore[arg-type]
+            break
 
 
-def _commands(s: _Search) -> Iterator[Recognised]:
+def _is_of(array: str, columns: Sequence[str], kind: str, keys: frozenset[str]) -> bool:
+    """Whether an array is one of a kind by its name."""
+    if key(array) in keys:
+        return list(columns) != ["a"]  # alone it is anything
+    if columns[0] == array:
+        return False
+    for name in (re.split(r"[./]", array)[-1], array):
+        words = words_of(name)
+        telling = set(words) - NEUTRAL or not columns[0].endswith("]")
+        if telling and (found := kind_of(words)):
+            return found == kind
+    return False
+
+
+def _commands(s: _Search) -> Iterator[Meaning]:
     """Arrays of commands, as many as the model has motors: their forces, unless the motors have gears."""
-    for group, columns in s.groups.items():
+    for array, columns in s.arrays.items():
         free = not s.taken & set(columns)
-        if free and _key(group) in _COMMANDS and len(columns) == len(s.names.motors):
+        if free and key(array) in _COMMANDS and len(columns) == len(s.names.motors):
             for (speed, channel), column in zip(s.names.motors.items(), columns):
                 why = "commands, as many as motors; forces if a command of 1 is 1 N·m or 1 N"
-                yield Recognised(f"force.{channel}.{speed}", column, why, certain=False)
+                yield Meaning(f"force.{channel}.{speed}", column, why, "guess")
 
 
 def _widths(s: _Search, kind: str) -> list[list[str]]:
     """All columns of a kind, and those without the one joint that floats."""
     every = s.targets[kind]
-    floating = [n.removesuffix("qw") for n in s.names.coordinates if n.endswith(".qw")]
-    rest = [t for t in every if not any(f".{joint}" in t for joint in floating)]
-    return [every, rest] if len(floating) == 1 and rest else [every]
-
-
-def _array_kind(group: str) -> str | None:
-    """What an array of all joints is by the words of its name: ``dofs_position``."""
-    words = _words(re.split(r"[./]", group)[-1])
-    return _kind(words) if set(words) - NEUTRAL else None
-
-
-def _groups(raw: RawLog) -> dict[str, list[str]]:
-    """The columns of each array, by its name; columns with numbers at their end are an array as well."""
-    groups: dict[str, list[str]] = {}
-    for column in raw.columns:
-        found = re.fullmatch(r"(.+)\[\d+\]", column)
-        groups.setdefault(found[1] if found else column, []).append(column)
-    return groups
+    rest = [t for t in every if not any(f".{joint}." in t for joint in s.floating)]
+    return [every, rest] if len(s.floating) == 1 and rest else [every]
 
 
 def arrays_named(raw: RawLog, names: Sequence[str], width: int) -> list[FloatArray]:
     """Arrays (T, n) that are called one of the names, the first that is there, and have so many columns."""
-    groups = _groups(raw)
-    for column in raw.columns:
-        if found := re.fullmatch(r"(.+?)_?\d+", column):
-            groups.setdefault(found[1], []).append(column)
     for name in names:
-        fitting = [c for group, c in groups.items() if _key(group) == name and len(c) == width]
+        fitting = [
+            c for n, c in arrays_of(raw.columns).items() if key(n) == name and len(c) == width
+        ]
         if fitting:
             return [np.column_stack([raw.columns[column] for column in c]) for c in fitting]
     return []
 
 
-def _key(group: str) -> str:
-    return re.sub(r"[_\s]", "", re.split(r"[./]", group)[-1].lower())
-
-
-def _numbered(s: _Search) -> Iterator[Recognised]:
-    """Columns with consecutive numbers, as many as the mechanism has entries, such as q1 and q2."""
-    groups: dict[tuple[str, ...], dict[int, str]] = {}
-    for column, (words, *_) in s.named.items():
-        places = [k for k, word in enumerate(words) if word.isdecimal()]
-        if len(places) == 1 and len(words) > 1:
-            k = places[0]
-            groups.setdefault((*words[:k], "#", *words[k + 1 :]), {})[int(words[k])] = column
-    by_kind: dict[str, list[tuple[list[str], dict[int, str]]]] = {}
-    for words, columns in groups.items():
-        kind = _kind(tuple(word for word in words if word != "#"))
-        first = min(columns)
-        if kind is None or first > 1 or sorted(columns) != list(range(first, first + len(columns))):
-            continue
-        fitting = [targets for targets in _widths(s, kind) if len(targets) == len(columns)]
-        if fitting:
-            by_kind.setdefault(kind, []).append((fitting[0], columns))
-    for several in by_kind.values():
-        if len(several) == 1:
-            targets, columns = several[0]
-            ordered = [columns[number] for number in sorted(columns)]
-            for target, column in zip(targets, ordered, strict=True):
-                yield Recognised(target, column, "in the model's order, by its number")
-
-
 # --- guesses -------------------------------------------------------------------------------------
 
 
-def _by_name_and_unit(s: _Search) -> Iterator[Recognised]:
+def _by_name_and_unit(s: _Search, joints: Sequence[_Joint]) -> Iterator[Meaning]:
     """Columns called as a joint, and nothing else, in a unit that says what of it: ``elbow_rad_s``."""
     units = {"rad": ("rad", "rad/s", "rad/s^2", "N*m"), "m": ("m", "m/s", "m/s^2", "N")}
-    for joint in s.joints:
+    for joint in joints:
         si = units.get(si_unit(joint.targets["q"], s.names) or "", ("",) * 4)
         for column, readings in s.named.items():
-            left = _without(readings[0], joint.words)
+            left = without(readings[0], joint.words)
             if left is None or set(left) - NEUTRAL:
                 continue
             for kind, of_kind in zip(("q", "u", "udot", "force"), si):
-                if kind in joint.targets and (told := s.told(column, of_kind)):
+                if kind in joint.targets and (told := s.unit(column, of_kind)):
                     why = f"by its name and its unit {told}"
-                    yield Recognised(joint.targets[kind], column, why)
+                    yield Meaning(joint.targets[kind], column, why)
 
 
-def _by_unit(s: _Search) -> Iterator[Recognised]:
+def _by_unit(s: _Search) -> Iterator[Meaning]:
     """Columns that name a joint beside words nobody knows, but have the unit of its position or speed."""
     for column, readings in s.named.items():
         if column in s.taken:
             continue
         for joint in s.joints:
-            if _without(readings[0], joint.words) is None:
+            if without(readings[0], joint.words) is None:
                 continue
             for kind in ("q", "u"):
                 target = joint.targets.get(kind, "")
                 si = si_unit(target, s.names) if target else None
-                if told := s.told(column, si):
+                if told := s.unit(column, si):
                     why = f"names the joint, and is in {told}"
-                    yield Recognised(target, column, why, certain=False)
+                    yield Meaning(target, column, why, "guess")
 
 
-def _slips(s: _Search) -> Iterator[Recognised]:
+def _slips(s: _Search) -> Iterator[Meaning]:
     """Columns whose names almost fit what is missing."""
     free = [column for column in s.named if column not in s.taken]
     for kind in ("q", "u"):
@@ -739,7 +639,7 @@ def _slips(s: _Search) -> Iterator[Recognised]:
                 ]
                 best = max(scores, default=(0.0, ""))
                 if best[0] >= CLOSE:
-                    yield Recognised(target, best[1], "its name is close", certain=False)
+                    yield Meaning(target, best[1], "its name is close", "guess")
 
 
 def _likeness(column: str, words: Sequence[str], target: str, name: str, kind: str) -> float:
@@ -748,180 +648,169 @@ def _likeness(column: str, words: Sequence[str], target: str, name: str, kind: s
     best = whole if whole > ALMOST else 0.0
     telling = [word for word in words if word not in NEUTRAL]
     for k, word in enumerate(telling):
-        if _kind((*telling[:k], *telling[k + 1 :])) == kind:
-            ratio = difflib.SequenceMatcher(None, "".join(_words(name)), word).ratio()
+        if kind_of((*telling[:k], *telling[k + 1 :])) == kind:
+            ratio = difflib.SequenceMatcher(None, "".join(words_of(name)), word).ratio()
             best = max(best, ratio)
     return best
 
 
-# --- what the motion tells -------------------------------------------------------------------------
-
-_LOOKED_AT = 4000
-"""Rows that this is looked at in."""
-_MOST_PAIRED = 60
-"""Columns among which rates are searched for."""
+# --- the body that floats ------------------------------------------------------------------------
 
 
-def _misfit(t: FloatArray, columns: Mapping[str, str], s: _Search) -> float | None:
-    """How far coordinates do not move as their speeds say, as a fraction of how far they move.
-
-    None where no coordinate with its speed is among the columns (target -> column), or nothing moves.
-    """
-    rows = slice(0, _LOOKED_AT)
-    change = apart = 0.0
-    coordinates, speeds = list(s.names.coordinates), list(s.names.speeds)
-    kinematics = Kinematics.of(coordinates, speeds)
-    for i, j in kinematics.rates:
-        pair = [f"q.{coordinates[i]}", f"u.{speeds[j]}"]
-        if not all(target in columns and columns[target] in s.raw.columns for target in pair):
-            continue
-        q, u = (s.in_si(columns[target], si_unit(target, s.names))[rows] for target in pair)
-        if not len(q) == len(u) == len(t[rows]):
-            return None
-        dq, integral = np.diff(q), 0.5 * np.diff(t[rows]) * (u[1:] + u[:-1])
-        change += float(np.nansum(np.abs(dq)) + np.nansum(np.abs(integral)))
-        apart += float(np.nansum(np.abs(dq - integral)))
-    for _, first, _ in kinematics.quaternions:
-        parts = [columns.get(f"q.{name}", "") for name in coordinates[first : first + 4]]
-        if all(part in s.raw.columns for part in parts):
-            norm = sum(s.raw.columns[part][rows] ** 2 for part in parts)
-            if not np.nanmax(np.abs(norm - 1.0)) < AGREES:
-                return np.inf
-    return apart / change if change > 0.0 else None
-
-
-def _floating(s: _Search) -> Iterator[Recognised]:
-    """The one body that floats, by how it moves, and the joints in the same arrays."""
-    joints = [name.removesuffix(".qw") for name in s.names.coordinates if name.endswith(".qw")]
-    if len(joints) != 1 or f"{joints[0]}.vx" not in s.names.speeds:
+def _floating(s: _Search) -> Iterator[Meaning]:
+    """The one body that floats, by names, widths and how it moves, and the joints in the same arrays."""
+    if len(s.floating) != 1 or f"{s.floating[0]}.vx" not in s.names.speeds:
         return
+    joint = s.floating[0]
     for clock, t in _clocks(s):
-        columns = [c for c, x in s.raw.columns.items() if len(x) == len(t) and c != clock.column]
+        columns = [
+            c
+            for c, x in s.raw.columns.items()
+            if len(x) == len(t) and c not in (s.taken | {clock.column})
+        ]
         rows = slice(0, _LOOKED_AT)
-        table = np.column_stack([_factor(s, c) * s.raw.columns[c][rows] for c in columns])
-        known = ~np.isnan(table).any(axis=1)
-        letters = [_last_letter(c) for c in columns]
-        places = {k for k, c in enumerate(columns) if PLACES & set(_words(without_unit(c)))}
-        vectors = _vectors(columns, letters)
-        scaled = (  # whole milliseconds and the like are told once the log is read
-            floating_base(factor * t[rows][known], table[known], vectors) for factor in _SECONDS
-        )
-        base = next((one for one in scaled if one is not None), None)
+        table = {c: s.values(c)[rows] for c in columns}
+        if not table:
+            continue
+        known = ~np.isnan(np.column_stack(list(table.values()))).any(axis=1)
+        table = {c: values[known] for c, values in table.items()}
+        arrays = {n: c for n, c in s.arrays.items() if set(c) <= set(columns)}
+        vectors = vectors_of(arrays, columns, [joint, s.names.bodies.get(joint, joint)])
+        layouts = [*_packed(s, clock.column), *of_vectors(vectors)]
+        layouts = [one for one in layouts if {*one.position, *one.quaternion} <= set(columns)]
+        layouts = [one for one in layouts if {*one.linear, *one.angular} <= set(columns)]
+        places = [replace(one, q=(), u=()) for one in layouts]
+        # Whole milliseconds and the like are told once the log is read.
+        distinct = list(dict.fromkeys(places))
+        bases = (floating_base(f * t[rows][known], table, distinct) for f in _SECONDS)
+        base = next((base for base in bases if base is not None), None)
         if base is not None:
+            alike = [one for one, place in zip(layouts, places) if place == base.layout]
             yield clock
-            yield from _of_floating(base, joints[0], columns, t, s)
+            first = base.layout == places[0]
+            yield from _of_floating(s, replace(base, usual=base.usual and first), joint, alike, t)
             return
-        poses = list(moving_poses(table[known], letters, places))
-        if len(poses) == 1:
-            why = "the one pose that moves"
-            parts = (*(f"q{c}" for c in "wxyz"), *"xyz")
-            for part, place in zip(parts, poses[0], strict=True):
-                yield Recognised(f"q.{joints[0]}.{part}", columns[place], why)
+        moving = list(poses(table, vectors))
+        if len(moving) == 1:
+            parts = (*QUATERNION, *"xyz")
+            for part, column in zip(parts, moving[0], strict=True):
+                yield Meaning(f"q.{joint}.{part}", column, "the one pose that moves", "motion")
             return
 
 
-def _vectors(columns: Sequence[str], letters: Sequence[str]) -> list[range]:
-    """Three consecutive columns that are a vector by their names: of an array, or by x, y and z."""
-    arrays = [re.sub(r"\[\d+\]$", "", column) for column in columns]
-    found = []
-    for k in range(len(columns) - 2):
-        array = arrays[k]
-        whole = arrays[k : k + 3] == [array] * 3 and arrays.count(array) == 3
-        if whole or list(letters[k : k + 3]) == ["x", "y", "z"]:
-            found.append(range(k, k + 3))
-    return found
+def _packed(s: _Search, clock: str) -> Iterator[Layout]:
+    """Layouts in arrays, the most declared first: a pair of coordinates and speeds, a state, a root state."""
+    i = list(s.targets["q"]).index(f"q.{s.floating[0]}.x")
+    j = list(s.targets["u"]).index(f"u.{s.floating[0]}.vx")
+    nq, nu = len(s.targets["q"]), len(s.targets["u"])
+    arrays = {n: [c for c in columns if c != clock] for n, columns in s.arrays.items()}
+    for a, b, at in ((nq, nu, (i, j)), (7, 6, (0, 0))):
+        q, u = (_arrays_of(arrays, kind, width) for kind, width in (("q", a), ("u", b)))
+        for one in q:
+            for other in u:
+                if one != other:
+                    yield from packed(one, other, *at)
+    for width in dict.fromkeys((nq + nu, 13)):
+        for columns in arrays.values():
+            if len(columns) != width:
+                continue
+            if width == nq + nu:
+                yield from packed(columns[:nq], columns[nq:], i, j)
+                yield from packed(columns[nu:], columns[:nu], i, j)
+            root, rest = columns[:13], columns[13:]
+            joints = s.targets["q"][7:], s.targets["u"][6:]
+            for order in _joint_orders(*joints) if i == j == 0 else [[]]:
+                place = dict(zip(order, rest))
+                of_q, of_u = (tuple(place[n] for n in of if n in place) for of in joints)
+                for pose, twist in ((root[:7], root[7:]), (root[6:], root[:6])):
+                    yield from packed([*pose, *of_q], [*twist, *of_u])
 
 
-def _last_part(column: str) -> tuple[str, ...]:
-    """The last part of a path, where it is a time whatever stands before."""
-    parts = map(_words, reversed(re.split(r"[./]", column)))
-    words = next((words for words in parts if not set(words) <= NEUTRAL), ())
-    return words if words in (("t",), ("time",)) else ()
+def _joint_orders(q: Sequence[str], u: Sequence[str]) -> Iterator[list[str]]:
+    yield [*q, *u]
+    yield [x for pair in zip(q, u) for x in pair]
+    yield [*u, *q]
+
+
+def _arrays_of(arrays: Mapping[str, Sequence[str]], kind: str, width: int) -> list[Sequence[str]]:
+    """Arrays of a width, those whose names are of the kind where any are."""
+    keys = dict(_LAYOUTS)[kind]
+    every = {name: columns for name, columns in arrays.items() if len(columns) == width}
+    named = [columns for name, columns in every.items() if _is_of(name, columns, kind, keys)]
+    return named or list(every.values())
 
 
 _SECONDS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units that times without a unit may have, s."""
 
 
-def _last_letter(column: str) -> str:
-    words = _words(without_unit(column))
-    return words[-1][-1] if words else ""
-
-
-def _clocks(s: _Search) -> Iterator[tuple[Recognised, FloatArray]]:
+def _clocks(s: _Search) -> Iterator[tuple[Meaning, FloatArray]]:
     """The times that rows may have: the known ones, else by single numbers, or columns that increase."""
     if "time" in s.found:
-        yield s.found["time"], s.in_si(s.found["time"].column, "s")
+        yield s.found["time"], s.values(s.found["time"].column, "s")
         return
     lengths = [len(values) for values in s.raw.columns.values()]
     rows = max(set(lengths), key=lengths.count, default=0)
-    for word, step in _steps(s):
-        yield _counted(word, step), step * np.arange(float(rows))
+    steps = _steps(s)
+    for word, step in steps:
+        yield _counted(word, step, len(steps) > 1), step * np.arange(float(rows))
     why = "by it the floating body moves as its speeds say"
     for column in dict.fromkeys([*(one.column for one in s.times), *s.raw.columns]):
         if _increases(s.raw.columns[column]):
-            yield Recognised("time", column, why), s.in_si(column, "s")
+            yield Meaning("time", column, why, "motion"), s.values(column, "s")
 
 
 def _of_floating(
-    base: Floating, joint: str, columns: Sequence[str], t: FloatArray, s: _Search
-) -> Iterator[Recognised]:
-    """Columns of a floating body, and those of the joints that stand in its arrays."""
-    why = f"as the body moves: {base}"
+    s: _Search, base: Floating, joint: str, alike: Sequence[Layout], t: FloatArray
+) -> Iterator[Meaning]:
+    """Columns of a floating body, and those of the joints that stand in its arrays.
+
+    Of layouts that are `alike` but for the joints that one is right in which these move as their speeds say.
+    """
+    rest = [[n for n in s.targets[kind] if f".{joint}." not in n] for kind in ("q", "u")]
+    orders = [dict(zip(rest[0], one.q)) | dict(zip(rest[1], one.u)) for one in alike]
+    misses = [s.misfit(t, joints) or 0.0 for joints in orders]
+    joints = orders[int(np.argmin(misses))]
+    layout = base.layout
+    array_of = {column: array for array, several in s.arrays.items() for column in several}
+    of_q, of_u = (array_of[columns[0]] for columns in (layout.quaternion, layout.angular))
+    named = layout.order and layout.linear_frame and layout.angular_frame
+    states = of_q == of_u and key(of_q) not in _STATES and len(s.arrays[of_q]) > 13
+    declared = base.usual and (named or (bool(joints) and not states))
+    basis: Basis = "declared" if declared else "motion"
+    why = f"{'by names and widths, confirmed by' if declared else 'by'} how the body moves: {base}"
     frames = {
         "v": "body" if base.linear_frame == "body" else "",
         "w": "world" if base.angular_frame == "world" else "",
     }
-    places = {
-        **{f"q.{joint}.{c}": k for c, k in zip("xyz", base.position)},
-        **{f"q.{joint}.q{c}": k for c, k in zip("wxyz", base.quaternion)},
-        **{f"u.{joint}.v{c}": k for c, k in zip("xyz", base.linear)},
-        **{f"u.{joint}.w{c}": k for c, k in zip("xyz", base.angular)},
+    targets = {
+        **dict(zip((f"q.{joint}.{c}" for c in "xyz"), layout.position)),
+        **dict(zip((f"q.{joint}.{c}" for c in QUATERNION), base.quaternion)),
+        **dict(zip((f"u.{joint}.v{c}" for c in "xyz"), layout.linear)),
+        **dict(zip((f"u.{joint}.w{c}" for c in "xyz"), layout.angular)),
     }
-    targets = {target: columns[k] for target, k in places.items()}
-    of_speed = {
-        target.removeprefix("u."): frames[target.rpartition(".")[2][0]]
-        for target in targets
-        if target.startswith("u.")
-    }
-    nameless = all(re.fullmatch(r"column \d+", column) for column in columns)
-    groups = {"the table": list(columns)} if nameless else s.groups
-    group_of = {column: group for group, several in groups.items() for column in several}
-    first_q, first_u = (group_of[columns[k]] for k in (base.quaternion[0], base.angular.start))
-    taken = set(targets.values())
-    rest_q, rest_u = (
-        [c for c in groups[group] if c not in taken and c in columns]
-        for group in (first_q, first_u)
-    )
-    every = s.targets
-    q, u = ([t for t in every[kind] if t not in targets] for kind in ("q", "u"))
-    if first_q == first_u:
-        orders = ([*q, *u], [x for pair in zip(q, u) for x in pair], [*u, *q])
-        options = [dict(zip(order, rest_q)) for order in orders if len(order) == len(rest_q)]
-    else:
-        fits = len(q) == len(rest_q) and len(u) == len(rest_u)
-        options = [dict(zip([*q, *u], [*rest_q, *rest_u]))] if fits else []
-    misses = [_misfit(t, option, s) for option in options]
-    for option, miss in zip(options, misses):
-        if miss is None or miss < AGREES:
-            targets |= option
-            break
-    for target, column in targets.items():
+    of_speed = {n[2:]: frames[n[-2]] for n in targets if n.startswith("u.")}
+    for target, column in {**targets, **joints}.items():
         frame = of_speed.get(target.removeprefix("u."), "")
-        yield Recognised(target, column, why, frame=frame)
-    inverse = {column: target for target, column in targets.items()}
-    speeds = [inverse.get(column, "") for column in groups[first_u]]
-    if first_u == first_q or not all(speed.startswith("u.") for speed in speeds):
+        yield Meaning(target, column, why, basis, frame=frame)
+    inverse = {column: target for target, column in {**targets, **joints}.items()}
+    speeds = [inverse.get(column, "") for column in s.arrays[of_u]]
+    if of_u == of_q or not all(speed.startswith("u.") for speed in speeds):
         return
     for kind in ("udot", "force"):  # arrays of the speeds' width are in their order
         keys = dict(_LAYOUTS)[kind]
-        same = [g for g, c in groups.items() if _key(g) in keys and len(c) == len(speeds)]
-        for column, target in zip(groups[same[0]] if len(same) == 1 else (), speeds):
+        same = [g for g, c in s.arrays.items() if key(g) in keys and len(c) == len(speeds)]
+        for column, target in zip(s.arrays[same[0]] if len(same) == 1 else (), speeds):
             speed = target.removeprefix("u.")
             of = _of_speed(speed, s.names)[kind]
-            yield Recognised(
-                of, column, f"in the order of the speeds; {why}", frame=of_speed.get(speed, "")
-            )
+            because = f"in the order of the speeds; {why}"
+            yield Meaning(of, column, because, basis, frame=of_speed.get(speed, ""))
+
+
+# --- what the motion tells -----------------------------------------------------------------------
+
+_MOST_PAIRED = 60
+"""Columns among which rates are searched for."""
 
 
 def _orders(s: _Search) -> Iterator[tuple[str, list[str]]]:
@@ -934,59 +823,64 @@ def _orders(s: _Search) -> Iterator[tuple[str, list[str]]]:
         yield "speeds and coordinates", [*u, *q]
 
 
-def _state_vectors(s: _Search) -> Iterator[Recognised]:
+@dataclass(frozen=True)
+class _State:
+    """An array read as a state vector: columns by target; how far they miss; whether it is called one."""
+
+    columns: Mapping[str, str]
+    because: str
+    miss: float | None
+    named: bool
+    usual: bool
+
+
+def _state_vectors(s: _Search) -> Iterator[Meaning]:
     """An array, or a table without names, of coordinates and speeds, perhaps after the time.
 
-    Its order is the one in which coordinates move as their speeds say; the name decides only between arrays,
-    and where nothing moves, or the times are not known.
+    Its order is the one in which coordinates move as their speeds say; the name decides between arrays, and
+    where nothing moves.
     """
     if any(target.startswith(("q.", "u.")) for target in s.found):
         return
-    groups = dict(s.groups)
-    for column in s.raw.columns:  # y1, y2; y(1), y(2)
-        if not column.endswith("]") and (match := _NUMBERED.fullmatch(column)):
-            groups.setdefault(match[1].strip(), []).append(column)
-    nameless = [column for column in s.raw.columns if _NAMELESS.fullmatch(column)]
-    if nameless and len(nameless) == len(s.raw.columns):
-        groups = {"the table": nameless, **groups}
     time = s.found["time"].column if "time" in s.found else None
-    times = [time] if time else [c for c, values in s.raw.columns.items() if _increases(values)]
-    agreeing: list[tuple[dict[str, str], str, str]] = []
-    named: list[tuple[dict[str, str], str, str]] = []
-    guessed: list[tuple[dict[str, str], str, str]] = []
-    for group, columns in groups.items():
-        for name, targets in _orders(s):
-            after = len(columns) - len(targets)
-            first = s.raw.columns[columns[0]]
-            if after not in (0, 1) or (after and not _increases(first)):
-                continue
-            mapped = dict(zip(["time", *targets] if after else targets, columns, strict=True))
-            why = f"in the model's order, {name}, by the width of {group!r}"
-            found_misfits = [
-                m
-                for c in ([columns[0]] if after else times)
-                if (m := _misfit(s.in_si(c, "s"), mapped, s)) is not None
-            ]
-            misfit = min(found_misfits, default=None)
-            if misfit is not None and "udot" in targets[-1]:  # speeds must move so, too
-                rates = {t: mapped[_next(t)] for t in mapped if t.startswith(("q.", "u."))}
-                clock = s.in_si(columns[0] if after else times[0], "s")
-                misfit = max(misfit, _misfit(clock, rates, s) or 0.0)
-            if misfit is not None and misfit < AGREES:
-                agreeing.append((mapped, f"{why} and how they move", group))
-            elif name == "coordinates and speeds" and misfit != np.inf:
-                (named if _key(group) in _STATES and not after else guessed).append(
-                    (mapped, why, group)
-                )
-    by_name = [one for one in agreeing if _key(one[2]) in _STATES]
-    sure = by_name if by_name else agreeing
-    if not agreeing and len(named) == 1:
-        sure = named
-    for mapped, why, _ in (sure or named or guessed)[:1]:
+    states = [state for name in s.arrays for state in _states(s, name, time)]
+    agreeing = [one for one in states if one.miss is not None and one.miss < AGREES]
+    still = [one for one in states if one.miss is None and one.usual and one.named]
+    sure = [one for one in agreeing if one.named] or agreeing or (still if len(still) == 1 else [])
+    for one in (sure or [one for one in states if one.usual and one.miss != np.inf])[:1]:
         # of two orders that fit, the first is usual; an array alone in its file is the table as well
-        same = all(set(one[0].values()) == set(mapped.values()) for one in sure)
-        for target, column in mapped.items():
-            yield Recognised(target, column, why, certain=bool(sure) and same)
+        same = all(set(other.columns.values()) == set(one.columns.values()) for other in sure)
+        basis: Basis = "declared" if one.named and one.usual else "motion"
+        basis = basis if sure and same else "guess"
+        for target, column in one.columns.items():
+            yield Meaning(target, column, one.because, basis)
+
+
+def _states(s: _Search, name: str, time: str | None) -> Iterator[_State]:
+    """An array in each order that its width allows."""
+    array = s.arrays[name]
+    every = [c for c, values in s.raw.columns.items() if _increases(values)]
+    for order, targets in _orders(s):
+        after = len(array) - len(targets)
+        if after not in (0, 1) or (after and array[0] not in every):
+            continue
+        columns = dict(zip(["time", *targets] if after else targets, array, strict=True))
+        clocks = [s.values(c, "s") for c in ([array[0]] if after else [time] if time else every)]
+        rates = {
+            n: columns[_next(n)] for n in columns if n[:2] in ("q.", "u.") and "udot" in targets[-1]
+        }
+        misses = [  # speeds must move as accelerations say, too
+            max(miss, (s.misfit(t, rates) or 0.0) if rates else 0.0)
+            for t in clocks
+            if (miss := s.misfit(t, columns)) is not None
+        ]
+        what = "the table" if name == TABLE else repr(name)
+        why = f"in the model's order, {order}, by the width of {what}"
+        miss = min(misses, default=None)
+        if miss is not None and miss < AGREES:
+            why += " and how they move"
+        usual = order == "coordinates and speeds"
+        yield _State(columns, why, miss, key(name) in _STATES and not after, usual)
 
 
 def _next(target: str) -> str:
@@ -995,7 +889,7 @@ def _next(target: str) -> str:
     return f"u.{name}" if kind == "q" else f"udot.{name}"
 
 
-def _moving_times(s: _Search) -> Iterator[Recognised]:
+def _moving_times(s: _Search) -> Iterator[Meaning]:
     """The one increasing column by which the coordinates move as their speeds say, whatever its name."""
     if "time" in s.found:
         return
@@ -1004,7 +898,7 @@ def _moving_times(s: _Search) -> Iterator[Recognised]:
         column
         for column, values in s.raw.columns.items()
         if column not in columns.values() and _increases(values)
-        if (misfit := _misfit(s.in_si(column, "s"), columns, s)) is not None and misfit < AGREES
+        if s.agrees(s.values(column, "s"), columns)
     ]
     if fitting:
         first = s.raw.columns[fitting[0]]
@@ -1013,10 +907,11 @@ def _moving_times(s: _Search) -> Iterator[Recognised]:
             for c in fitting
         ]
         same = bool(np.max(shifts) <= 1e-3 * np.ptp(first))
-        yield Recognised("time", fitting[0], "by it coordinates move as their speeds say", same)
+        why = "by it coordinates move as their speeds say"
+        yield Meaning("time", fitting[0], why, "motion" if same else "guess")
 
 
-def _moving(s: _Search) -> Iterator[Recognised]:
+def _moving(s: _Search) -> Iterator[Meaning]:
     """Columns of unknown names that are rates of others: as many pairs as coordinates are missing."""
     coordinates, speeds = list(s.names.coordinates), list(s.names.speeds)
     pairs = [
@@ -1033,44 +928,38 @@ def _moving(s: _Search) -> Iterator[Recognised]:
         for c, values in s.raw.columns.items()
         if c not in s.taken and len(values) == len(time) and np.ptp(values[rows]) > 0.0
     ][:_MOST_PAIRED]
-    values = {c: s.in_si(c, None)[rows] * _factor(s, c) for c in free}
-    h = np.diff(time[rows])
-    changes = {c: np.diff(v) for c, v in values.items()}
-    integrals = {c: 0.5 * h * (v[1:] + v[:-1]) for c, v in values.items()}
+    values = {c: s.values(c)[rows, None] for c in free}
 
     def follows(a: str, b: str) -> bool:
-        apart = float(np.nansum(np.abs(changes[a] - integrals[b])))
-        size = float(np.nansum(np.abs(changes[a])) + np.nansum(np.abs(integrals[b])))
-        return a != b and apart < 0.5 * AGREES * size
+        size, difference = Movement.of(time[rows], values[a], values[b]).sizes()
+        return a != b and difference < 0.5 * AGREES * size
 
     rates = {a: [b for b in free if follows(a, b)] for a in free}
-    found_pairs = [(a, several[0]) for a, several in rates.items() if len(several) == 1]
-    seconds = {b for _, b in found_pairs}
-    found_pairs = [(a, b) for a, b in found_pairs if a not in seconds]
-    if len(found_pairs) == len(missing):
-        for (q, u), (a, b) in zip(missing, found_pairs):
+    single = [(a, several[0]) for a, several in rates.items() if len(several) == 1]
+    seconds = {b for _, b in single}
+    single = [(a, b) for a, b in single if a not in seconds]
+    if len(single) == len(missing):
+        for (q, u), (a, b) in zip(missing, single):
             why = f"in the order of the file; {b!r} is the rate of {a!r}"
-            yield Recognised(q, a, why, certain=False)
-            yield Recognised(u, b, why, certain=False)
+            yield Meaning(q, a, why, "guess")
+            yield Meaning(u, b, why, "guess")
 
 
-def _factor(s: _Search, column: str) -> float:
-    """The factor to SI of the unit in brackets, or that the file says."""
-    told = s.raw.units.get(column) or column_unit(column)
-    return unit(told).factor if told else 1.0
+def _of_joints(s: _Search) -> list[_Joint]:
+    """What columns may be of, but for the body that floats, whose conventions names do not tell."""
+    floating = tuple(f"{kind}.{joint}." for joint in s.floating for kind in ("q", "u"))
+    return [one for one in s.joints if not one.targets["q"].startswith(floating)]
 
 
-_NAMELESS = re.compile(r"column \d+|.*\[\d+\]")
-_NUMBERED = re.compile(r"(.*?[^\W\d_])[ _]?[(\[]?\d+[)\]]?")
-
-_RULES: Sequence[Callable[[_Search], Iterator[Recognised]]] = (
+_RULES: Sequence[Callable[[_Search], Iterator[Meaning]]] = (
     lambda s: iter(s.times if len(s.times) == 1 else ()),
+    lambda s: _unique(s, _by_name_and_unit(s, _of_joints(s))),
+    lambda s: _unique(s, _by_words(s.named, _of_joints(s))),
     _floating,
-    lambda s: _unique(s, _by_name_and_unit(s)),
+    lambda s: _unique(s, _by_name_and_unit(s, s.joints)),
     lambda s: _unique(s, _by_words(s.named, s.joints)),
     lambda s: _unique(s, _of_motors(s)),
     _by_width,
-    _numbered,
     _alike,
     lambda s: _unique(s, _sole(s)),
     _state_vectors,
@@ -1078,7 +967,7 @@ _RULES: Sequence[Callable[[_Search], Iterator[Recognised]]] = (
     lambda s: iter(s.times),
     _step,
     lambda s: _unique(s, _by_unit(s)),
-    lambda s: _unique(s, _by_words(s.named, list(_aliases(s.names)), certain=False)),
+    lambda s: _unique(s, _by_words(s.named, list(_aliases(s.names)), "guess")),
     _slips,
     _moving,
     _commands,

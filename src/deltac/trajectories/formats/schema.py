@@ -26,12 +26,8 @@ from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.occurrences import Occurrence
 from deltac.trajectories.trajectory import MAPPINGS, FloatArray, Provenance, Trajectory, as_numbers
 
-SCHEMA_VERSION = 3
-"""Raised whenever a reader of the old version would misread or refuse the new one.
-
-Version 2 has the entry `events`, without which speeds that jump would be integrated across. Version 3 has
-the entry `works`, and entries of the provenance that were notes before.
-"""
+SCHEMA_VERSION = 1
+"""Raised whenever a reader of the version before would misread or refuse the new one."""
 
 UNITS: Mapping[str, str] = {
     "time": "s",
@@ -311,7 +307,7 @@ def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
         _texts(metadata, "speeds"),
         _entry(metadata, "accelerations", bool),
         _texts(metadata, "channels"),
-        _texts(metadata, "works") if version > 2 else (),
+        _texts(metadata, "works"),
         _texts(metadata, "integrals"),
     )
 

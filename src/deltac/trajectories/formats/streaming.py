@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError, LogError
@@ -14,11 +14,8 @@ from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.formats.files import naming
 from deltac.trajectories.formats.mapping import LogMapping, as_mapping
 from deltac.trajectories.formats.parquet import parquet_facts, read_parquet_part
-from deltac.trajectories.formats.reading import to_trajectory
+from deltac.trajectories.formats.reading import LogReading
 from deltac.trajectories.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from deltac.mechanism.mechanism import Mechanism
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ def scan_trajectory(
     rows: int = 100_000,
     overlap: int = 1,
     mapping: LogMapping | str | Path | None = None,
-    mechanism_names: MechanismNames | Mechanism | None = None,
+    model: Any = None,
 ) -> Iterator[Chunk]:
     """Read a Parquet log in chunks of `rows` rows that see `overlap` rows of their neighbours.
 
@@ -61,7 +58,7 @@ def scan_trajectory(
         raise InputError(f"rows is {rows}, overlap {overlap}; expected 1 or more, 0 or more")
     with naming(path), opened(path):
         pass
-    names = None if mechanism_names is None else MechanismNames.of(mechanism_names)
+    names = None if model is None else MechanismNames.of(model)
     return _chunks(Path(path), rows, overlap, as_mapping(mapping), names)
 
 
@@ -85,7 +82,7 @@ def _chunks(
             part = None if header is None else {**header, "rows": last - first}
             try:
                 raw = read_parquet_part(path, first, last - first, part)
-                run = to_trajectory(raw, mapping, names, derive=False)
+                run = LogReading.of(raw, mapping, names).trajectory(derive=False)
             except InputError as error:
                 raise InputError(f"in the part that begins at row {first}: {error}") from error
         yield Chunk(run, first, slice(start - first, stop - first), total)

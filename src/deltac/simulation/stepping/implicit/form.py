@@ -63,7 +63,7 @@ class Form:
             P = flow.xdot[z_part]
         else:
             forces = channels(system)
-            r = (rnea(system, system.udot_all) - total_force(system, forces))[system.free_u]
+            r = (rnea(system, system.udot_all) - total_force(system, forces))[system.free_u, :]
             if rows is not None:
                 r = r - ca.mtimes(rows.G.T, lam)
             driving = driving_forces(system, system.udot_all, forces, flow.bound, lam)

@@ -81,6 +81,8 @@ class Newton:
         Steps are taken whole at first. Later on one that does not lessen the residual is halved: across the
         kinks of friction and contact Newton's method may else go to and fro for ever.
         """
+        if not self._size:  # every joint is prescribed
+            return Outcome(start, True, 0, start)
         self._in[self._size :] = data
         y, step, size, scale = start.copy(), np.zeros_like(start), np.inf, SLOWEST
         last, smallest, before = np.inf, np.inf, np.inf

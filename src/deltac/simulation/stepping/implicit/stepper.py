@@ -68,7 +68,9 @@ class ImplicitMethod:
     def system(self) -> StepSystem:
         """The step's equations, compiled."""
         e = self.equations
-        return StepSystem(e.unknowns, self._data, e.residual, e.speeds)
+        # Speeds that the constraints determine say nothing of the convergence of the multipliers.
+        telling = e.unknowns.shape[0] if self.flow.driven else e.speeds
+        return StepSystem(e.unknowns, self._data, e.residual, telling)
 
     @cached_property
     def ending(self) -> Kernel:
@@ -139,7 +141,7 @@ class ImplicitSteps(Stepper):
     def _solved(self, t: float, x: Array, h: float, memory: Array) -> Taken:
         u = x[self._method.flow.parts[1]]
         data = np.concatenate([[t, h], x, memory, self._motors.held, self._p, [self._radius]])
-        self._fastest = max(self._fastest, float(np.abs(u).max()))
+        self._fastest = max(self._fastest, float(np.abs(u).max(initial=0.0)))
         outcome = Outcome(np.empty(0), False, 0, np.empty(0))
         for guess in self._guesses(u, h, memory):
             outcome = self._newton.solve(guess, data, self._fastest)

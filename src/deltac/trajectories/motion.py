@@ -1,0 +1,136 @@
+"""Whether coordinates move as their speeds say: Δq over each interval beside ∫u dt.
+
+The one test of kinematics that needs no model: it tells times, orders of state vectors, frames and orders of
+quaternions when a log is read, and slips of units afterwards.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from deltac.trajectories.rates import continuous, rotation_vectors
+from deltac.trajectories.trajectory import FloatArray
+
+T = TypeVar("T")
+
+AGREES = 0.1
+"""Largest share of their movement by which coordinates may differ from the integrals of their speeds."""
+
+CLEARLY = 0.5
+"""A reading other than the declared or usual one must miss by so much less."""
+
+FIT, CLOSE = 0.98, 0.02
+"""Least correlation of a fit that counts, and how near its ratio is to a known one, relative."""
+
+_PARTS = 40
+"""Parts of a log over which increments are summed."""
+
+_LEAST = 0.05
+"""Least share of the movement of an axis that is compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Movement:
+    """Increments of coordinates `moved` and integrals of speeds `told`, over intervals (I, n)."""
+
+    moved: FloatArray
+    told: FloatArray
+
+    @classmethod
+    def of(cls, t: FloatArray, q: FloatArray, u: FloatArray) -> Movement:
+        """Of coordinates (T, n) with the rates u (T, n)."""
+        return cls(np.diff(q, axis=0), integral(t, u))
+
+    @classmethod
+    def turning(cls, t: FloatArray, p: FloatArray, w: FloatArray, frame: str) -> Movement:
+        """Of quaternions (T, 4), scalar first, with angular velocities in "body" or "world" components."""
+        return cls(rotation_vectors(continuous(p), frame), integral(t, w))
+
+    def among(self, intervals: npt.NDArray[np.bool_]) -> Movement:
+        """The same over some of the intervals."""
+        return Movement(self.moved[intervals], self.told[intervals])
+
+    def column(self, k: int) -> Movement:
+        """That of one coordinate (I, 1)."""
+        return Movement(self.moved[:, k : k + 1], self.told[:, k : k + 1])
+
+    def sizes(self) -> tuple[float, float]:
+        """The sum of all movement, and of all differences; missing values count nothing."""
+        return (
+            float(np.nansum(np.abs(self.moved)) + np.nansum(np.abs(self.told))),
+            float(np.nansum(np.abs(self.moved - self.told))),
+        )
+
+    @property
+    def miss(self) -> float:
+        """How far the increments differ from what speeds say, as a share, along the worst axis.
+
+        Summed over some rows the noise of coordinates falls out; then they must agree twice as well.
+        """
+        rows = np.arange(0, len(self.moved), max(1, len(self.moved) // _PARTS))
+        sums = (np.add.reduceat(values, rows, axis=0) for values in (self.moved, self.told))
+        return min(_worst(self.moved, self.told), 2.0 * _worst(*sums))
+
+    def fit(self) -> Fit:
+        """Least squares of `moved` on `told`, each scaled first, so that no square under- or overflows."""
+        a, b = (float(np.max(np.abs(x), initial=0.0)) for x in (self.moved, self.told))
+        if not (a > 0.0 and b > 0.0):
+            return Fit(0.0, 0.0)
+        x, y = (self.told / b).ravel(), (self.moved / a).ravel()
+        xy, xx, yy = float(x @ y), float(x @ x), float(y @ y)
+        return Fit(xy / xx * (a / b), xy / math.sqrt(xx * yy))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Δq = ratio · ∫u dt; `correlation` 1 where that holds exactly, 0 where nothing moves."""
+
+    ratio: float
+    correlation: float
+
+    @property
+    def good(self) -> bool:
+        """Whether it counts."""
+        return abs(self.correlation) >= FIT
+
+    def near(self, value: float) -> bool:
+        """Whether it counts, and its ratio is this one."""
+        return self.good and abs(self.ratio / value - 1.0) <= CLOSE
+
+    def beats(self, usual: Fit) -> bool:
+        """Whether this reading fits where the usual one does not, and by far better."""
+        misfit, usual_misfit = 1.0 - abs(self.correlation), 1.0 - abs(usual.correlation)
+        return self.good and not usual.good and misfit < 0.2 * usual_misfit
+
+
+def preferred(readings: Sequence[T], miss: Callable[[T], float]) -> T | None:
+    """The first, the declared or usual one, unless another agrees with the motion and misses clearly less.
+
+    Where none agrees, since samples are far apart or noisy, the one that misses clearly less than all others.
+    """
+    ordered = sorted(readings, key=miss)
+    if not ordered:
+        return None
+    best, least = ordered[0], miss(ordered[0])
+    if least < AGREES:
+        return readings[0] if least > CLEARLY * miss(readings[0]) else best
+    return best if least < CLEARLY * min([1.0, *map(miss, ordered[1:])]) else None
+
+
+def integral(t: FloatArray, u: FloatArray) -> FloatArray:
+    """What speeds (T, n) move over each interval (T−1, n), by trapezoids."""
+    result: FloatArray = 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1])
+    return result
+
+
+def _worst(moved: FloatArray, told: FloatArray) -> float:
+    size = np.abs(moved).sum(axis=0) + np.abs(told).sum(axis=0)
+    difference = np.abs(moved - told).sum(axis=0)
+    telling = size > _LEAST * size.sum()
+    return float(np.max(difference[telling] / size[telling])) if telling.any() else np.inf

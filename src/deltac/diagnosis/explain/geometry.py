@@ -1,12 +1,13 @@
 """Columns of the geometry: what small changes of places, axes and lengths do to the equations of motion.
 
-A joint that sits elsewhere, or is turned, is one more joint beside it that stands still at a small coordinate
-θ. Its column is ∂(F_r + F*_r)/∂θ of that joint: with its motion subspace ξ and the velocity v and acceleration a
-of the body that carries it (gravity in it), all bodies beyond have velocities larger by ψ̇ = v × ξ and
-accelerations larger by ψ̈ = a × ξ + v × ψ̇, in their own frames, and their forces act on the bodies before
-from another place, ξ ×* f (S. Singh, R. P. Russell, P. M. Wensing, IEEE Robot. Autom. Lett. 7 (2022) 1776-1783).
-So one sweep over the tree gives all columns. Force elements and constraints are differentiated body by body, as
-laws of poses and velocities of bodies that nothing joins.
+A joint that sits elsewhere, or is turned, is one more joint beside it that rests at a small coordinate. Its
+column is the derivative of F_r + F*_r with respect to that: with its motion subspace ξ and the velocity v
+and acceleration a of the body that carries it (gravity in it), all bodies beyond have velocities larger by
+ψ̇ = v × ξ and accelerations larger by ψ̈ = a × ξ + v × ψ̇, in their own frames, and their forces act on the
+bodies before from another place, ξ ×* f. So one sweep over the tree gives all columns. Force elements and
+constraints are differentiated body by body, as laws of poses and velocities of bodies that nothing joins.
+
+S. Singh, R. P. Russell, P. M. Wensing, IEEE Robot. Autom. Lett. 7 (2022) 1776-1783.
 
 Numbers of elements and constraints (lengths, points, radii, ratios) and named parameters of the mechanism are
 kept as symbols and differentiated directly.

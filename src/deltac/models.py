@@ -34,7 +34,7 @@ from deltac.errors import (
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import parse_json, parse_toml
 from deltac.foreign.scripts import SUFFIXES, Script
-from deltac.mechanism.coordinate_map import CoordinateMap, absolute_angles
+from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
@@ -224,21 +224,22 @@ def load_model(source: ModelLike) -> Model:
     raise WrongType(f"model: found {_described(source)}; expected {TAKEN}")
 
 
-def chosen_map(model: Model, coordinates: CoordinateMap | str | None) -> CoordinateMap | None:
-    """The coordinates that equations of a model are written in (see `check_equations`)."""
-    if isinstance(coordinates, CoordinateMap):
-        return coordinates
-    own = None if model.problem is None else model.problem.equations
-    offered = None if own is None else own.coordinates
-    if coordinates is None:
-        return offered
-    if coordinates == "joint":
-        return None
-    if coordinates == "absolute":
-        return offered or absolute_angles(model.mechanism)
-    raise InputError(
-        f"unknown coordinates {coordinates!r}: expected 'joint', 'absolute' or a CoordinateMap"
-    )
+def chosen_map(
+    model: Model, coordinates: CoordinateMap | str | None, written: object = None
+) -> CoordinateMap | None:
+    """The coordinates that equations of a model are written in (see `check_equations`).
+
+    Where nothing is said they are those of `written`, if these are `Equations`, else those of the problem's.
+    """
+    from deltac.simulation.equations import Equations
+
+    if coordinates is None and isinstance(written, Equations):
+        return own_coordinates(model.mechanism, written.coordinates)
+    equations = None if model.problem is None else model.problem.equations
+    offered = None if equations is None else equations.coordinates
+    if coordinates is None or (coordinates == "absolute" and offered is not None):
+        coordinates = offered
+    return own_coordinates(model.mechanism, coordinates)
 
 
 def load_callable(text: str) -> Callable[..., Any]:

@@ -81,6 +81,32 @@ def test_the_plugin_in_someone_elses_suite(
     assert "deltac_relative_energy_error" in report.read_text("utf-8")
 
 
+def test_an_error_about_an_input_shows_the_lines_of_the_user_alone(
+    pytester: pytest.Pytester, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path / "kernels"))
+    pytester.makepyfile(
+        """
+        import deltac as dc
+        def too_few(t, q, u):
+            return q[7]
+        def test_a_name():
+            dc.simulate("double-pendulum", None, 1.0, 0.01, "ode66")
+        def test_a_function():
+            dc.check_equations("double-pendulum", too_few)
+        """
+    )
+    installed = any(e.name == "deltac" for e in entry_points(group="pytest11"))
+    loaded = () if installed else ("-p", "deltac.testing.plugin")
+    outcome = pytester.runpytest_subprocess(*loaded)
+    outcome.assert_outcomes(failed=2)
+    outcome.stdout.fnmatch_lines(["E *unknown solver 'ode66'*", ">*return q*7*", "E *SourceError*"])
+    for ours in ("*site-packages*", "*contextlib*", "*src/deltac*", "*refuse_misfits*"):
+        outcome.stdout.no_fnmatch_line(ours)
+    full = pytester.runpytest_subprocess(*loaded, "--full-trace", "-k", "name")
+    full.stdout.fnmatch_lines(["*def find_solver*"])
+
+
 def test_equations_are_asserted() -> None:
     problem = dc.problems.load("triple-pendulum")
     assert problem.equations is not None

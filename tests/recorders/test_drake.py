@@ -12,6 +12,7 @@ from deltac.errors import InputError
 from deltac.recorders import record_drake
 from deltac.trajectories import Trajectory
 from tests.recorders.arm import ARM, mechanism
+from tests.recorders.works import takes_the_works_of_held_forces
 
 pytest.importorskip("pydrake", reason="Drake is not installed")
 
@@ -67,6 +68,9 @@ def test_a_continuous_arm_closes_at_the_order_of_its_integrator(method: str, ord
         "damper elbow",
     }
     assert order - 0.3 < observed_order(mechanism(), runs, "samples") < order + 1.3
+    assert order - 0.3 < observed_order(mechanism(), runs, "in-loop") < order + 1.3
+    bar = dc.balance(mechanism(), runs[0].every(4)).error_bar["wang"].max()
+    assert bar < 1e-11  # the works of all steps are known, whatever rows are left
     assert np.abs(dc.residuals(mechanism(), runs[0])["coordinates"]).max() < 1e-11
 
 
@@ -77,6 +81,7 @@ def test_a_discrete_arm_closes_step_by_step(method: str, sampled: bool) -> None:
     # The equations hold with the step's accelerations and forces: all of them were found.
     assert np.abs(dc.residuals(mechanism(), runs[0])["coordinates"]).max() < 1e-8
     assert ("correction implicit" in runs[0].forces) == (method == "sap")
+    takes_the_works_of_held_forces(mechanism(), runs)
     assert not any(name.startswith(("limit", "applied")) for name in runs[0].forces)
 
 
@@ -153,8 +158,14 @@ def test_a_contact(discrete: bool) -> None:
     ledger = dc.balance(BOX_MECHANISM, run, work="discrete" if discrete else "samples")
     assert ledger.work["contact all"][-1] < -0.5
     assert ledger.relative("wang") < 0.03
-    if not discrete:  # the impact lasts some ten rows
+    if discrete:
+        takes_the_works_of_held_forces(BOX_MECHANISM, [run])
+    else:  # the impact lasts some ten rows
         assert ledger.relative("wang") < 2 * ledger.error_bar["wang"][-1] / ledger.energy_exchanged
+        # The works along the steps lose nothing of it.
+        taken = dc.balance(BOX_MECHANISM, run)
+        assert taken.relative("wang") < 0.2 * ledger.relative("wang")
+        assert taken.error_bar["wang"].max() < 1e-11
     assert run.provenance.acted == ("contact all",)
     assert set(run.forces) <= {"contact all", "correction solver"}
 

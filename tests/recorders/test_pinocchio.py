@@ -57,12 +57,14 @@ def integrated(
     duration: float,
     torque: Callable[[float, Any, Any], Any],
     sample: Callable[[float, Any, Any], None],
+    stage: Callable[[float, float, Any, Any], None] = lambda duration, t, q, v: None,
 ) -> None:
     """Runge's and Kutta's method on the configuration's Lie group (Munthe-Kaas with a chart at each step)."""
     data = model.createData()
 
-    def slope(t: float, dq: Any, v: Any) -> tuple[Any, Any]:
+    def slope(t: float, dq: Any, v: Any, weight: float) -> tuple[Any, Any]:
         here = pin.integrate(model, q, dq)
+        stage(weight * step, t, here, v)
         a = pin.aba(model, data, here, v, torque(t, here, v))
         # The rate of the chart's coordinates: dExp⁻¹ v.
         J = pin.dIntegrate(model, q, dq, pin.ArgumentPosition.ARG1)
@@ -72,10 +74,10 @@ def integrated(
         t = k * step
         sample(t, q, v)
         z = np.zeros(model.nv)
-        k1 = slope(t, z, v)
-        k2 = slope(t + step / 2, step / 2 * k1[0], v + step / 2 * k1[1])
-        k3 = slope(t + step / 2, step / 2 * k2[0], v + step / 2 * k2[1])
-        k4 = slope(t + step, step * k3[0], v + step * k3[1])
+        k1 = slope(t, z, v, 1 / 6)
+        k2 = slope(t + step / 2, step / 2 * k1[0], v + step / 2 * k1[1], 1 / 3)
+        k3 = slope(t + step / 2, step / 2 * k2[0], v + step / 2 * k2[1], 1 / 3)
+        k4 = slope(t + step, step * k3[0], v + step * k3[1], 1 / 6)
         dq = step / 6 * (k1[0] + 2 * k2[0] + 2 * k3[0] + k4[0])
         v = v + step / 6 * (k1[1] + 2 * k2[1] + 2 * k3[1] + k4[1])
         q = pin.integrate(model, q, dq)
@@ -85,8 +87,13 @@ def drive(t: float) -> Any:
     return np.array([4.0 + np.sin(7 * t), 0.5 * np.cos(5 * t)])
 
 
-def driven_arm(step: float) -> Trajectory:
+def driven_arm(step: float, stages: bool = False) -> Trajectory:
     model = arm()
+
+    def stage(duration: float, t: float, q: Any, v: Any) -> None:
+        if stages:
+            damper = {"damper shoulder": [-DAMPING * v[0], 0.0]}
+            rec.stage(duration, q, v, tau=drive(t), forces=damper)
 
     def torque(t: float, q: Any, v: Any) -> Any:
         return drive(t) - np.array([DAMPING, 0.0]) * v
@@ -102,8 +109,9 @@ def driven_arm(step: float) -> Trajectory:
             lambda t, q, v: rec.sample(
                 t, q, v, tau=drive(t), forces={"damper shoulder": [-DAMPING * v[0], 0.0]}
             ),
+            stage,
         )
-    return rec.trajectory(solver="rk4", step=step)
+    return rec.trajectory(solver="rk4", step=step, order=4)
 
 
 def order(mechanism: dc.Mechanism, runs: list[Trajectory]) -> tuple[float, list[float]]:
@@ -131,6 +139,25 @@ def test_a_planted_fault_is_named() -> None:
     causes = dc.explain_residual(arm_mechanism(mass=0.9), driven_arm(0.01))
     assert "fore" in str(causes.causes[0])
     assert dc.audit(arm_mechanism(), driven_arm(0.01)).verdict.kind == "consistent"
+
+
+def bars(mechanism: dc.Mechanism, run: Trajectory) -> tuple[float, float]:
+    """|ΔC| and its bar, of works taken by stages."""
+    ledger = dc.balance(mechanism, run, testing=("wang",))
+    assert ledger.method == "in-loop"
+    return float(np.abs(ledger.delta_c["wang"]).max()), float(ledger.error_bar["wang"].max())
+
+
+def test_works_by_the_stages_of_the_loop() -> None:
+    runs = [driven_arm(step, stages=True) for step in (0.008, 0.004)]
+    found = [bars(arm_mechanism(), run) for run in runs]
+    assert all(bar < 1e-12 for _, bar in found)
+    assert 3.6 < np.log2(found[0][0] / found[1][0]) < 5.4
+    assert bars(arm_mechanism(mass=0.81), runs[1])[0] > 1e4 * found[1][0]
+    assert runs[0].provenance.order == 4
+    # Other rows of the same run.
+    thin = bars(arm_mechanism(), runs[1].every(10))
+    assert thin[0] <= found[1][0] and thin[1] < 1e-12
 
 
 STIFF, LOSS = 4000.0, 30.0
@@ -168,6 +195,9 @@ def tumbler(step: float, floor: bool) -> tuple[dc.Mechanism, Trajectory]:
             lambda t, q, v: rec.sample(
                 t, q, v, fext=external, forces={"contact floor": contact(q, v)}
             ),
+            lambda duration, t, q, v: rec.stage(
+                duration, q, v, fext=external, forces={"contact floor": contact(q, v)}
+            ),
         )
     return mechanism, rec.trajectory("rk4", step)
 
@@ -178,6 +208,9 @@ def test_a_floating_base_closes_too(floor: bool) -> None:
     mechanism = runs[0][0]
     for _, run in runs:
         assert np.abs(dc.residuals(mechanism, run)["coordinates"]).max() < 1e-10
+    taken = [bars(mechanism, run) for _, run in runs]
+    assert all(bar < 1e-12 for _, bar in taken)
+    assert (1.5 if floor else 3.5) < np.log2(taken[0][0] / taken[1][0]) < 5.5
     if not floor:
         observed, errors = order(mechanism, [run for _, run in runs])
         assert 3.5 < observed < 5.5, errors

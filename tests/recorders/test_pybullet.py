@@ -14,6 +14,7 @@ from deltac.errors import InputError
 from deltac.recorders import record_pybullet
 from deltac.trajectories import Trajectory
 from tests.recorders.arm import ARM, mechanism
+from tests.recorders.works import takes_the_works_of_held_forces
 
 p = pytest.importorskip("pybullet", reason="PyBullet is not installed")
 
@@ -86,10 +87,12 @@ def as_motor(run: Trajectory) -> Trajectory:
     """The motor is called "lift" in the mechanism."""
     from dataclasses import replace
 
-    forces = {
-        str(n).replace("actuator shoulder", "actuator lift"): f for n, f in run.forces.items()
-    }
-    return replace(run, forces=forces)
+    def named(channel: str) -> str:
+        return str(channel).replace("actuator shoulder", "actuator lift")
+
+    provenance = replace(run.provenance, held=tuple(map(named, run.provenance.held or ())))
+    forces, works = ({named(n): f for n, f in x.items()} for x in (run.forces, run.works))
+    return replace(run, forces=forces, works=works, provenance=provenance)
 
 
 def orders(model: dc.Mechanism, runs: list[Trajectory]) -> float:
@@ -103,6 +106,7 @@ def test_a_driven_arm_closes_step_by_step(client: int, tmp_path: Path) -> None:
     runs = [as_motor(arm(client, tmp_path, step).trajectory()) for step in (0.004, 0.002)]
     assert set(runs[0].forces) == {"actuator lift", "damper shoulder", "damper elbow"}
     assert 0.8 < orders(mechanism(), runs) < 1.3
+    takes_the_works_of_held_forces(mechanism(), runs)
     assert np.abs(dc.residuals(mechanism(), runs[0])["coordinates"]).max() < 1e-9
 
 
@@ -156,6 +160,7 @@ def test_a_floating_base_with_a_joint(client: int, tmp_path: Path, floor: bool) 
     size = max(np.abs(f).max() for f in runs[0].forces.values())
     left = np.abs(dc.residuals(PROBE_MECHANISM, runs[0])["coordinates"]).max()
     assert left < 1e-7 * max(size, 10.0)
+    takes_the_works_of_held_forces(PROBE_MECHANISM, runs)
     ledger = dc.balance(PROBE_MECHANISM, runs[1], work="discrete")
     if floor:
         assert ledger.work["contact all"][-1] < -0.1

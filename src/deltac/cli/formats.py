@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 from deltac.codes import FINDINGS, finding_code
 from deltac.errors import InputError
-from deltac.results import Finding, Report, as_text, unmarked
+from deltac.results import Finding, Report, as_text, unmarked, worst_code
 
 
 @dataclass(frozen=True)
@@ -47,12 +47,24 @@ class Case:
 
 
 def github(cases: Sequence[Case]) -> str:
-    """Workflow commands that annotate files; the reports go to the summary of the job, where there is one."""
+    """Workflow commands that annotate files.
+
+    The reports go to the summary of the job, where there is one, the verdict and the codes of findings of the
+    worst case to the outputs of the step.
+    """
     summary = os.environ.get("GITHUB_STEP_SUMMARY")
     if summary:
         with open(summary, "a", encoding="utf-8") as file:
             for case in cases:
                 file.write(f"## {unmarked(' '.join(case.name.split()))}\n\n{_markdown(case)}\n")
+    outputs = os.environ.get("GITHUB_OUTPUT")
+    if outputs:
+        code = worst_code(case.exit_code for case in cases)
+        worst = next(case for case in cases if case.exit_code == code)
+        verdict = getattr(getattr(worst.report, "verdict", None), "kind", "")
+        codes = " ".join(dict.fromkeys(finding.code for finding in worst.findings))
+        with open(outputs, "a", encoding="utf-8") as file:
+            file.write(f"verdict={verdict}\nfindings={codes}\n")
     return "\n".join(_annotations(cases))
 
 

@@ -143,7 +143,6 @@ OwnController = Annotated[
     str | None,
     typer.Option(
         "--controller",
-        "--control",
         metavar="FILE.py:FUNCTION",
         help="Controller of a MuJoCo model: a function of (model, data).",
     ),

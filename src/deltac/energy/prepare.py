@@ -33,7 +33,11 @@ def checked_samples(
     """
     _check_names(mechanism, run)
     if len(run) < 2:
-        raise LogError("the run has a single sample; a balance needs at least two")
+        ended = run.provenance.message
+        raise LogError(
+            "the run has a single sample; a balance needs at least two"
+            + (f"; the run ended in its first step: {ended}" if ended else "")
+        )
     free = mechanism.free
     q, u = columns(run.q, free.q), columns(run.u, free.u)
     basis = {"u̇": "measured"}

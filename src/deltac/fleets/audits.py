@@ -8,7 +8,7 @@ import hashlib
 import itertools
 import os
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.errors import FileError, InputError, UnknownName, closest, listed
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.fleet import Plan
@@ -272,7 +273,7 @@ def audit_many(
     time_limit: float | None = None,
     retries: int | None = None,
     retry_failed: bool = False,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> Fleet:
     """Audit many logs, or the episodes of batched logs, against one model.
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+from deltac.calls.progress import Progress
 from deltac.errors import ArgumentsError, ProcessLost
 from deltac.fleets.execution import Crew, SchedulerLost, dask_crew, execute, local_crew
 from deltac.fleets.result import OUTSIDE, Fleet, summarise
@@ -59,7 +60,7 @@ class Plan:
         *,
         executor: Executor | None = None,
         retry_failed: bool = False,
-        progress: Callable[[float], None] | None = None,
+        progress: Progress | None = None,
         notice: Callable[[str], None] | None = None,
     ) -> Fleet:
         """Do what is not there, and make the table.

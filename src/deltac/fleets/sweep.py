@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.errors import ArgumentsError, InputError, SpecificationError, UnknownName, closest
 from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.fleet import Plan
@@ -334,7 +335,7 @@ def sweep(
     retries: int | None = None,
     chunk: int | None = None,
     retry_failed: bool = False,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     **options: Any,
 ) -> Fleet:
     """Run a grid, a list or a random design over models, parameters, initial states, solvers and steps.

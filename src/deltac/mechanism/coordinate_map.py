@@ -14,7 +14,7 @@ from typing import Any
 
 from deltac.calls.arguments import checked
 from deltac.calls.caching import FrozenDict
-from deltac.errors import ModelError, UnknownName, closest
+from deltac.errors import InputError, ModelError, UnknownName, closest, shown
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.laws import as_law, as_text, check_symbols
 from deltac.mechanism.laws import q as symbol
@@ -176,6 +176,37 @@ def _cover(
     missing = [name for name in expected if name not in laws]
     if missing and not partly:
         raise ModelError(f"{what} of the coordinate map: no law for {noun} {', '.join(missing)}")
+
+
+NAMED = ("joint", "absolute")
+"""Coordinates that have a name: the mechanism's own, and absolute angles (`absolute_angles`)."""
+
+
+def own_coordinates(
+    mechanism: Mechanism, coordinates: CoordinateMap | str | None
+) -> CoordinateMap | None:
+    """The map that an argument `coordinates` means; None for the mechanism's own coordinates.
+
+    Raises InputError for anything but a map, "joint", "absolute" or None.
+    """
+    if coordinates is None or isinstance(coordinates, CoordinateMap):
+        return coordinates
+    if coordinates not in NAMED:
+        raise _no_coordinates(coordinates)
+    return absolute_angles(mechanism) if coordinates == "absolute" else None
+
+
+def check_coordinates(coordinates: object) -> None:
+    """InputError for what no mechanism can take for coordinates."""
+    named = isinstance(coordinates, str) and coordinates in NAMED
+    if not (coordinates is None or named or isinstance(coordinates, CoordinateMap)):
+        raise _no_coordinates(coordinates)
+
+
+def _no_coordinates(coordinates: object) -> InputError:
+    return InputError(
+        f"coordinates is {shown(coordinates)}; expected 'joint', 'absolute' or a CoordinateMap"
+    )
 
 
 @checked

@@ -42,6 +42,28 @@ KINDS = {
 }
 """Drake's kind of a joint -> ours. Its Euler angles of ball and floating joints have no counterpart."""
 
+ORDERS = {
+    "ExplicitEuler": 1,
+    "SemiExplicitEuler": 1,
+    "ImplicitEuler": 1,
+    "VelocityImplicitEuler": 1,
+    "RungeKutta2": 2,
+    "RungeKutta3": 3,
+    "BogackiShampine3": 3,
+    "Radau": 3,
+    "RungeKutta5": 5,
+}
+"""Order of Drake's integrators in the state."""
+
+GAUSS = np.polynomial.legendre.leggauss(3)
+"""Nodes in (−1, 1) and weights of Gauss's quadrature."""
+
+QUADRATURE = 1e-9
+"""Works of a part of a step are found when halving it changes them by less, relative to all work so far."""
+
+LEAST_PART = 2.0**-20
+"""Parts of a step that are smaller are not halved: there is a jump in them."""
+
 SOLVED = 1e-4
 """The same of a discrete step with contact, for the tolerance of its solver."""
 
@@ -110,6 +132,7 @@ class DrakeRecorder(Recorder):
         self._implicit = "Tamsi" not in str(plant.get_discrete_contact_approximation())
         self._period = float(plant.time_step()) or None
         self._before: tuple[float, Array, Array] | None = None
+        self._state, self._exchanged = np.zeros(0), 0.0
         self._live: Forces = {}
         super().__init__(self._columns.coordinates, self._columns.speeds, monitor)
 
@@ -138,7 +161,8 @@ class DrakeRecorder(Recorder):
                 simulator=f"Drake {version('drake')}",
                 solver=solver,
                 step=self._period or (integrator.get_maximum_step_size() if fixed else None),
-                order=1 if discrete else None,
+                order=1 if discrete else ORDERS.get(solver.removesuffix("Integrator")),
+                tolerance=None if discrete or fixed else integrator.get_target_accuracy(),
                 stage=HELD if discrete else INSTANT,
                 held=self._builder.channels if discrete else (),
                 inputs="held" if discrete else "",
@@ -156,12 +180,66 @@ class DrakeRecorder(Recorder):
         if self._period is None:
             if self._before is not None and t <= self._before[0]:
                 return  # initialised anew, or a pending event: the same row
-            self._continuous(t, context)
+            self._continuous(t, root)
         else:
             self._discrete(t, context)
 
-    def _continuous(self, t: float, context: Context) -> None:
-        plant = self._plant
+    def _continuous(self, t: float, root: Context) -> None:
+        state = np.array(root.get_continuous_state_vector().CopyToVector())
+        if self._before is not None and self.monitor is None:
+            self._stages((self._before[0], self._state), (t, state), root)
+        q, v, vdot, forces = self._present(root)
+        self._before, self._state = (t, q, v), state
+        ours = {name: self._turned(f, q) for name, f in forces.items()}
+        self._instant(t, *self._converted(q, v), self._turned(vdot, q), ours)
+
+    def _stages(self, start: tuple[float, Array], end: tuple[float, Array], root: Context) -> None:
+        """Works of the last step, along the cubic of its states and their rates, Drake's own dense output.
+
+        Gauss's quadrature in parts of the step, smaller ones where contacts open or close. Whatever is
+        discrete in the diagram has been kept since the step began.
+        """
+        inner = root.Clone()
+
+        def rates(t: float, state: Array) -> Array:
+            inner.SetTime(t)
+            inner.SetContinuousState(state)
+            return np.array(self._simulator.get_system().EvalTimeDerivatives(inner).CopyToVector())
+
+        (t0, y0), (t1, y1) = start, end
+        h, dy = t1 - t0, y1 - y0
+        a, b = h * rates(t0, y0) - dy, h * rates(t1, y1) - dy
+
+        def works(first: float, last: float) -> dict[str, float]:
+            """Between two parts of the step."""
+            sums: dict[str, float] = {}
+            for node, weight in zip(*GAUSS):
+                x = first + 0.5 * (1.0 + node) * (last - first)
+                inner.SetTime(t0 + x * h)
+                inner.SetContinuousState(y0 + x * dy + x * (1 - x) * ((1 - x) * a - x * b))
+                _, v, _, forces = self._present(inner)
+                for name, force in forces.items():
+                    work = 0.5 * weight * (last - first) * h * float(force @ v)
+                    sums[name] = sums.get(name, 0.0) + work
+            return sums
+
+        parts = [(0.0, 1.0, works(0.0, 1.0))]
+        while parts:
+            first, last, whole = parts.pop()
+            middle = 0.5 * (first + last)
+            halves = works(first, middle), works(middle, last)
+            names = whole.keys() | halves[0].keys() | halves[1].keys()
+            finer = {n: halves[0].get(n, 0.0) + halves[1].get(n, 0.0) for n in names}
+            self._exchanged += sum(map(abs, finer.values())) if last - first == 1.0 else 0.0
+            change = max((abs(finer[n] - whole.get(n, 0.0)) for n in names), default=0.0)
+            if change <= QUADRATURE * self._exchanged or last - first < LEAST_PART:
+                self._builder.work(finer)
+            else:
+                parts += [(first, middle, halves[0]), (middle, last, halves[1])]
+
+    def _present(self, root: Context) -> tuple[Array, Array, Array, Forces]:
+        """q, v, v̇ and all forces of a continuous plant, in Drake's conventions."""
+        plant, context = self._plant, self._plant.GetMyContextFromRoot(root)
         q, v = np.array(plant.GetPositions(context)), np.array(plant.GetVelocities(context))
         vdot = np.array(plant.get_generalized_acceleration_output_port().Eval(context))
         forces = {**self._actuators_of(context), **self._contacts(context)}
@@ -169,10 +247,7 @@ class DrakeRecorder(Recorder):
         known, rest = self._known(vdot, v, forces)
         if np.abs(rest).max(initial=0.0) > SUM_OF_FORCES * known:
             forces["applied external"] = rest
-        rows = self._converted(q, v)
-        self._before = (t, q, v)
-        ours = {name: self._turned(f, q) for name, f in forces.items()}
-        self._instant(t, *rows, self._turned(vdot, q), ours)
+        return q, v, vdot, forces
 
     def _discrete(self, t: float, context: Context) -> None:
         plant, h = self._plant, self._period

@@ -108,14 +108,19 @@ class ExudynRecorder(Recorder):
             )
 
     def trajectory(
-        self, solver: str | None = None, step: float | None = None, model: str | None = None
+        self,
+        solver: str | None = None,
+        step: float | None = None,
+        model: str | None = None,
+        order: int | None = None,
     ) -> Trajectory:
-        """The samples so far, with what the caller says of the solver and its step."""
+        """The samples so far, with what the caller says of the solver: name, step and order."""
         version = getattr(self._exudyn, "__version__", "")
         provenance = Provenance(
             simulator=f"Exudyn {version}".strip(),
             solver=solver,
             step=step,
+            order=order,
             model=model,
             stage=INSTANT,
         )

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -19,6 +19,7 @@ import numpy as np
 
 from deltac.arrays import EPS, SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
+from deltac.calls.progress import Progress
 from deltac.errors import (
     InputError,
     ModelError,
@@ -63,6 +64,9 @@ MOST_SKIPPED = 100_000
 ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
 """Order of each integrator in the state, for smooth forces."""
 
+SAME_DURATION = 1e-9
+"""Durations that differ by less (relative) are the same: steps are often written in decimals."""
+
 REPLAY = 1e-6
 """How far a replayed step may be off, relative: the constraint solver's tolerance, not more."""
 
@@ -81,10 +85,8 @@ STAGES = {
     "all four stages",
 }
 
-RK4 = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))
-"""Of each stage of MuJoCo's RK4: how far it goes along the rates of the stage before, and six times its
-weight.
-"""
+RK4 = ((0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
+"""Of the second to fourth stage: how far it goes along the rates of the stage before, and its weight."""
 
 
 def integrator_names() -> dict[str, Any]:
@@ -253,7 +255,7 @@ class MujocoRecorder(Recorder):
             mujoco.mj_forward(model, data)
             qacc = np.array(data.qacc)
             forces = generalized_forces(model, data, self._elements, plastic)
-            works, varying = self._stages(data, forces, plastic)
+            works, varying = _summed(self._stages(data, forces, plastic), forces)
             mujoco.mj_RungeKutta(model, data, 4)
             return _Row(t, q, u, qacc, forces, qacc, works, varying)
         mujoco.mj_step(model, data)  # leaves the accelerations and forces of its start
@@ -280,48 +282,35 @@ class MujocoRecorder(Recorder):
 
     def _stages(
         self, data: Data, forces: Forces, plastic: Array
-    ) -> tuple[dict[str, float], frozenset[str]]:
-        """The works over a step of RK4 from `data`, with `forces` there, and the channels that varied.
+    ) -> Iterator[tuple[float, Array, Forces]]:
+        """Duration, speeds and forces of the stages of RK4 from `data`, whose forward pass gave `forces`.
 
-        The stages are taken as mj_RungeKutta takes them: speeds and activations along the rates of the stage
+        They are taken as mj_RungeKutta takes them: speeds and activations along the rates of the stage
         before, positions by the exponential map in a chart at the start of the step (Munthe-Kaas), inputs
         as they are.
         """
-        model, mujoco, stage, h = (
-            self._model,
-            self._mujoco,
-            self._stage,
-            float(self._model.opt.timestep),
-        )
+        model, mujoco, stage = self._model, self._mujoco, self._stage
+        h = float(model.opt.timestep)
         mujoco.mj_copyData(stage, model, data)
-        works: dict[str, float] = {}
-        varying: set[str] = set()
-        chart_rate = np.array(data.qvel)
+        rate = np.array(data.qvel)  # of the positions, in the chart
+        yield h / 6.0, rate, forces
         for ahead, weight in RK4:
-            acting = forces
-            if ahead:
-                moved, a, rate = (
-                    ahead * h * chart_rate,
-                    np.array(stage.qacc),
-                    np.array(stage.act_dot),
-                )
-                np.copyto(stage.qpos, data.qpos)
-                mujoco.mj_integratePos(model, stage.qpos, moved, 1.0)
-                stage.qvel[:] = data.qvel + ahead * h * a
-                stage.act[:] = data.act + ahead * h * rate
-                stage.time = data.time + ahead * h
-                mujoco.mj_forward(model, stage)
-                acting = generalized_forces(model, stage, self._elements, plastic)
-                chart_rate = np.array(stage.qvel)
-                for place in self._turning:
-                    chart_rate[place] = _inverse_dexp(moved[place], chart_rate[place])
-            for name, force in acting.items():
-                works[name] = works.get(name, 0.0) + h * weight / 6.0 * float(force @ stage.qvel)
-            for name in forces.keys() | acting.keys():
-                start, now = forces.get(name, np.zeros(1)), acting.get(name, np.zeros(1))
-                if np.abs(now - start).max() > SUM_OF_FORCES * np.abs(start).max():
-                    varying.add(name)
-        return works, frozenset(varying)
+            ahead *= h
+            moved = ahead * rate
+            stage.qvel[:] = data.qvel + ahead * stage.qacc
+            stage.act[:] = data.act + ahead * stage.act_dot
+            stage.time = data.time + ahead
+            np.copyto(stage.qpos, data.qpos)
+            mujoco.mj_integratePos(model, stage.qpos, moved, 1.0)
+            mujoco.mj_forward(model, stage)
+            yield (
+                weight * h,
+                stage.qvel,
+                generalized_forces(model, stage, self._elements, plastic),
+            )
+            rate = np.array(stage.qvel)
+            for place in self._turning:
+                rate[place] = _inverse_dexp(moved[place], rate[place])
 
     def _check_replay(self) -> None:
         """InputError unless the replayed step ended where MuJoCo's did."""
@@ -361,6 +350,24 @@ class MujocoRecorder(Recorder):
 
 
 record_mujoco = checked(MujocoRecorder, name="record_mujoco")
+
+
+def _summed(
+    stages: Iterator[tuple[float, Array, Forces]], forces: Forces
+) -> tuple[dict[str, float], frozenset[str]]:
+    """The work of each channel over the stages of a step, and the channels whose `forces` changed in it."""
+    works: dict[str, float] = {}
+    varying: set[str] = set()
+    for duration, u, acting in stages:
+        nothing = np.zeros(len(u))
+        now = np.array([*acting.values(), nothing])
+        start = np.array([*(forces.get(name, nothing) for name in acting), nothing])
+        changed = np.abs(now - start).max(axis=1) > SUM_OF_FORCES * np.abs(start).max(axis=1)
+        varying |= forces.keys() - acting.keys()
+        varying.update(name for name, varies in zip(acting, changed) if varies)
+        for name, work in zip(acting, duration * (now @ u)):
+            works[name] = works.get(name, 0.0) + float(work)
+    return works, frozenset(varying)
 
 
 def _inverse_dexp(x: Array, w: Array) -> Array:
@@ -409,14 +416,15 @@ def run_mujoco(
     step: float | None = None,
     integrator: str | None = None,
     channels: str = "all",
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     base: str = "fixed",
 ) -> Trajectory:
     """Run MuJoCo and record every step.
 
     Args:
         model: an mjModel, an mjSpec, or the path of an MJCF or URDF file. It is not changed.
-        duration: s; a whole number of steps.
+        duration: s. Where the step does not divide it, the run goes on to the next whole step, and a note of
+            the provenance, "duration", says so.
         data: the initial state and inputs; the model's own initial state by default. Not changed.
         controller: called as controller(model, data) before each step, to set data.ctrl or applied forces.
         step: time step, s; by default the model's own.
@@ -444,14 +452,7 @@ def run_mujoco(
     # A reset to the initial state in the middle of a run would hide that it blew up.
     own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     h = float(own.opt.timestep)
-    steps = round(_positive("duration", duration) / h)
-    if steps < 1 or abs(steps * h - duration) > 1e-9 * duration:
-        near = duration / max(1, math.ceil(duration / h))
-        raise InputError(
-            f"step {h:g} does not divide the duration {duration:g} (it goes {duration / h:.6g} times); the "
-            f"next smaller one that does is step={near:.12g}, the nearest duration for this one "
-            f"{max(1, steps) * h:.12g}"
-        )
+    steps = math.ceil(_positive("duration", duration) / h * (1.0 - SAME_DURATION))
     moving = mujoco.MjData(own)
     if data is not None:
         mujoco.mj_copyData(moving, own, data)
@@ -468,7 +469,17 @@ def run_mujoco(
                 progress((k + 1) / steps)
         if controller is not None:
             controller(own, moving)
-    return recorder.trajectory()
+    run = recorder.trajectory()
+    if _divides(h, duration):
+        return run
+    whole = f"{duration:.9g} s is no whole number of steps of {h:.9g} s: ran {steps} of them"
+    notes = {**run.provenance.notes, "duration": f"{whole}, {steps * h:.9g} s"}
+    return replace(run, provenance=replace(run.provenance, notes=notes))
+
+
+def _divides(step: float, duration: float) -> bool:
+    steps = max(1, round(duration / step))
+    return abs(steps * step - duration) <= SAME_DURATION * duration
 
 
 def compiled_model(model: Model | str | Path, base: str = "fixed") -> Model:
@@ -521,7 +532,13 @@ class MujocoSimulator:
         return ORDERS.get(self.integrator)
 
     def __call__(self, step: float) -> Trajectory:
-        """The run at this step."""
+        """The run at this step; InputError unless it divides the duration: runs are compared at their end."""
+        if not _divides(step, self.duration):
+            steps = math.ceil(self.duration / step)
+            raise InputError(
+                f"step {step:g} does not divide the duration {self.duration:g}; the next smaller one that "
+                f"does is step={self.duration / steps:.12g}"
+            )
         return run_mujoco(
             self.model,
             self.duration,

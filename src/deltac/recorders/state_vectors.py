@@ -55,10 +55,9 @@ def trajectory_of_states(
     loaded = load_model(model)
     mechanism = loaded.mechanism
     given = None if equations is None else as_equations(equations)
-    chosen = chosen_map(loaded, coordinates)
-    if given is not None:
-        chosen = given.coordinates if coordinates is None else chosen
-        order = given.order if order is None else order
+    chosen = chosen_map(loaded, coordinates, given)
+    if given is not None and order is None:
+        order = given.order
     system = trace(mechanism)
     symbols = state_symbols(system, chosen)
     if symbols.own is not None and symbols.own.told is not None:

@@ -92,7 +92,7 @@ PERTURBED = 0.37
 @interruptible()
 def repair_equations(
     model: ModelLike,
-    rhs: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     seed: int = 0,
@@ -109,7 +109,7 @@ def repair_equations(
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.
-        rhs: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
+        equations: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
         coordinates: the function's own coordinates, as for `check_equations`.
         seed: of the random states.
         time_limit: of the search (s).
@@ -119,12 +119,9 @@ def repair_equations(
             endless loops, or calls that cannot be traced; file and line are named.
     """
     found = load_model(model)
-    if coordinates is None and isinstance(rhs, Equations):
-        chosen = rhs.coordinates
-    else:
-        chosen = chosen_map(found, coordinates)
+    chosen = chosen_map(found, coordinates, equations)
     return repair_source(
-        source_of(rhs), Target(found.mechanism, chosen, seed, found.first), time_limit
+        source_of(equations), Target(found.mechanism, chosen, seed, found.first), time_limit
     )
 
 
@@ -144,10 +141,7 @@ def repair_loaded(
     found = load_model(model)
     equations = function if isinstance(function, Equations) else Equations(function)
     plain, told = equations.rhs, (equations.form, equations.order)
-    if coordinates is None and isinstance(function, Equations):
-        chosen = function.coordinates
-    else:
-        chosen = chosen_map(found, coordinates)
+    chosen = chosen_map(found, coordinates, function)
     target = Target(found.mechanism, chosen, seed, found.first)
     python = innermost(plain)
     test = target.test()

@@ -25,6 +25,7 @@ from deltac.errors import (
     warn_user,
 )
 from deltac.foreign.limits import Limits
+from deltac.mechanism.coordinate_map import own_coordinates
 from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -85,7 +86,7 @@ def check_events(mechanism: Mechanism, equations: Equations | None, switches: bo
     if not mechanism.events and not switches:
         return False
     hits = [event.name for event in mechanism.events if not isinstance(event, Event)]
-    if hits and equations is not None and equations.coordinates is not None:
+    if hits and equations is not None and own_coordinates(mechanism, equations.coordinates):
         raise ArgumentsError(
             f"impact or stop {hits[0]!r} and equations by hand in coordinates of their own cannot be "
             "combined; write the equations in the mechanism's coordinates, or leave them out"

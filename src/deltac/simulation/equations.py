@@ -29,7 +29,7 @@ from deltac.errors import (
     listed,
     shown,
 )
-from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap, check_coordinates, own_coordinates
 from deltac.simulation.state_form import (
     MATCH,
     PLAIN,
@@ -49,9 +49,10 @@ class Equations:
     """Equations of motion u̇ = rhs(t, q, u), in place of the mechanism's own.
 
     `rhs` takes the time and arrays q, u of shape (n,), or (n, B) with the batch last, and returns u̇
-    likewise: in the coordinates and speeds of `coordinates`, or without a map in the mechanism's free
-    ones (the prescribed joints follow their laws). With a map that leaves the rest to the constraints, such
-    as ``CoordinateMap(("crank",))`` for a four-bar, these are equations in minimal coordinates.
+    likewise: in the coordinates and speeds of `coordinates` (a map, or "absolute" for absolute angles), or
+    without it in the mechanism's free ones (the prescribed joints follow their laws). With a map that leaves
+    the rest to the constraints, such as ``CoordinateMap(("crank",))`` for a four-bar, these are equations in
+    minimal coordinates.
 
     A function of arithmetic and NumPy's elementary functions is traced and compiled; any other (with
     branches, look-up tables, memory) is called from Python at every stage, more slowly. `compiled` = True
@@ -64,7 +65,7 @@ class Equations:
     """
 
     rhs: Callable[..., Any]
-    coordinates: CoordinateMap | None = None
+    coordinates: CoordinateMap | str | None = None
     name: str = "equations by hand"
     compiled: bool | None = None
     form: str | None = None
@@ -76,6 +77,7 @@ class Equations:
             raise WrongType(
                 f"{self.name}: rhs is {shown(self.rhs)}, expected a function of (t, q, u){remedy}"
             )
+        check_coordinates(self.coordinates)
         if self.form not in (None, "ode"):
             raise InputError(
                 f"{self.name}: form is {self.form!r}; expected 'ode' for a function of (t, y) that returns "
@@ -120,19 +122,20 @@ class StateSymbols:
 
 
 def state_symbols(
-    system: System, given: CoordinateMap | None, rows: Rows | None = None
+    system: System, coordinates: CoordinateMap | str | None, rows: Rows | None = None
 ) -> StateSymbols:
     """The state of a system's equations; InputError for a map that does not fit.
 
     `rows` are the mechanism's independent constraints, all of them by default.
     """
-    coordinates = tuple(system.mechanism.coordinates[i].name for i in system.free_q)
+    given = own_coordinates(system.mechanism, coordinates)
+    names = tuple(system.mechanism.coordinates[i].name for i in system.free_q)
     speeds = tuple(system.mechanism.speeds[i].name for i in system.free_u)
     if given is None:
         q, qdot = system.q, system.qdot
-        return StateSymbols(None, q, system.u, qdot, q, qdot, coordinates, speeds)
+        return StateSymbols(None, q, system.u, qdot, q, qdot, names, speeds)
     own = trace_map(system, given, equations_of(system).rows if rows is None else rows)
-    coordinates = given.coordinates if own.mapped or own.told is not None else coordinates
+    names = given.coordinates if own.mapped or own.told is not None else names
     told = own.own_q if own.told is None else own.told
     return StateSymbols(
         own,
@@ -141,8 +144,8 @@ def state_symbols(
         own.own_qdot,
         told,
         own.told_rate(system),
-        coordinates,
-        given.speeds or coordinates,
+        names,
+        given.speeds or names,
     )
 
 

@@ -37,14 +37,15 @@ class Record:
             ΔP_r, as ``"momentum <speed>"`` (kg·m/s, kg·m²/s).
         every: keep every so many steps of a fixed-step solver. By default `simulate` keeps each step, and
             `simulate_ensemble` the start and the end.
-        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy.
-            Of a mechanism with constraints they may be as many as there are independent ones, or more: the
-            constraints give the others. The trajectory's provenance holds them.
+        coordinates: own generalized speeds in which the Kane–Levinson functions divide the kinetic energy, or
+            "absolute" for the rates of absolute angles. Of a mechanism with constraints they may be as many
+            as there are independent ones, or more: the constraints give the others. The trajectory's
+            provenance holds them.
     """
 
     testing: Sequence[str] = ("wang", "liu-huston")
     every: int | None = None
-    coordinates: CoordinateMap | None = None
+    coordinates: CoordinateMap | str | None = None
 
     @staticmethod
     def of(given: Record | Sequence[str] | int) -> Record:

@@ -16,7 +16,7 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import warn_user
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
-from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.arguments import (
@@ -225,12 +225,13 @@ def _compiled(
     if equations is not None:
         motion = equations_of_motion(mechanism, vary)
         written = by_hand(motion.system, equations, motion.rows.select(rows))
+    split = own_coordinates(mechanism, record.coordinates)
     key = (
         mechanism.digest(vary),
         solver.name,
         tuple(record.testing),
         None if written is None else written.key,
-        record.coordinates,
+        split,
         tuple(vary),
         rows,
         constraints,
@@ -239,7 +240,6 @@ def _compiled(
     )
 
     def make() -> Compiled:
-        split = record.coordinates
         flow = build_flow(mechanism, record.testing, written, split, vary, rows, constraints)
         events = eventful(flow, split, switches) if watching else None
         moving = flow if events is None else events.flow
@@ -285,9 +285,10 @@ def _circumstances(
     controller: Controller | None,
     flow: Flow,
     events: EventRun | None,
-    coordinates: CoordinateMap | None,
+    coordinates: CoordinateMap | str | None,
 ) -> dict[str, Any]:
     """What is said in the provenance of how the run was made."""
+    own = own_coordinates(mechanism, coordinates)
     held: tuple[ChannelName, ...] | None = None
     if controller is not None and controller.hold:
         held = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
@@ -296,5 +297,5 @@ def _circumstances(
         "ended": "" if events is None else events.ended,
         "equations": "" if equations is None else equations.name,
         "held": held,
-        "coordinates": {} if coordinates is None else coordinates.to_dict(),
+        "coordinates": {} if own is None else own.to_dict(),
     }

@@ -7,13 +7,17 @@ report's summary, for the short summary of a test run; the whole report follows.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 if TYPE_CHECKING:
     from deltac.diagnosis.audit.audit import Audit
     from deltac.diagnosis.check.check import EquationCheck
     from deltac.diagnosis.study.study import Study
+    from deltac.models import ModelLike
     from deltac.results import Report
+    from deltac.simulation.equations import Equations
+    from deltac.trajectories import LogMapping, Trajectory
 
 __all__ = ["assert_balanced", "assert_converges", "assert_equations"]
 
@@ -21,12 +25,12 @@ Found = TypeVar("Found", bound="Report")
 
 
 def assert_balanced(
-    model: Any,
-    run: Any,
+    model: ModelLike,
+    run: Trajectory | str | Path,
     tolerance: float = 1e-3,
     *,
     work: str | None = None,
-    mapping: Any = None,
+    mapping: LogMapping | str | Path | None = None,
 ) -> Audit:
     """Assert that a run's energy balance holds, and hand back its audit.
 
@@ -49,7 +53,10 @@ def assert_balanced(
 
 
 def assert_equations(
-    model: Any, rhs: Callable[..., Any] | Any, tolerance: float | None = None, **options: Any
+    model: ModelLike,
+    equations: str | Path | Callable[..., Any] | Equations,
+    tolerance: float | None = None,
+    **options: Any,
 ) -> EquationCheck:
     """Assert that equations of motion written by hand are the model's, and hand back the check.
 
@@ -57,7 +64,7 @@ def assert_equations(
 
     Args:
         model: a Mechanism, a Problem or its name, a MuJoCo model, a file.
-        rhs: a function of (t, q, u) that returns u̇, or `deltac.Equations`.
+        equations: a function of (t, q, u) that returns u̇, ``"FILE.py:FUNCTION"``, or `deltac.Equations`.
         tolerance: accepted residual as a fraction of each equation's terms; by default that of
             `deltac.check_equations`.
         options: further arguments of `deltac.check_equations`: coordinates, states, count, seed.
@@ -72,11 +79,11 @@ def assert_equations(
 
     if tolerance is not None:
         options["tolerance"] = tolerance
-    return _passing(check_equations(model, rhs, **options))
+    return _passing(check_equations(model, equations, **options))
 
 
 def assert_converges(
-    model: Any,
+    model: ModelLike,
     steps: Sequence[float] | None = None,
     tolerance: float = 1e-6,
     *,
@@ -90,7 +97,7 @@ def assert_converges(
         steps: three or more, each half of the previous one; see `deltac.study`.
         tolerance: accepted |ΔC| at the finest step, as a fraction of the energy exchanged.
         order: if given, the motion must converge at this order, within its error and half an order.
-        options: further arguments of `deltac.study`: state, duration, solver, equations, logs, …
+        options: further arguments of `deltac.study`: state, duration, solver, equations, runs, …
 
     Raises:
         AssertionError: it does not, or that cannot be told, or the order is lower.

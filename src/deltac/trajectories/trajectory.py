@@ -280,6 +280,8 @@ class Trajectory(Shown, Once):
             what.append("integrals of " + ", ".join(self.integrals))
         if self.events:
             what.append(f"{len(self.events)} events")
+        if "duration" in p.notes:
+            what.append(p.notes["duration"])
         if not p.completed:
             what.append("stopped early" + (f": {p.message}" if p.message else ""))
         return "; ".join(what)

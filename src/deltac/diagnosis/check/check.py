@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from deltac.calls.progress import Parts, Progress, untold
 from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame, blame_at
 from deltac.diagnosis.check.whole import whole_causes
+from deltac.diagnosis.inputs.equations import load_equations
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -197,7 +199,7 @@ SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
 @interruptible()
 def check_equations(
     model: ModelLike,
-    equations: Callable[..., Any] | Equations,
+    equations: str | Path | Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     states: States | Trajectory | None = None,
@@ -212,7 +214,8 @@ def check_equations(
         model: a Mechanism, a Problem or a problem's name, a model file: what `load_model` takes.
         equations: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); a function
             of (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (which of q and u its
-            entries are is found out, a control is zero); or `Equations`. Where q̇ is returned, it is tested.
+            entries are is found out, a control is zero); ``"FILE.py:FUNCTION"``; or `Equations`. Where q̇ is
+            returned, it is tested.
         coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
             mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
             one). By default the map of the `Equations`, or of the problem's own equations, else "joint".
@@ -233,11 +236,10 @@ def check_equations(
     if not 0.0 < tolerance < 1.0:
         raise InputError(f"tolerance is {tolerance}; expected a fraction above 0, such as 1e-8")
     loaded = load_model(model)
+    if isinstance(equations, str | Path):
+        equations = load_equations(str(equations), loaded.mechanism.coordinates.names)
     own = as_equations(equations)
-    if coordinates is None and isinstance(equations, Equations):
-        chosen = equations.coordinates
-    else:
-        chosen = chosen_map(loaded, coordinates)
+    chosen = chosen_map(loaded, coordinates, equations)
     kane = Kane(loaded.mechanism, chosen, loaded.first)
     if not kane.speed_names:
         raise ModelError(

@@ -20,7 +20,7 @@ from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.recursions import accelerations, velocities
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.energy import Ledger, balance, residuals
-from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.results import Report
@@ -134,7 +134,7 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
 @checked
 @interruptible()
 def localise(
-    model: ModelLike, run: Trajectory, *, coordinates: CoordinateMap | None = None
+    model: ModelLike, run: Trajectory, *, coordinates: CoordinateMap | str | None = None
 ) -> Localisation:
     """Find where a motion departs from a model: in which equation and joint, when, and by which term.
 
@@ -145,15 +145,15 @@ def localise(
     Args:
         model: a Mechanism, a Problem, or what else `load_model` takes.
         run: the motion, at least two samples.
-        coordinates: own coordinates and speeds, in which the equations are told; the map's inverse must be
-            known. By default the mechanism's own.
+        coordinates: own coordinates and speeds, in which the equations are told: a CoordinateMap, whose
+            inverse must be known, or "absolute". By default the mechanism's own.
 
     Raises:
         InputError: a run that is not the mechanism's, or a map without inverse.
     """
     mechanism = load_model(model).mechanism
     if isinstance(run, Trajectory) and run.udot is None:
-        return _by_momenta(mechanism, run, coordinates)
+        return _by_momenta(mechanism, run, own_coordinates(mechanism, coordinates))
     rows = some_rows(run, MOST_ROWS)
     found = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
     assert run.udot is not None

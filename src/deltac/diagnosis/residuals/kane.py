@@ -29,7 +29,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.errors import ModelError
 from deltac.mechanism.channels import Channel
-from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
@@ -54,7 +54,7 @@ class Kane:
     def __init__(
         self,
         mechanism: Mechanism,
-        coordinates: CoordinateMap | None = None,
+        coordinates: CoordinateMap | str | None = None,
         start: State | None = None,
         vary: Sequence[str] = (),
     ) -> None:
@@ -65,13 +65,15 @@ class Kane:
         """
         self.mechanism = mechanism
         self.start = start
-        self.coordinates = coordinates
+        self.coordinates = own_coordinates(mechanism, coordinates)
         self.motion: EquationsOfMotion = equations_of_motion(mechanism, vary)
         self.system: System = self.motion.system
         self.parts: tuple[Channel, ...] = self.motion.channels
         self.rows: Rows = self.motion.rows
         self.own: OwnCoordinates | None = (
-            None if coordinates is None else trace_map(self.system, coordinates, self.rows)
+            None
+            if self.coordinates is None
+            else trace_map(self.system, self.coordinates, self.rows)
         )
 
     @cached_property

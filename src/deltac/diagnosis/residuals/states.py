@@ -119,7 +119,7 @@ class Scales:
 @checked
 def random_states(
     model: ModelLike,
-    coordinates: CoordinateMap | None = None,
+    coordinates: CoordinateMap | str | None = None,
     *,
     count: int = 64,
     seed: int = 0,

@@ -44,6 +44,7 @@ from deltac.diagnosis.study.simulators import (
 )
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
 from deltac.errors import ArgumentsError, InputError, SolverError
+from deltac.mechanism.coordinate_map import own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Section, Table, number, percent
@@ -247,9 +248,13 @@ def studied(
     residuals = None
     if not trusted:
         by_step = [(entry.step, entry.run) for entry in kept]
-        own = None if maker.equations is None else maker.equations.coordinates
+        by_hand = None if maker.equations is None else maker.equations.coordinates
         residuals = residuals_of(
-            mechanism, by_step, own, until=compared.horizon, trusted=maker.trusted
+            mechanism,
+            by_step,
+            own_coordinates(mechanism, by_hand),
+            until=compared.horizon,
+            trusted=maker.trusted,
         )
     left, bar = (
         tuple(float(np.abs(sizes[function]).max()) for sizes in each)

@@ -13,6 +13,7 @@ import numpy as np
 
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
+from deltac.calls.progress import Progress
 from deltac.errors import FileError, InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
@@ -164,14 +165,14 @@ def _examples(trials: Sequence[Trial]) -> str:
 @interruptible()
 def mutate_equations(
     model: ModelLike,
-    rhs: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | Callable[..., Any] | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     names: int = 2,
     seed: int = 0,
     tests: str | None = None,
     most: int = 40,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
 ) -> MutationReport:
     """Make every small change to equations of motion, and see which tests detect it.
 
@@ -181,7 +182,7 @@ def mutate_equations(
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.
-        rhs: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
+        equations: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
         coordinates: the function's own coordinates, as for `check_equations`.
         names: number of other names to try in place of each use of a name.
         seed: random seed, of the states and of the names drawn.
@@ -198,12 +199,9 @@ def mutate_equations(
         if value < least:
             raise InputError(f"{name} is {value}; expected {least} or more")
     found = load_model(model)
-    if coordinates is None and isinstance(rhs, Equations):
-        chosen = rhs.coordinates
-    else:
-        chosen = chosen_map(found, coordinates)
+    chosen = chosen_map(found, coordinates, equations)
     target = Target(found.mechanism, chosen, seed, found.first)
-    source = source_of(rhs)
+    source = source_of(equations)
     program = read(source, target)
     varied = program.varied
     source = program.source
@@ -237,7 +235,7 @@ def _with_suite(
     command: str,
     most: int,
     seed: int,
-    progress: Callable[[float], None] | None,
+    progress: Progress | None,
 ) -> MutationReport:
     """The report with what the user's own tests see of some of the mistakes."""
     if source.path is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from deltac import problems
+from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import read_log
 from deltac.diagnosis.study.runs import before_blow_up
 from deltac.energy import Ledger, balance
@@ -145,7 +146,7 @@ def log_page(path: Path, mapping: Any = None) -> Page:
     )
 
 
-def write_gallery(folder: Path, progress: Callable[[float], None] | None = None) -> Iterator[str]:
+def write_gallery(folder: Path, progress: Progress | None = None) -> Iterator[str]:
     """Write a page of every problem of the library into a folder, and an index; yields what failed, and why.
 
     Raises InputError for a folder that cannot be written to.

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deltac.calls.progress import Progress
 from deltac.problems.triple_pendulum import LENGTHS, START
 from deltac.report.files import output_folder, write_figure, write_json
 from deltac.studies.thesis.experiments import Experiment
@@ -37,7 +37,7 @@ class Written:
 def write(
     reproduction: Reproduction,
     folder: Path,
-    progress: Callable[[float], None] | None = None,
+    progress: Progress | None = None,
     *,
     thesis_axes: bool = False,
 ) -> Written:

@@ -20,6 +20,7 @@ import traceback
 import warnings
 from collections import defaultdict
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 Row = dict[str, Any]
+Names = tuple[tuple[str, ...], tuple[str, ...]]
 
 KINDS = ("consistent", "integration-error", "unresolved", "equation-error")
 CERTAIN = float(np.log(99.0))
@@ -58,14 +60,11 @@ def main() -> None:
         return print(coverage(options.seed, options.coverage))
     if options.suite:
         return print(suite())
+    with_truth = not options.no_truth
     if options.case:
         truth, _, number = options.case.partition(":")
-        return print(
-            json.dumps(
-                judged(options.seed, int(number), truth, options.only, True, not options.no_truth),
-                indent=1,
-            )
-        )
+        one = prepared(options.seed, int(number), truth, options.only, with_truth)
+        return print(json.dumps(one and judged(one, True), indent=1))
     if not options.table:
         options.out.parent.mkdir(parents=True, exist_ok=True)
         tasks = [
@@ -76,32 +75,34 @@ def main() -> None:
         ]
         with options.out.open("w", encoding="utf-8") as file:
             for number, truth in tasks:
-                row = judged(options.seed, number, truth, options.only, False, not options.no_truth)
-                if row is not None:
-                    file.write(json.dumps(row) + "\n")
+                one = prepared(options.seed, number, truth, options.only, with_truth)
+                if one is not None:
+                    file.write(json.dumps(judged(one)) + "\n")
                     file.flush()
     rows = [json.loads(line) for line in options.out.read_text("utf-8").splitlines()]
     print(tables(rows))
 
 
-def judged(
-    seed: int,
-    number: int,
-    truth: str,
-    only: str = "",
-    verbose: bool = False,
-    with_truth: bool = True,
-) -> Row | None:
-    """What `audit` says of a case, beside what is true; None for a motion that ran away."""
-    import deltac as dc
+@dataclass(frozen=True)
+class Prepared:
+    """A log with its model, the causes that name what is wrong, and the true columns of its row."""
+
+    row: Row
+    model: Any
+    log: Any
+    kinds: Names
+
+
+def prepared(
+    seed: int, number: int, truth: str, only: str = "", with_truth: bool = True
+) -> Prepared | None:
+    """The case of a seed and number; None for a motion that ran away, or a fault that no motion shows."""
     from judge.cases import case
     from judge.habits import KNOWN
 
     try:
         made = case(seed, number, truth, only)
     except (ValueError, np.linalg.LinAlgError) as error:
-        if verbose:
-            traceback.print_exc()
         print(f"{truth}:{number} not made: {error}", file=sys.stderr)
         return None
     if made is None:
@@ -122,43 +123,46 @@ def judged(
         "rows": len(rows.t),
         "nu": run.rows.u.shape[1],
     }
+    made_up = Prepared(row, run.model, made.log, run.kinds)
+    if not with_truth:
+        return made_up
+    share = run.joules()
+    if share is not None:
+        row["effect"] = share.effect
+        if run.fault and share.effect is not None and share.effect < 1e-14:
+            return None
+        index = run.rows.index if made.habit == "recorded" else rows.index
+        a, b = int(index[0]), int(index[-1])
+        for name in ("integrator", "mistake"):
+            curve, slack = getattr(share, name), getattr(share, f"{name}_slack")
+            row[f"true_{name}"] = float(curve[b] - curve[a])
+            row[f"{name}_slack"] = float(slack[b] + slack[a])
+            row[f"largest_{name}"] = float(np.abs(curve[a : b + 1] - curve[a]).max())
+    if run.oracle is not None and made.habit in KNOWN and rows.sigma is not None:
+        odds = run.oracle(np.hstack([rows.q, rows.u]), rows.index, rows.sigma)
+        row["oracle"] = {k: round(float(v), 2) for k, v in odds.items()}
+    return made_up
+
+
+def judged(case: Prepared, verbose: bool = False) -> Row:
+    """What `audit` says of a case, beside what is true."""
+    import deltac as dc
+
+    row = dict(case.row)
     begun = time.process_time()
     try:
-        audit = dc.audit(run.model, made.log)
+        audit = dc.audit(case.model, case.log)
     except dc.DeltacError as error:
         return {**row, "verdict": "refused", "message": str(error)[:300], "cpu": 0.0}
     except Exception as error:  # noqa: BLE001, what crashes is a result of the bench
         if verbose:
             traceback.print_exc()
         where = traceback.extract_tb(error.__traceback__)[-1]
-        return {
-            **row,
-            "verdict": "crashed",
-            "message": f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"[
-                :300
-            ],
-            "cpu": 0.0,
-        }
-    row |= {"verdict": audit.verdict.kind, "cpu": time.process_time() - begun, **_told(audit, run)}
+        message = f"{type(error).__name__}: {error} ({Path(where.filename).name}:{where.lineno})"
+        return {**row, "verdict": "crashed", "message": message[:300], "cpu": 0.0}
+    cpu = time.process_time() - begun
+    row |= {"verdict": audit.verdict.kind, "cpu": cpu, **_told(audit, case.kinds)}
     row["findings"] = [(f.kind, f.weight, f.element) for f in audit.findings]
-    if with_truth:
-        share = run.joules()
-        index = rows.index if made.habit != "recorded" else run.rows.index
-        if share is not None:
-            row["effect"] = share.effect
-            if run.fault and share.effect is not None and share.effect < 1e-14:
-                return None  # no motion shows it
-            a, b = int(index[0]), int(index[-1])
-            for name in ("integrator", "mistake"):
-                curve = getattr(share, name)
-                row[f"true_{name}"] = float(curve[b] - curve[a])
-                row[f"{name}_slack"] = float(
-                    getattr(share, f"{name}_slack")[b] + getattr(share, f"{name}_slack")[a]
-                )
-                row[f"largest_{name}"] = float(np.abs(curve[a : b + 1] - curve[a]).max())
-        if run.oracle is not None and made.habit in KNOWN and rows.sigma is not None:
-            odds = run.oracle(np.hstack([rows.q, rows.u]), rows.index, rows.sigma)
-            row["oracle"] = {k: round(v, 2) for k, v in odds.items()}
     if verbose:
         row["evidence"], row["explain"] = list(audit.verdict.evidence), _text(audit)
     return row
@@ -169,7 +173,7 @@ def _text(audit: Any) -> str:
     return str(explain() if callable(explain) else "")
 
 
-def _told(audit: Any, run: Any) -> Row:
+def _told(audit: Any, names: Names) -> Row:
     """Attribution, causes and odds of an audit, as far as it has them."""
     row: Row = {"tolerance": float(audit.tolerance * getattr(audit, "beside", np.nan))}
     attribution = getattr(audit, "attribution", None)
@@ -177,6 +181,7 @@ def _told(audit: Any, run: Any) -> Row:
         for name in ("integrator", "equations", "log"):
             part = getattr(attribution, name)
             row[f"told_{name}"], row[f"told_{name}_error"] = float(part.energy), float(part.error)
+        row["delta_c"] = float(np.atleast_1d(audit.energy_error)[-1])
     odds = getattr(audit, "odds", None)
     if odds is not None:
         row["odds"] = {k: float(v) for k, v in dict(odds).items()}
@@ -195,19 +200,21 @@ def _told(audit: Any, run: Any) -> Row:
     row["causes"] = [group[0] for group in listed[:5]]
     strength = [getattr(c, "log_odds", getattr(c, "odds", None)) for c in causes][:5]
     row["cause_odds"] = [None if s is None else float(s) for s in strength]
-    ranks = [k for k, group in enumerate(listed) if any(_names(run, *one) for one in group)]
+    ranks = [k for k, group in enumerate(listed) if any(_names(names, *one) for one in group)]
     row["rank"] = ranks[0] if ranks else None
     ranks = [
-        k for k, group in enumerate(listed) if any(_names(run, kind, "", True) for kind, _ in group)
+        k
+        for k, group in enumerate(listed)
+        if any(_names(names, kind, "", True) for kind, _ in group)
     ]
     row["kind_rank"] = ranks[0] if ranks else None
-    row["nameable"] = bool(run.kinds[0])
+    row["nameable"] = bool(names[0])
     return row
 
 
-def _names(run: Any, kind: str, element: str, any_element: bool = False) -> bool:
+def _names(names: Names, kind: str, element: str, any_element: bool = False) -> bool:
     """Whether a cause is the fault that was planted; kinds of geometry by the words in them."""
-    kinds, elements = run.kinds
+    kinds, elements = names
     fits = kind in kinds or any(w in kind.split("-") for w in kinds if "-" not in w)
     return fits and (
         any_element
@@ -253,6 +260,16 @@ def covered(row: Row, name: str) -> bool | None:
     return bool(abs(row[told] - row[f"true_{name}"]) <= bound)
 
 
+def adds_up(row: Row) -> bool | None:
+    """Whether the three shares are ΔC at the end, within their errors."""
+    if "delta_c" not in row or "told_log" not in row:
+        return None
+    parts = ("integrator", "equations", "log")
+    errors = np.sqrt(sum(row[f"told_{p}_error"] ** 2 for p in parts))
+    gap = abs(sum(row[f"told_{p}"] for p in parts) - row["delta_c"])
+    return bool(gap <= 2 * errors + 1e-9 * max(abs(row["delta_c"]), 1.0))
+
+
 def share(rows: Sequence[Row], test: Callable[[Row], bool | None]) -> str:
     made = [x for x in map(test, rows) if x is not None]
     return f"{sum(made)}/{len(made)}" if made else "–"
@@ -279,8 +296,8 @@ def _rates(rows: list[Row], by: str) -> str:
     lines = [
         f"| {by} | right | accused | small | unresolved | blamed wrongly | refused, crashed | wrong | seen "
         "| oracle | seen of oracle's | "
-        "first | in three | kind | integrator ±2σ | mistake ±2σ |",
-        "|---|" + "--:|" * 15,
+        "first | in three | kind | integrator ±2σ | mistake ±2σ | adds up |",
+        "|---|" + "--:|" * 16,
     ]
     for name, some in [*sorted(groups.items()), ("**all**", rows)]:
         right, wrong = ([r for r in some if r["truth"] == t] for t in ("right", "wrong"))
@@ -301,6 +318,7 @@ def _rates(rows: list[Row], by: str) -> str:
             share(judged, lambda r: r["kind_rank"] == 0),
             share(some, lambda r: covered(r, "integrator")),
             share(some, lambda r: covered(r, "mistake")),
+            share(some, adds_up),
         ]
         lines.append(f"| {name} | " + " | ".join(str(c) if c != 0 else "" for c in cells) + " |")
     return "\n".join(lines)
@@ -476,12 +494,7 @@ def coverage(seed: int, count: int) -> str:
         audit = dc.audit(model, log)
         truth = joules(plant, plant, motion, True)
         end = int(rows.index[-1])
-        told = float(audit.energy_error[-1])
-        bar = (
-            float(np.asarray(audit.error_bar)[-1])
-            if np.ndim(audit.error_bar)
-            else float(audit.error_bar)
-        )
+        told, bar = float(audit.energy_error[-1]), _bar(audit)
         error = abs(told - truth.integrator[end])
         held[form].append(error <= bar + truth.integrator_slack[end] + 1e-12)
         width[form].append(error / max(bar, 1e-300))
@@ -493,6 +506,13 @@ def coverage(seed: int, count: int) -> str:
             f"| {form} | {len(inside)} | {100 * np.mean(inside):.1f} % | {np.median(ratios):.2g} |"
         )
     return "\n".join(lines)
+
+
+def _bar(audit: Any) -> float:
+    """The error bar of ΔC at the end of the log, J."""
+    bar = audit.error_bar
+    bar = bar[audit.function] if hasattr(bar, "keys") else bar
+    return float(np.atleast_1d(bar)[-1])
 
 
 def suite() -> str:
@@ -536,7 +556,7 @@ def suite() -> str:
         except dc.DeltacError as error:
             lines.append(f"| {path.stem} | {model.nv} | not recorded: {str(error)[:80]} | | |")
             continue
-        if run.provenance.message or np.ptp(run.q, axis=0).max() < 1e-3:
+        if run.provenance.message or run.q.size == 0 or np.ptp(run.q, axis=0).max() < 1e-3:
             lines.append(
                 f"| {path.stem} | {model.nv} | does not {'last' if run.provenance.message else 'move'} | | |"
             )
@@ -551,7 +571,7 @@ def suite() -> str:
             )
             continue
         decided += audit.verdict.kind != "unresolved"
-        bar = np.max(audit.error_bar)
+        bar = _bar(audit)
         lines.append(
             f"| {path.stem} | {model.nv} | {audit.verdict.kind} | {np.abs(audit.energy_error).max():.2g} "
             f"± {bar:.2g} | {time.process_time() - begun:.1f} |"

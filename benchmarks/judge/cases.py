@@ -611,7 +611,7 @@ def _of_assembly(
     log = None
     if record:
         log = _recorded(assembly, dynamics.model, motion, scheme.removeprefix("mujoco-"))
-    kinds = tuple(n for part in fault.split("+") if part for n in NAMES.get(part, ()))
+    kinds = plants.DAMPER if fault == "missing-damper" else tuple(NAMES.get(fault, ()))
     elements: tuple[str, ...] = ()
     if fault in ("mass", "centre", "inertia"):
         elements = (f"b{int(element) - 1}", f"j{int(element) - 1}")

@@ -16,7 +16,7 @@ Names = tuple[tuple[str, ...], tuple[str, ...]]
 """Kinds and elements of the causes that name a fault; no elements: any."""
 
 MASS = ("body-mass", "body-inertia", "mass-scale")
-DAMPER = ("damping", "missing-damper", "damper")
+DAMPER = ("damping", "missing-damper", "damper", "channel-differs")
 SPRING = ("stiffness", "missing-spring", "spring")
 FRICTION = ("missing-friction", "friction", "dry-friction", "joint-friction")
 GRAVITY = ("gravity", "gravity-vector")

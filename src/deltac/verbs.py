@@ -19,6 +19,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.energy.ledger import Ledger
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.laws import Law
 from deltac.models import ModelLike, StateLike, chosen_map, load_model
 from deltac.simulation import simulate as simulation
 from deltac.simulation.constraints import assembly
@@ -173,11 +174,14 @@ def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] 
 
     Returns:
         The assembly. Its state is near the guess: it is found by damped Newton steps of least norm in the
-        mass metric.
+        mass metric. Where these steps do not exist, because the mass matrix is singular at the guess (polar
+        coordinates at radius zero) or a constraint is stationary there (a circle at its centre), they start
+        from a perturbed guess, and coordinates that need not move keep the values of the guess.
 
     Raises:
         InputError: an unknown pinned name, or constraints that cannot be satisfied; the message names the
-            worst constraint and its residual.
+            worst constraint and its residual, and the speeds without inertia if the mass matrix is singular
+            at the guess.
     """
     source = load_model(model)
     return assembly.assemble(source.mechanism, source.start(guess), pinned)
@@ -204,6 +208,7 @@ def balance(
     testing: Sequence[str] | None = None,
     *,
     coordinates: CoordinateMap | str | None = None,
+    potential: Law | str | None = None,
     keep: int | None = None,
 ) -> Ledger:
     """Evaluate the energy testing functions on a trajectory.
@@ -223,6 +228,11 @@ def balance(
         coordinates: own generalized speeds in which the kinetic energy is divided (Kane–Levinson) and whose
             momentum functions are taken: a CoordinateMap, "joint" or "absolute"; by default those in which
             the run's integrals were taken.
+        potential: V(q, t) (J) in E of Wang's and Kane–Levinson's functions, a law or its text; its rate takes
+            the place of V̇ in P. By default the model's potential energy, which the ledger reports in any
+            case. Any function will do (Kane and Levinson's choice of V and G_r): it decides which forces are
+            compared by a difference of V and which are integrated. Its range is part of the energy exchanged.
+            Along samples only.
         keep: about how many rows the ledger is to have, one in 512 of the run at least: of equal
             parts of the run those where |ΔC| is largest, the first and the last, extremes of K and V.
             Works, ΔC, bars and the energy exchanged are taken over all rows, and violations are the largest
@@ -239,7 +249,9 @@ def balance(
     """
     source = load_model(model)
     own = None if coordinates is None else chosen_map(source, coordinates)
-    return energy.balance(source.mechanism, run, work, testing, coordinates=own, keep=keep)
+    return energy.balance(
+        source.mechanism, run, work, testing, coordinates=own, potential=potential, keep=keep
+    )
 
 
 @checked

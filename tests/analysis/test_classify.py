@@ -69,6 +69,94 @@ def test_an_integrable_constraint_on_speeds_is_holonomic() -> None:
     assert dc.classify("knife-edge").motion_constraints
 
 
+def slides(*constraints: object, count: int = 3) -> dc.Mechanism:
+    """Point masses on straight rails, named a, b, c, …: q and u are their places and speeds."""
+    names = "abcdefgh"[:count]
+    return dc.Mechanism(
+        [dc.point_mass(f"mass {n}", 1.0) for n in names],
+        [dc.prismatic(n, "ground", f"mass {n}", "x") for n in names],
+        constraints=list(constraints),
+    )
+
+
+# φ(q, t), φ̇ by hand, and whether φ depends on time.
+BOTH_FORMS = {
+    "gear": ("q.a - 2*q.b", "u.a - 2*u.b", False),
+    "lock": ("q.a - 0.3", "u.a", False),
+    "circle": ("q.a**2 + q.b**2 - 1", "2*q.a*u.a + 2*q.b*u.b", False),
+    "cam": ("q.a - 0.2*sin(q.b)", "u.a - 0.2*cos(q.b)*u.b", False),
+    "plane": ("q.a + 2*q.b - q.c - 0.5", "u.a + 2*u.b - u.c", False),
+    "growing factor": ("exp(t)*(q.a - q.b)", "exp(t)*(u.a - u.b)", False),
+    "swaying factor": ("(2 + sin(t))*(q.a - q.b)", "(2 + sin(t))*(u.a - u.b)", False),
+    "drive": ("q.a - sin(0.75*t)", "u.a - 0.75*cos(0.75*t)", True),
+    "conveyor": ("q.a - t", "u.a - 1", True),
+    "moving circle": (
+        "q.a**2 + (q.b - 0.1*t)**2 - 1",
+        "2*q.a*u.a + 2*(q.b - 0.1*t)*(u.b - 0.1)",
+        True,
+    ),
+    "driven cam": ("q.a - 0.2*sin(q.b + 3*t)", "u.a - 0.2*cos(q.b + 3*t)*(u.b + 3)", True),
+    "growing drive": (
+        "exp(t)*(q.a - q.b - t)",
+        "exp(t)*(q.a - q.b - t) + exp(t)*(u.a - u.b - 1)",
+        True,
+    ),
+    "slow drive": ("q.a - 1e-7*t", "u.a - 1e-7", True),
+    "fast drive": ("q.a - 1e-6*sin(1e5*t)", "u.a - 0.1*cos(1e5*t)", True),
+}
+
+
+@pytest.mark.parametrize("name", BOTH_FORMS)
+def test_the_class_does_not_depend_on_how_a_constraint_is_written(name: str) -> None:
+    """Appendix A of the thesis, table 1 (l. 5342): f(q) = 0 is scleronomic, f(q, t) = 0 rheonomic."""
+    position, velocity, timed = BOTH_FORMS[name]
+    forms = [
+        dc.constraints.holonomic(name, position),
+        dc.constraints.motion_constraint(name, velocity),
+    ]
+    for form in forms:
+        system = dc.classify(slides(form))
+        assert system.kind == "holonomic, " + ("rheonomic" if timed else "scleronomic")
+        assert system.scleronomic is system.catastatic is not timed
+        assert system.moving == ((name,) if timed else ())
+        assert system.freedom == 2
+        assert (f"acatastatic, v_t ≠ 0: {name}" in system.explain()) is timed
+
+
+@pytest.mark.parametrize("drive", ["motion", "torque", "constraint"])
+def test_the_driven_triple_pendulum_is_rheonomic_however_it_is_driven(drive: str) -> None:
+    """(3.2.26); as an applied torque the drive is a force, and no constraint moves."""
+    system = dc.classify(dc.problems.load("triple-pendulum", drive=drive))
+    assert system.kind == "holonomic, " + ("scleronomic" if drive == "torque" else "rheonomic")
+    assert system.catastatic is (drive == "torque")
+
+
+def test_a_prescribed_joint_that_rests_is_scleronomic() -> None:
+    for motion, scleronomic in (("0.4", True), ("0.4 + 0*t", True), ("0.4*t", False)):
+        hinge = dc.revolute("hinge", "ground", "bob", "z", motion=motion)
+        system = dc.classify(replace(pendulum(), joints=[hinge]))
+        assert system.scleronomic is scleronomic, motion
+
+
+def test_rheonomic_and_nonholonomic_together() -> None:
+    """A skate on a moving plane is acatastatic; only a configuration constraint makes it rheonomic."""
+    skate = dc.constraints.motion_constraint("skate", "cos(q.c)*u.b - sin(q.c)*(u.a - 0.5)")
+    system = dc.classify(slides(skate))
+    assert system.kind == "nonholonomic, scleronomic, acatastatic" and system.moving == ("skate",)
+    drive = dc.constraints.motion_constraint("drive", "u.d - cos(t)")
+    system = dc.classify(slides(skate, drive, count=4))
+    assert system.kind == "nonholonomic, rheonomic, acatastatic"
+    assert system.integrable == ("drive",) and system.motion_constraints == ("skate",)
+
+
+def test_engels_forms_have_no_integrable_row() -> None:
+    """A car with a trailer: d(db − c da) vanishes with dc − d da, yet neither form integrates."""
+    forms = {"first": "u.b - q.c*u.a", "second": "u.c - q.d*u.a"}
+    rows = [dc.constraints.motion_constraint(*item) for item in forms.items()]
+    system = dc.classify(slides(*rows, count=4))
+    assert system.motion_constraints == ("first", "second") and system.integrable == ()
+
+
 def test_redundant_rows_are_counted() -> None:
     found = dc.classify("bricard")
     assert found.freedom == 1 and found.redundant

@@ -211,6 +211,39 @@ def test_power_of_the_driven_pendulum() -> None:
     assert -m.b @ m.lambda_m == pytest.approx(torque * omega[0], rel=1e-10)
 
 
+def test_the_drive_read_as_an_applied_force_and_as_a_multiplier() -> None:
+    """(3.2.25) and (3.2.35)-(3.2.36): Q̇ = q̇ᵀF̂_D − b̂ᵀ(F̂ + F̂*) is M1 θ̇1 in both.
+
+    With M1 inside F̂_D the second term is zero; with M1 as the multiplier of (3.2.26) the first one is.
+    The thesis's R̂ acts on q̇ = R̂ u + b̂ (2.5.23); `R_hat` is its product R R̂ (2.5.26).
+    """
+    problem = dc.problems.load("triple-pendulum", drive="constraint")
+    mechanism, t = problem.mechanism, 0.4
+    A, w = mechanism.parameters["A"], mechanism.parameters["w"]
+    theta = np.array([A * np.sin(w * t), 1.1, -0.4])
+    omega = np.array([A * w * np.cos(w * t), -1.2, 2.0])
+    state = mechanism.state(np.diff(theta, prepend=0.0), np.diff(omega, prepend=0.0), t)
+    m = dc.matrices(mechanism, state, independent=("joint2", "joint3"))
+    torque = HandEquations.of(mechanism.parameters).driving_torque(t, theta[1:], omega[1:])
+    absolute = np.tril(np.ones((3, 3)))  # θ̇ from the joints' rates
+    R = m.R @ np.linalg.inv(absolute)  # (3.2.11)
+    R_thesis, b_thesis = np.eye(3)[:, 1:], np.array([omega[0], 0.0, 0.0])  # (3.2.26)
+    A_thesis = m.A @ R  # Â = A R (2.5.22)
+    np.testing.assert_allclose(A_thesis @ R_thesis, 0.0, atol=1e-14)  # (2.5.24)
+    np.testing.assert_allclose(A_thesis @ b_thesis, -m.b, atol=1e-14)  # (2.5.24)
+    rates = absolute[1:, 1:]  # of bars 2 and 3 from those of joints 2 and 3, where bar 1 rests
+    np.testing.assert_allclose(m.R_hat, R @ R_thesis @ rates, atol=1e-14)  # (2.5.26)
+    np.testing.assert_allclose(m.R_hat @ m.u_hat + m.v_t_hat, R @ omega, atol=1e-13)
+
+    F, F_star, F_D = R.T @ m.F, R.T @ m.F_star, R.T @ m.F_D
+    outside = b_thesis @ (F + F_star)
+    assert outside == pytest.approx(-torque * omega[0], rel=1e-11)
+    assert omega @ F_D - outside == pytest.approx(torque * omega[0], rel=1e-11)
+    M1 = np.array([torque, 0.0, 0.0])  # (3.2.15): part of F̂_D and of F̂
+    assert b_thesis @ (F + M1 + F_star) == pytest.approx(0.0, abs=1e-11 * abs(outside))  # (3.2.35)
+    assert omega @ (F_D + M1) == pytest.approx(torque * omega[0], rel=1e-13)  # (3.2.36)
+
+
 def test_the_bead_on_a_hoop_is_acatastatic() -> None:
     """A hoop of radius r about the vertical at Ω: v_t = Ω × x, and K2 − K0 + V is constant."""
     problem = dc.problems.load("bead-on-hoop")

@@ -208,3 +208,48 @@ def test_nothing_free_to_move() -> None:
     clashes = driven("3*t")
     with pytest.raises(InputError, match="'mesh' is off by 0.3 "):
         assemble(clashes, clashes.state(t=0.3))
+
+
+def polar(constraint: str) -> dc.Mechanism:
+    """A mass in polar coordinates on a rope over a pulley: without inertia about the axis at r = 0."""
+    return dc.Mechanism(
+        [dc.bodies.frame("arm"), dc.point_mass("mass", 1.0), dc.point_mass("weight", 2.0)],
+        [
+            dc.revolute("angle", "ground", "arm", "z"),
+            dc.prismatic("r", "arm", "mass", "x"),
+            dc.prismatic("z", "ground", "weight", "z"),
+        ],
+        constraints=[dc.constraints.holonomic("rope", constraint)],
+    )
+
+
+def test_a_guess_where_the_mass_matrix_is_singular() -> None:
+    """The shortest way onto r + z = 3 with masses 1 and 2: by λ/1 and λ/2, λ = 2; the angle stays."""
+    mechanism = polar("q.r + q.z - 3.0")
+    assembly = assemble(mechanism, mechanism.state({"angle": 0.3}))
+    np.testing.assert_allclose(assembly.state.q, [0.3, 2.0, 1.0], rtol=0, atol=1e-8)
+    assert assembly.state.q[0] == 0.3
+    assert assembly.residual < 1e-14 and assembly.freedom == 2 and not assembly.singular
+    run = dc.simulate(mechanism, assembly.state, 0.1, 1e-3)
+    assert np.abs(dc.balance(mechanism, run).delta_c["wang"]).max() < 1e-10
+
+
+def test_a_guess_where_a_constraint_is_stationary() -> None:
+    """From a circle's centre every direction is as good as another; from beside it the nearest point is."""
+    rails = dc.Mechanism(
+        [dc.point_mass(f"mass {n}", 1.0) for n in "xy"],
+        [dc.prismatic(n, "ground", f"mass {n}", "x") for n in "xy"],
+        constraints=[dc.constraints.holonomic("circle", "q.x**2 + q.y**2 - 1")],
+    )
+    assembly = assemble(rails, rails.state())
+    assert np.hypot(*assembly.state.q) == pytest.approx(1.0, abs=1e-14)
+    assert assembly.freedom == 1 and not assembly.singular
+    assert assemble(rails, rails.state({"x": 0.5})).state.q == pytest.approx([1.0, 0.0], abs=1e-14)
+
+
+def test_what_is_singular_is_named_where_nothing_helps() -> None:
+    mechanism = polar("q.r**2 + q.z**2 + 3.0")
+    with pytest.raises(
+        InputError, match=r"'rope' is off by 3 .*singular.*'angle' moves no inertia"
+    ):
+        assemble(mechanism, mechanism.state())

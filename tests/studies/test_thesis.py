@@ -17,15 +17,25 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import deltac as dc
 from deltac import problems
 from deltac.errors import InputError
 from deltac.problems.triple_pendulum_equations import HandEquations
 from deltac.studies.thesis import EXPERIMENTS, Reproduction, Result, reproduce, write
 from deltac.studies.thesis.experiments import Experiment
 from deltac.studies.thesis.measures import euler_relation
-from deltac.studies.thesis.runs import Run, absolute_angles, perform, problem, rates, totals
+from deltac.studies.thesis.runs import (
+    Run,
+    absolute_angles,
+    perform,
+    problem,
+    rates,
+    totals,
+    trajectory_of,
+)
 
 KEYS = ["figure", "run", "quantity", "thesis", "value", "unit", "rule", "agrees", "difference"]
+KEYS.append("source")
 TESTED = ("4.1", "4.2", "4.3", "4.4", "4.6", "4.7", "4.9", "4.10")
 
 
@@ -50,7 +60,7 @@ def test_the_table_has_the_ten_figures_in_order() -> None:
 
 
 def test_runs_that_serve_several_figures_are_run_once(whole: Reproduction) -> None:
-    named = [run for e in whole.experiments for run in e.runs.values()]
+    named = [run for e in whole.experiments for run in e.all_runs.values()]
     assert set(named) == set(whole.outcomes)
     assert len(whole.outcomes) < len(named)
 
@@ -121,12 +131,32 @@ def test_torque_of_fig_4_5_is_the_librarys_reference(whole: Reproduction) -> Non
     assert row.value < 1e-12  # rounding of 15 N·m
 
 
-def test_the_torque_told_in_four_ways_gives_one_total(whole: Reproduction) -> None:
+def test_the_drive_in_four_forms_gives_one_total(whole: Reproduction) -> None:
     for figure in ("4.4", "4.6"):
-        told = [
-            r for r in whole.results if r.figure == figure and "told in four ways" in r.quantity
-        ]
-        assert told and all(r.agrees for r in told)
+        forms = [r for r in whole.results if r.figure == figure and "four forms" in r.quantity]
+        assert forms and all(r.agrees for r in forms)
+
+
+def test_both_readings_of_the_drive_have_one_work() -> None:
+    """(3.2.36), M1 applied: Q = ∫ q̇ᵀF̂_D; (2.5.64), M1 a multiplier: Q = −∫ bᵀλ_m. Never both."""
+    run = Run("driven", "ode5", 1e-3)
+    log = trajectory_of(run, problem(run.variant).state)
+    work = {}
+    for variant, channel in (
+        ("driven by a logged torque", "actuator M1"),
+        ("driven by a constraint", "constraint drive"),
+    ):
+        forces = {channel: log.forces["prescribed joint1"]}
+        read = dataclasses.replace(log, forces=forces, works={}, integrals={})
+        ledger = dc.balance(problem(variant).mechanism, read, work="samples", testing=("wang",))
+        assert np.abs(ledger.delta_c["wang"]).max() < 1e-9
+        work[variant] = ledger.work
+    for channel in ("actuator M1", "constraint drive"):
+        (own,) = [w for w in work.values() if channel in w]
+        # The reference was calculated by another program, to 1e-12; here h = 0.001 s.
+        assert own[channel][-1] == pytest.approx(2.291822080477, abs=1e-9)
+    assert "constraint drive" not in work["driven by a logged torque"]
+    assert "actuator M1" not in work["driven by a constraint"]
 
 
 def test_a_wrong_torque_changes_the_total_by_its_work() -> None:
@@ -134,8 +164,8 @@ def test_a_wrong_torque_changes_the_total_by_its_work() -> None:
     right, wrong = totals(run), totals(run, 1.01)
     outcome = perform(run)
     motor = outcome.ledger.work["prescribed joint1"]
-    for told in ("applied", "multiplier", "prescribed"):
-        change = getattr(wrong, told) - getattr(right, told)
+    for form in ("applied", "multiplier", "prescribed"):
+        change = getattr(wrong, form) - getattr(right, form)
         # ΔC = E − E(0) − Q, and the wrong log says that Q is one percent more.
         np.testing.assert_allclose(change, -0.01 * motor, rtol=0, atol=1e-9)
         assert np.abs(change).max() > 1e-3
@@ -148,9 +178,67 @@ def test_the_ways_would_differ_for_accelerations_that_do_not_fit_the_torque() ->
     assert rates(run).spread < 1e-13
     assert run.udot is not None
     bent = dataclasses.replace(run, udot=run.udot + np.array([0.0, 0.1, 0.0]))
-    told = rates(bent)
-    assert told.torque_spread < 1e-13
-    assert told.spread > 1e-4
+    forms = rates(bent)
+    assert forms.torque_spread < 1e-13
+    assert forms.spread > 1e-4
+
+
+def test_the_rate_form_shows_the_mistake_and_no_error_of_a_solver(tmp_path: Path) -> None:
+    """(2.4.1): at every sample K̇ + V̇ − Q̇ = 2 g₂ θ̇₂ sin θ₂, g₂ = 8.75 N·m, and zero of any solver's run."""
+    study = reproduce(["rate"])
+    assert study.agrees and sum(r.judged for r in study.results) == 3
+    written = write(study, tmp_path)
+    assert [path.name for path in written.figures] == ["figure_rate.png"]
+    assert_is_a_picture(written.figures[0])
+    outcome = study.outcomes[Run("by hand, sign mistake", "ode5", 1e-3)]
+    theta, omega = outcome.trajectory.q[:, :2].sum(axis=1), outcome.trajectory.u[:, :2].sum(axis=1)
+    exact = 2 * 8.75 * omega * np.sin(theta)
+    np.testing.assert_allclose(outcome.rates["wang"], exact, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(outcome.rates["liu-huston"], exact, rtol=0, atol=1e-11)
+    euler = perform(Run("by hand", "ode1", 1e-3, duration=2.0))
+    assert np.abs(euler.ledger.delta_c["wang"]).max() > 0.1
+    assert np.abs(euler.rates["wang"]).max() < 1e-11
+
+
+def test_the_driven_runs_in_joint_angles_and_in_absolute_ones(whole: Reproduction) -> None:
+    """Euler's method by hand, in the thesis's coordinates: (3.1.18)-(3.1.19) with θ1 = sin 0.75 t."""
+    pendulum = problem("by hand, driven")
+    hand = HandEquations.of(pendulum.mechanism.parameters)
+    step, steps = 1e-3, 10_000
+    theta, omega = np.radians([60.0, 15.0]), np.zeros(2)
+    for k in range(steps):
+        rate = hand.driven(k * step, theta, omega)
+        theta, omega = theta + step * omega, omega + step * rate
+    found = whole.outcomes[Run("by hand, driven", "ode1", step)].trajectory
+    np.testing.assert_allclose(absolute_angles(found)[-1, 1:], theta, rtol=0, atol=1e-9)
+    (wang,) = (
+        r.value
+        for r in whole.results
+        if (r.run, r.quantity) == ("absolute angles, ode1", "max Wang |ΔC|")
+    )
+    joint = rows(whole, "4.6", "max Wang |ΔC|")["ode1"].value
+    assert wang == pytest.approx(2.6347, abs=1e-4)
+    assert joint == pytest.approx(2.6352, abs=1e-4)
+
+
+def test_the_initial_error_of_fig_4_9_by_hand(whole: Reproduction) -> None:
+    """l. 5146: largest |ΔC| up to t = 2 s, from the ledgers."""
+
+    def initial(variant: str, duration: float = 10.0) -> float:
+        ledger = whole.outcomes[Run(variant, "ode5", 1e-2, duration)].ledger
+        return float(np.abs(ledger.delta_c["wang"][:201]).max())
+
+    rest = initial("standard")
+    sizes = [initial("tumbling", 50.0), initial("tumbling, damped", 50.0), initial("fast"), rest]
+    assert sizes == pytest.approx([5.1e-4, 2.0e-3, 3.5e-3, 2.8e-4], rel=0.02)
+    for run, size in (("no dampers", sizes[0]), ("dampers", sizes[1])):
+        (row,) = (
+            r
+            for r in whole.results
+            if r.run == f"{run} / fig. 4.1, h = 0.01 s" and "0–2 s" in r.quantity
+        )
+        # The row has the smaller ratio of the two functions.
+        assert row.value <= size / rest * (1 + 1e-12) and row.agrees is False
 
 
 def test_a_mistake_shows_and_dampers_do_not_hide_it(whole: Reproduction) -> None:
@@ -220,6 +308,8 @@ def test_inexact_accelerations_would_make_the_floor_of_the_thesis() -> None:
     assert len(ratios) == 6
     assert all(r.value < 10.0 for run, r in ratios.items() if "1e-9" in run)
     assert max(r.value for run, r in ratios.items() if "1e-10" in run) > 10.0
+    first = ratios["4.1, 1e-9, h = 0.001 s / 4.1, 1e-9, h = 0.0001 s"]
+    assert 8.0 < first.value < 10.0  # only just, as docs/thesis.md says
 
 
 # --- results --------------------------------------------------------------------------------------
@@ -242,12 +332,16 @@ def test_all_agree_but_the_known_differences(whole: Reproduction) -> None:
     differing = {(r.figure, r.run, r.quantity) for r in whole.differences}
     assert differing == {
         ("4.1", "h = 0.001 s / h = 0.0001 s", "ratio of max |ΔC|"),
-        ("4.2", "ode1", "Liu–Huston |ΔC| at 10 s"),
         ("4.2", "ode5", "max Wang |ΔC|"),
         ("4.2", "ode5", "max Liu–Huston |ΔC|"),
         ("4.4", "h = 0.001 s / h = 0.0001 s", "ratio of max |ΔC|"),
         ("4.6", "ode4 / ode5", "ratio of max |ΔC|"),
         ("4.7", "right equations", "max Wang |ΔC|"),
+        *(
+            ("4.9", f"{run} / fig. {other}, h = 0.01 s", "ratio of max |ΔC| over 0–2 s")
+            for run in ("no dampers", "dampers")
+            for other in ("4.1", "4.3")
+        ),
     }
     assert all(r.difference for r in whole.differences)
 
@@ -336,10 +430,51 @@ def test_an_existing_result_survives_a_failed_write(tmp_path: Path) -> None:
 def test_experiments_are_known_by_their_runs() -> None:
     for experiment in EXPERIMENTS:
         assert isinstance(experiment, Experiment)
-        labels = set(experiment.runs)
+        labels = set(experiment.all_runs)
         for claim in experiment.claims:
             named = claim.run.split(" / ")
             assert set(named) <= labels, claim.run
+
+
+def test_axes_are_those_that_the_thesis_labels(whole: Reproduction) -> None:
+    """Ticks from the transcript, panel by panel; 4.7 and 4.10 show the angles of the right equations."""
+    from deltac.studies.thesis.drawing import draw
+
+    swing = [-100.0, -50.0, 0.0, 50.0, 100.0]
+    decades = {
+        "4.1": ([1e-20, 1e-10, 1.0], [1e-20, 1e-10, 1.0]),
+        "4.2": ([1e-20, 1e-10, 1.0], [1e-20, 1e-10, 1.0, 1e10]),
+        "4.3": ([1e-10, 1.0],) * 2,
+        "4.4": ([1e-30, 1e-20, 1e-10],) * 2,
+        "4.6": ([1e-20, 1.0],) * 2,
+        "4.7": ([1e-10, 1.0],) * 2,
+        "4.9": ([1e-10, 1e-5, 1.0],) * 2,
+        "4.10": ([1e-10, 1.0],) * 2,
+    }
+    angles = {
+        "4.8": [[-1000.0, 0.0, 1000.0, 2000.0], [-200.0, -100.0, 0.0, 100.0, 200.0]],
+        "4.9": [],
+    }
+    for experiment in whole.experiments:
+        panels = draw(whole, experiment, thesis_axes=True).axes
+        ticks = []
+        for panel in panels:
+            low, high = panel.get_ylim()
+            low, high = low - 1e-9 * abs(low), high + 1e-9 * abs(high)
+            ticks.append([float(y) for y in panel.get_yticks() if low <= y <= high])
+        if experiment.shows == "torque":
+            assert ticks == [[-15.0, -10.0, -5.0, 0.0, 5.0, 10.0, 15.0]]
+            continue
+        shown = angles.get(experiment.figure, [swing])
+        expected = [*shown, *decades.get(experiment.figure, ())]
+        assert len(ticks) == len(expected), experiment.figure
+        for panel_ticks, ours in zip(expected, ticks):
+            assert ours == pytest.approx(panel_ticks, rel=1e-9), experiment.figure
+        if experiment.figure in ("4.7", "4.10"):
+            last = whole.outcomes[Run("by hand", "ode5", 1e-3)].trajectory
+            drawn = panels[0].lines[0].get_ydata()
+            assert drawn[-1] == pytest.approx(np.degrees(absolute_angles(last)[-1, 0]), abs=1.0)
+            assert len(panels[0].lines) == 3
 
 
 # --- the statements in docs/thesis.md ---------------------------------------------------------------
@@ -366,15 +501,16 @@ def test_statements_in_the_documents(whole: Reproduction) -> None:
             continue
         thesis = "" if row.thesis is None else str(row.thesis)
         thesis = f"{row.thesis:g}" if isinstance(row.thesis, float) else thesis
+        thesis += f" ({row.source})" if row.source else ""
         measured[row.figure, row.run, row.quantity, thesis] = row
     assert set(documented) == set(measured)
     for key, row in measured.items():
-        told, says = documented[key]
+        value_text, says = documented[key]
         assert says == {True: "agrees", False: "differs", None: ""}[row.agrees], key
-        value = float(told.split()[0])
+        value = float(value_text.split()[0])
         # Rounding decides the last step, and chaos the runs of 50 s: their size only.
         loose = "0.0001" in row.run or row.figure in ("4.8", "4.9") or abs(row.value) < 1e-9
-        loose = loose or "10.0" not in told and abs(row.value) > 1e6
+        loose = loose or abs(row.value) > 1e6
         if loose:
             assert abs(row.value) <= 10.0 * abs(value) + 1e-14, key
             assert row.value == 0.0 or abs(row.value) >= 0.1 * abs(value) or abs(value) < 1e-9, key

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,10 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.evaluate import evaluate
-from deltac.arrays import Array
+from deltac.arrays import ASSEMBLED, Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.states import random_states
+from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
@@ -56,9 +57,11 @@ class Classification(Report, also=("kind",)):
         bodies: their names.
         joints: each with its kind and bodies.
         freedom: degrees of freedom, the number of independent speeds.
-        scleronomic: no joint is prescribed and no configuration constraint depends on time.
-        catastatic: velocities may all be zero: v_t = 0.
-        holonomic: every motion constraint could be integrated to one of configuration, or there is none.
+        scleronomic: constraints and prescribed joints admit the same configurations at all times; else
+            rheonomic. An integrable motion constraint counts as the configuration constraint that it is.
+        catastatic: velocities may all be zero, v_t = 0; else acatastatic.
+        moving: names of the prescribed joints and the constraints that make v_t ≠ 0: f_t ≠ 0 or b ≠ 0.
+        holonomic: every motion constraint can be integrated to one of configuration, or there is none.
         motion_constraints: names of the constraints on velocities that are not integrable.
         integrable: names of the velocity constraints that can be integrated to configuration constraints.
         redundant: the rows that follow from others, in words; "" if there are none.
@@ -77,6 +80,7 @@ class Classification(Report, also=("kind",)):
     freedom: int
     scleronomic: bool
     catastatic: bool
+    moving: tuple[str, ...]
     holonomic: bool
     motion_constraints: tuple[str, ...]
     integrable: tuple[str, ...]
@@ -90,7 +94,10 @@ class Classification(Report, also=("kind",)):
 
     @property
     def kind(self) -> str:
-        """In the usual words, as "holonomic, scleronomic" or "nonholonomic, scleronomic, catastatic"."""
+        """In the usual words, as "holonomic, rheonomic" or "nonholonomic, scleronomic, catastatic".
+
+        A holonomic system is rheonomic if and only if it is acatastatic, so the one word is enough.
+        """
         words = ["holonomic" if self.holonomic else "nonholonomic"]
         words.append("scleronomic" if self.scleronomic else "rheonomic")
         if not self.holonomic:
@@ -115,6 +122,8 @@ class Classification(Report, also=("kind",)):
             yield f"not integrable: {', '.join(self.motion_constraints)}"
         if self.integrable:
             yield f"integrable, though written on velocities: {', '.join(self.integrable)}"
+        if self.moving:
+            yield f"acatastatic, v_t ≠ 0: {', '.join(self.moving)}"
         if self.redundant:
             yield f"redundant rows: {self.redundant}"
         yield f"testing functions: {', '.join(self.testing_functions)}"
@@ -133,9 +142,11 @@ class Classification(Report, also=("kind",)):
 def classify(model: ModelLike, state: StateLike = None) -> Classification:
     """Classify a mechanism, and find redundant constraints and constants of the motion.
 
-    Constants of the motion and integrable constraints are found from the equations at random admissible
-    states. A quantity that is constant in some motions only is not listed, such as an angular momentum that
-    is zero at the start. Nor is the energy if a force has no potential, even where that force does no work.
+    Constants of the motion, integrable constraints and moving ones are found from the equations at random
+    admissible states, so that the class does not depend on how a constraint is written: a motion constraint
+    u = f(t) and the configuration constraint that is its integral are both rheonomic. A quantity that is
+    constant in some motions only is not listed, such as an angular momentum that is zero at the start. Nor
+    is the energy if a force has no potential, even where that force does no work.
 
     Args:
         model: a Mechanism, a Problem, a problem's name, a model file or ``file.py:callable``.
@@ -145,33 +156,28 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
     Raises:
         InputError: there is no such model, or its constraints cannot be met.
     """
-    found = load_model(model)
-    mechanism = found.mechanism
+    loaded = load_model(model)
+    mechanism = loaded.mechanism
     motion = equations_of_motion(mechanism)
-    if state is None and not found.starts:
+    if state is None and not loaded.starts:
         state = assemble(mechanism, mechanism.state()).state
     else:
-        state = found.start(state)
+        state = loaded.start(state)
     free, rows = mechanism.free, motion.rows
-    counted = independence(motion, state.t, state.q[free.q])
-    drifting = _depends(ca.vertcat(rows.b, *_driven_rates(motion)))
-    timed = any(joint.prescribed for joint in mechanism.joints) or any(
-        rows.holonomic[k] and _depends(rows.b[k]) for k in range(len(rows))
-    )
+    ranks = independence(motion, state.t, state.q[free.q])
     t, q, u = _states(motion, state)
-    integrable = _integrable(motion, t, q)
-    velocity = [k for k in range(len(rows)) if not rows.holonomic[k]]
-    names = tuple(dict.fromkeys(rows.names[k] for k in velocity))
-    left = tuple(
-        n for n in names if any(rows.names[k] == n and k not in integrable for k in velocity)
-    )
-    functions = applicable(constrained=bool(len(rows)) and counted.freedom > 0)
+    driven, moving_rows = _moving(motion, t, q)
+    acatastatic = bool(driven or moving_rows)
+    velocity = {k for k in range(len(rows)) if not rows.holonomic[k]}
+    integrable = _integrable(motion, velocity, t, q)
+    nonholonomic = _names(rows, velocity - integrable)
+    functions = applicable(constrained=bool(len(rows)) and ranks.freedom > 0)
     nonpotential = tuple(
         part.name
         for part in motion.channels
         if part.logged or (part.potential is None and _depends(part.force))
     )
-    constant = _constant(motion, t, q, u, bool(nonpotential), drifting)
+    constant = _constant(motion, t, q, u, bool(nonpotential), acatastatic)
     at = evaluate(mechanism, state)
     with_potential = [n for n in functions if n != "liu-huston"]
     return Classification(
@@ -181,15 +187,16 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
             DescribedJoint(j.name, j.kind, j.parent, j.child, j.prescribed)
             for j in mechanism.joints
         ),
-        freedom=counted.freedom,
-        scleronomic=not timed,
-        catastatic=not drifting,
-        holonomic=not left,
-        motion_constraints=left,
-        integrable=tuple(n for n in names if n not in left),
-        redundant=row_names(rows, counted.redundant),
+        freedom=ranks.freedom,
+        scleronomic=not driven and moving_rows <= velocity - integrable,
+        catastatic=not acatastatic,
+        moving=driven + _names(rows, moving_rows),
+        holonomic=not nonholonomic,
+        motion_constraints=nonholonomic,
+        integrable=tuple(n for n in _names(rows, velocity) if n not in nonholonomic),
+        redundant=row_names(rows, ranks.redundant),
         testing_functions=functions,
-        coincide=() if drifting or len(with_potential) < 2 else (tuple(with_potential),),
+        coincide=() if acatastatic or len(with_potential) < 2 else (tuple(with_potential),),
         constant=constant,
         nonpotential=nonpotential,
         events=tuple(event.name for event in mechanism.events),
@@ -202,8 +209,34 @@ def _depends(expression: Any) -> bool:
     return bool(ca.sparsify(ca.simplify(ca.densify(expression))).nnz())
 
 
-def _driven_rates(motion: EquationsOfMotion) -> list[Any]:
-    return [motion.system.u_all[place] for place in motion.system.driven_u]
+def _names(rows: Rows, places: Collection[int]) -> tuple[str, ...]:
+    """The constraints of some rows, each once."""
+    return tuple(dict.fromkeys(rows.names[k] for k in sorted(places)))
+
+
+def _moving(motion: EquationsOfMotion, t: Array, q: Array) -> tuple[tuple[str, ...], set[int]]:
+    """Prescribed joints that move, and rows with f_t ≠ 0 or b ≠ 0 on the configurations that they admit.
+
+    Time may appear in a row that does not move: e^t (q1 − q2) = 0 has f_t = e^t (q1 − q2), zero wherever the
+    row holds. So f_t and b count as zero where they are no larger than their change within the accuracy of
+    the configurations.
+    """
+    s, rows = motion.system, motion.rows
+    joints = [s.mechanism.speeds[place].joint for place in s.driven_u]
+    rates = ca.vertcat(rows.b, *(s.u_all[place] for place in s.driven_u))
+    if not _depends(rates):
+        return (), set()
+    slope = ca.jacobian(rates, ca.vertcat(s.t, s.q))
+    columns = [ca.densify(rates), ca.densify(ca.vec(slope))]
+    f = ca.Function("rates", [s.t, s.q], columns, {"cse": True})
+    values, slopes = evaluate_at(f, t[None, :], q)
+    accuracy = ASSEMBLED * np.maximum(
+        np.vstack([0.0 * t, np.ones_like(q)]), np.abs(np.vstack([t, q]))
+    )
+    change = np.einsum("bri,ib->rb", np.abs(matrices(slopes, *slope.shape)), accuracy)
+    moves = (np.abs(values) > change).any(axis=1)
+    driven = tuple(dict.fromkeys(n for n, m in zip(joints, moves[len(rows) :]) if m))
+    return driven, set(np.flatnonzero(moves[: len(rows)]).tolist())
 
 
 def _states(motion: EquationsOfMotion, state: State) -> tuple[Array, Array, Array]:
@@ -211,55 +244,63 @@ def _states(motion: EquationsOfMotion, state: State) -> tuple[Array, Array, Arra
     mechanism = motion.system.mechanism
     free = mechanism.free
     try:
-        found = random_states(mechanism, count=LOOKED_AT)
+        states = random_states(mechanism, count=LOOKED_AT)
     except InputError:
         return np.array([state.t]), state.q[free.q][:, None], state.u[free.u][:, None]
-    return found.t, found.q, found.u
+    return states.t, states.q, states.u
 
 
-def _integrable(motion: EquationsOfMotion, t: Array, q: Array) -> set[int]:
-    """Velocity rows whose dω vanishes on all motions that the constraints allow (Frobenius).
+def _integrable(motion: EquationsOfMotion, velocity: set[int], t: Array, q: Array) -> set[int]:
+    """The rows among `velocity` that follow from configuration constraints (Frobenius).
 
-    The forms are ω = G W⁺ dq + b dt on the space of (q, t); an allowed motion is (W k, τ) with
-    G k + b τ = 0.
+    The forms are ω = G W⁺ dq + b dt on the space of (q, t); an allowed motion is (W k, τ) with G k + b τ = 0.
+    A set of rows is integrable if the dω of each vanishes on all pairs of motions that the set allows,
+    together with the configuration constraints. Rows that fail are taken out until none does.
     """
     s, rows = motion.system, motion.rows
-    velocity = [k for k in range(len(rows)) if not rows.holonomic[k]]
     if not velocity:
         return set()
+    order = sorted(velocity)
     W = motion.W
     plus = ca.solve(ca.mtimes(W.T, W), W.T)
     moving = rows.at_rest(s.u)
-    forms = ca.horzcat(ca.mtimes(rows.G[velocity, :], plus), moving[velocity])
+    forms = ca.horzcat(ca.mtimes(rows.G[order, :], plus), moving[order])
     at = ca.vertcat(s.q, s.t)
-    curls = [
-        ca.jacobian(forms[k, :].T, at) - ca.jacobian(forms[k, :].T, at).T
-        for k in range(len(velocity))
-    ]
-    columns = [rows.G, moving, W, *curls]
-    dense = [ca.densify(ca.vec(x)) for x in columns]
+    jacobians = [ca.jacobian(forms[k, :].T, at) for k in range(len(order))]
+    curls = [slope - slope.T for slope in jacobians]
+    dense = [ca.densify(ca.vec(x)) for x in (rows.G, moving, W, *curls)]
     f = ca.Function("curls", [s.t, s.q], dense, {"cse": True})
     G, b, W_, *curl = evaluate_at(f, t[None, :], q)
     p, n, nc = s.u.shape[0], q.shape[0], len(rows)
-    G, W_ = matrices(G, nc, p), matrices(W_, n, p)
-    whole = set(velocity)
-    for i in range(q.shape[1]):
-        extended = np.hstack([G[i], b[:, i : i + 1]])
-        _, sizes, V = np.linalg.svd(extended)
-        allowed = V[int((sizes > 1e-9 * max(1.0, sizes.max(initial=0.0))).sum()) :].T
-        moves = np.vstack([W_[i] @ allowed[:p], allowed[p:]])
-        for k, flat in zip(velocity, curl):
-            bent = matrices(flat[:, i], n + 1, n + 1)
-            size = np.abs(moves).T @ np.abs(bent) @ np.abs(moves)
-            if np.abs(moves.T @ bent @ moves).max(initial=0.0) > 1e-8 * max(
-                1.0, size.max(initial=0.0)
-            ):
-                whole.discard(k)
-    return whole
+    extended = np.concatenate([matrices(G, nc, p), b.T[:, :, None]], axis=2)
+    velocities = matrices(W_, n, p)
+    curl_of = {k: matrices(values, n + 1, n + 1) for k, values in zip(order, curl)}
+    configuration = set(range(nc)) - velocity
+    integrable = set(velocity)
+    while True:
+        closed = set(integrable)
+        for i in range(q.shape[1]):
+            moves = _allowed(extended[i, sorted(configuration | integrable)], velocities[i])
+            for k in integrable:
+                size = np.abs(moves).T @ np.abs(curl_of[k][i]) @ np.abs(moves)
+                rounding = 1e-8 * max(1.0, size.max(initial=0.0))
+                if np.abs(moves.T @ curl_of[k][i] @ moves).max(initial=0.0) > rounding:
+                    closed.discard(k)
+        if closed == integrable:
+            return integrable
+        integrable = closed
+
+
+def _allowed(extended: Array, W: Array) -> Array:
+    """The motions (q̇, ṫ), n+1 by k, that rows (G b) allow at a configuration, q̇ = W u."""
+    _, sizes, V = np.linalg.svd(extended)
+    kernel = V[int((sizes > 1e-9 * max(1.0, sizes.max(initial=0.0))).sum()) :].T
+    moves: Array = np.vstack([W @ kernel[:-1], kernel[-1:]])
+    return moves
 
 
 def _constant(
-    motion: EquationsOfMotion, t: Array, q: Array, u: Array, lossy: bool, drifting: bool
+    motion: EquationsOfMotion, t: Array, q: Array, u: Array, lossy: bool, acatastatic: bool
 ) -> tuple[str, ...]:
     """Energy, Jacobi's integral and momenta that no force and no constraint changes, at the states."""
     s, rows = motion.system, motion.rows
@@ -282,7 +323,7 @@ def _constant(
         known = terms(s, s.udot_all, motion.channels, None, bound, Reactions(driving, chosen))
         flow = total * ca.norm_2(ca.densify(s.u_all)) + ca.fabs(known.inertia_transport)
         powers["energy"], sizes["energy"] = TESTING_FUNCTIONS["wang"].P(known), flow
-        if drifting:
+        if acatastatic:
             powers["Jacobi integral"] = TESTING_FUNCTIONS["kane-levinson-1990"].P(known)
             sizes["Jacobi integral"] = flow + ca.fabs(known.rate_1990)
     names = list(powers)

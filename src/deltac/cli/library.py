@@ -143,7 +143,8 @@ def reproduce(
         typer.Option(
             "--only",
             metavar="FIGURE",
-            help="Only these figures: 4.7, or 4.1,4.2; repeatable. floor: effect of inexact accelerations.",
+            help="Only these figures: 4.7, or 4.1,4.2; repeatable. floor: inexact accelerations. "
+            "rate: K̇ + V̇ − Q̇.",
         ),
     ] = None,
     out: Annotated[

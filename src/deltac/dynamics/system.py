@@ -185,9 +185,9 @@ def _written_out(mechanism: Mechanism, vary: tuple[str, ...]) -> System:
         start_u = mechanism.speeds.of(joint.name).start
         for k, law in enumerate(joint.motion):
             s = to_casadi(law, values)
-            s_dot = ca.jacobian(s, t)
+            s_dot = ca.densify(ca.jacobian(s, t))  # of a constant: a zero, not an empty entry
             q_all[start_q + k], u_all[start_u + k] = s, s_dot
-            udot_all[start_u + k] = ca.jacobian(s_dot, t)
+            udot_all[start_u + k] = ca.densify(ca.jacobian(s_dot, t))
     count = sum(len(mechanism.joint(motor.joint).speeds) for motor in mechanism.motors)
     inputs = ca.SX.sym("inputs", count)
     return _assembled(mechanism, vary, t, q, u, udot, inputs, p, q_all, u_all, udot_all, values)

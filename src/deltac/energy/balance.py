@@ -53,6 +53,7 @@ from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, Wro
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.laws import Law
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -68,11 +69,16 @@ def balance(
     testing: Sequence[str] | None = None,
     *,
     coordinates: CoordinateMap | None = None,
+    potential: Law | str | None = None,
     keep: int | None = None,
 ) -> Ledger:
     """Evaluate the energy testing functions on a trajectory: the core of `deltac.balance`."""
     _require_trajectory(run)
-    method = _method(run, work)
+    if potential is not None and work not in (None, "samples"):
+        raise ArgumentsError(
+            f"potential: ΔC with a V of your own is taken along the samples, not {work!r}; leave work out"
+        )
+    method = _method(run, work if potential is None else "samples")
     if keep is not None and keep < 1:
         raise ArgumentsError(
             f"keep={keep}: expected how many rows the ledger is to keep, 1 or more"
@@ -94,7 +100,7 @@ def balance(
     recorded = _recorded(run) if method == "in-loop" and not integrated else frozenset()
     momenta, start = MOMENTUM in names, _start(samples)
     symbols, kernels = _compiled(
-        mechanism, log, functions, coordinates, start, recorded, momenta=momenta
+        mechanism, log, functions, coordinates, potential, start, recorded, momenta=momenta
     )
     _check_division(symbols, samples)
     one_pass = None
@@ -121,7 +127,7 @@ def balance(
     power = dict(
         zip(kernels.powers, (*columns.outputs["conservative"], *columns.outputs["channels"]))
     )
-    potential = dict(zip(kernels.potential, columns.outputs["potential"]))
+    potentials = dict(zip(kernels.potential, columns.outputs["potential"]))
     if discrete is not None:
         nothing = np.zeros(len(run))
         works = {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
@@ -141,7 +147,7 @@ def balance(
         basis.setdefault(name, "measured")
     works |= {name: Work(value, rounding, "booked") for name, value in corrected.items()}
     if method == "in-loop" and "wang" in delta_c:
-        free = {n: w for n, w in works.items() if n not in potential}
+        free = {n: w for n, w in works.items() if n not in potentials}
         E = parts.K + parts.V
         missing = np.abs(E - E[0] - sum(w.value for w in free.values()) - delta_c["wang"])
         works |= widened(free, missing)
@@ -153,7 +159,7 @@ def balance(
         K2=parts.K2,
         K1=parts.K1,
         K0=parts.K0,
-        potential=potential,
+        potential=potentials,
         power=power,
         work={name: w.value for name, w in works.items()},
         work_error={name: w.bar for name, w in works.items()},
@@ -532,6 +538,7 @@ def _compiled(
     log: LoggedForces,
     functions: Sequence[TestingFunction],
     speeds: CoordinateMap | None,
+    potential: Law | str | None,
     start: tuple[float, Array],
     recorded: frozenset[ChannelName],
     *,
@@ -539,6 +546,8 @@ def _compiled(
 ) -> tuple[LedgerSymbols, LedgerKernels]:
     """Traced and compiled once for logs of the same mechanism that hold the same forces and works."""
     symbols = ledger_symbols(mechanism, log, speeds, start)
+    if potential is not None:
+        symbols = symbols.with_potential(potential)
     recorded = recorded.intersection(part.name for part in symbols.parts)
     key = ("ledger", tuple(function.name for function in functions), recorded, momenta)
     logged = log.places.keys()

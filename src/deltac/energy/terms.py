@@ -15,6 +15,7 @@ from deltac.dynamics.coordinates import OwnCoordinates, trace_split
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.independence import independence
+from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.momentum import (
     MomentumFunctions,
     constraint_force,
@@ -41,6 +42,7 @@ from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread
 from deltac.mechanism.channels import Channel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.laws import as_law, check_symbols
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -156,6 +158,30 @@ class LedgerSymbols(Once):
         s = self.system
         columns = {"t": s.t, "q": s.q, "u": s.u, "udot": s.udot, "logged": self.logged}
         return {name: column for name, column in columns.items() if column.shape[0]}
+
+    def with_potential(self, law: object) -> LedgerSymbols:
+        """The same with another function V(q, t) in E, and with its rate, in place of V̇, in P.
+
+        Kane and Levinson 1988, (V, G_r): G_r = F_r + Σ W_sr ∂V/∂q_s are the generalized forces that V leaves
+        out; ∂V/∂t + Σ X_s ∂V/∂q_s, which they ask to be zero, is part of the rate.
+        """
+        s = self.system
+        V_law = as_law(law, "potential")
+        check_symbols(V_law, s.mechanism.scope.in_place, "potential")
+        V = to_casadi(V_law, s.values)
+
+        def exchanged(old: Terms) -> Terms:
+            change = ca.jtimes(V - old.V, ca.vertcat(s.q, s.t), ca.vertcat(s.qdot, 1))
+            return replace(old, V=V, nonpotential_power=old.nonpotential_power + change)
+
+        return self.once(
+            ("potential", V_law),
+            lambda: replace(
+                self,
+                computed=exchanged(self.computed),
+                with_measured=None if self.with_measured is None else exchanged(self.with_measured),
+            ),
+        )
 
 
 def ledger_symbols(

@@ -11,10 +11,10 @@ from deltac.simulation.solvers import solver_options
 from deltac.trajectories import Trajectory
 
 MARGIN = 10.0
-"""Halving the step takes (1 − 2⁻ᵖ) of the error away; where only rounding is left, both runs have it."""
+"""Halving the step removes the share 1 − 2⁻ᵖ of the error, so the difference underestimates it by little."""
 
 ROUNDING = 1e-12
-"""What many steps leave of machine precision, relative."""
+"""Relative error that rounding accumulates over a run."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +59,11 @@ def solved(
 def compare(problem: Problem) -> tuple[Comparison, ...]:
     """Simulate a problem by its own solver and step, and compare with its references."""
     run, finer = solved(problem), solved(problem, finer=True)
-    found = []
+    comparisons = []
     for reference in problem.reference:
         value = reference.measure(run)
         error = abs(value - reference.measure(finer))
         rounding = ROUNDING * max(1.0, abs(reference.value))
         tolerance = reference.accuracy + MARGIN * error + rounding
-        found.append(Comparison(reference, value, error, tolerance))
-    return tuple(found)
+        comparisons.append(Comparison(reference, value, error, tolerance))
+    return tuple(comparisons)

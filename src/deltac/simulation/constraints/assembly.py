@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 from deltac.arrays import ASSEMBLED, Array
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.constraints import Rows
-from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
 from deltac.dynamics.independence import independence, row_names
+from deltac.dynamics.singular_inertia import without_inertia
 from deltac.errors import InputError, StateError, UnknownName, closest
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+
+PERTURBATIONS = (1e-9, 1e-6, 1e-3, 0.1)
+"""Perturbations (m or rad) of a guess at which Newton's steps do not exist, until one leads to a solution."""
 
 
 @dataclass(frozen=True)
@@ -52,16 +56,13 @@ def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -
         # A pinned coordinate of a joint holds the speed that moves it; joints in quaternions as a whole.
         held_q = _held(mechanism, [n for n in pinned if n in q_free])
         held_u = np.array([name in pinned for name in u_free], dtype=bool)
-        q = onto_positions(equations, t, q, movable=~held_q)
-        phi, _ = equations.violation(t, q, u)
-        if not float(np.abs(phi).max(initial=0.0)) <= ASSEMBLED:
-            raise _unmet(rows, phi, "position", "m or rad")
+        q = _assembled(equations, t, q, ~held_q)
         u = onto_speeds(equations, t, q, u, movable=~held_u)
         _, psi = equations.violation(t, q, u)
         fastest = max(1.0, float(np.abs(u).max(initial=0.0)))
         if not float(np.abs(psi).max(initial=0.0)) <= ASSEMBLED * fastest:
             raise _unmet(rows, psi, "velocity", "m/s or rad/s")
-    found = independence(equations, t, q)
+    rank = independence(equations, t, q)
     full_q, full_u = guess.q.copy(), guess.u.copy()
     moved = float(np.abs(full_q[mechanism.free.q] - q).max(initial=0.0))
     full_q[mechanism.free.q], full_u[mechanism.free.u] = q, u
@@ -69,11 +70,51 @@ def assemble(mechanism: Mechanism, guess: State, pinned: Collection[str] = ()) -
     return Assembly(
         state=mechanism.state(full_q, full_u, t),
         residual=float(np.abs(np.concatenate([phi, psi])).max(initial=0.0)),
-        freedom=found.freedom,
-        redundant=row_names(rows, found.redundant),
-        singular=found.singular,
+        freedom=rank.freedom,
+        redundant=row_names(rows, rank.redundant),
+        singular=rank.singular,
         moved=moved,
     )
+
+
+def _assembled(
+    equations: EquationsOfMotion, t: float, guess: Array, movable: NDArray[np.bool_]
+) -> Array:
+    """Free coordinates that satisfy the constraints, perturbed guesses where Newton fails at this one."""
+    still = np.zeros(len(movable))
+
+    def violation(q: Array) -> Array:
+        return equations.violation(t, q, still)[0]
+
+    def met(q: Array) -> bool:
+        return bool(np.abs(violation(q)).max(initial=0.0) <= ASSEMBLED)
+
+    closest_q = onto_positions(equations, t, guess, movable=movable)
+    if met(closest_q):
+        return closest_q
+    M, _, _, _, W = equations.ties(t, guess, still)
+    direction = np.random.default_rng(1).uniform(0.5, 1.0, len(movable)) * movable
+    for size in PERTURBATIONS:
+        q = onto_positions(equations, t, guess + W @ (size * direction), movable=movable)
+        if met(q):
+            restored = np.where(np.abs(q - guess) <= 2.0 * size, guess, q)
+            restored = onto_positions(equations, t, restored, movable=movable)
+            return restored if met(restored) else q
+    raise _unmet(
+        equations.rows, violation(closest_q), "position", "m or rad", _massless(equations, M)
+    )
+
+
+def _massless(equations: EquationsOfMotion, M: Array) -> str:
+    """The speeds that make a mass matrix singular, as a further reason; "" if it is regular."""
+    mechanism = equations.system.mechanism
+    names = [
+        repr(mechanism.speeds[int(mechanism.free.u[k])].name)
+        for k in without_inertia(np.asarray(M))
+    ]
+    if not names:
+        return ""
+    return f". The mass matrix is singular at the guess: a motion along {', '.join(names)} moves no inertia"
 
 
 def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
@@ -96,10 +137,10 @@ def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
     return held
 
 
-def _unmet(rows: Rows, values: Array, level: str, unit: str) -> InputError:
+def _unmet(rows: Rows, values: Array, level: str, unit: str, reason: str = "") -> InputError:
     worst = int(np.argmax(np.abs(values)))
     return StateError(
         f"the constraints cannot be met at {level} level from this guess: {rows.names[worst]!r} is off by "
         f"{abs(values[worst]):.3g} {unit} at best. Either they contradict each other (or what is pinned), "
-        "or the guess is too far away"
+        f"or the guess is too far away{reason}"
     )

@@ -4,10 +4,10 @@ K. Gugaratshan, "Investigative study on an energy theorem for developing testing
 numerical simulations of multibody dynamic systems", M.S.E. thesis, Western Michigan University,
 2008, chapter 4.
 
-- `experiments.toml`: the table: what is run, what the thesis says of it, by which rule it is judged;
-  `experiments` reads it;
+- `experiments.toml`: the table: what is run, what the thesis says of it and where, by which rule
+  it is judged; `experiments` reads it;
 - `measures`: the numbers that the rules are about;
-- `runs`: the triple pendulum's variants, simulated, and the driving torque told in four ways;
+- `runs`: the triple pendulum's variants, simulated, and the driving torque in four forms;
 - `reproduction`: runs, ledgers and results of it all; `drawing`: the ten figures.
 """
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +16,9 @@ from deltac.studies.thesis.figures import (
     Curve,
     angles_figure,
     chain_figure,
+    rates_figure,
     testing_figure,
+    thesis_figure,
     torque_figure,
 )
 from deltac.studies.thesis.reproduction import Reproduction
@@ -43,9 +45,9 @@ def write(
 ) -> Written:
     """Write figure_4_1.png … and results.json into a folder, which is made if need be.
 
-    With `thesis_axes` the figures have the thesis's panels: where it shows the angles of its last run
-    only (4.2, 4.7, 4.10) so do they, and |ΔC| has a tick every ten powers of ten. Figure 3.1, the
-    pendulum itself, comes first.
+    With `thesis_axes` the figures have the panels and axes of the thesis: the three angles of the last run in
+    one panel (that of the right equations in 4.7 and 4.10; none in 4.9), and |ΔC| with the ticks that it
+    labels. Figure 3.1, the pendulum itself, comes first.
 
     Raises InputError when the folder cannot be made or written to.
     """
@@ -54,10 +56,10 @@ def write(
     if thesis_axes:
         paths.append(folder / "figure_3_1.png")
         write_figure(_pendulum(), paths[0])
-    drawn = [e for e in reproduction.experiments if e.shows != "numbers"]
-    for k, experiment in enumerate(drawn):
+    experiments = [e for e in reproduction.experiments if e.shows != "numbers"]
+    for k, experiment in enumerate(experiments):
         if progress is not None:
-            progress(k / len(drawn))
+            progress(k / len(experiments))
         path = folder / f"figure_{experiment.figure.replace('.', '_')}.png"
         write_figure(draw(reproduction, experiment, thesis_axes), path)
         paths.append(path)
@@ -66,24 +68,25 @@ def write(
     return Written(tuple(paths), results)
 
 
-LAST_RUN_ONLY = ("4.2", "4.7", "4.10")
-"""Figures whose panel of angles shows the last run alone in the thesis."""
-
-
 def draw(reproduction: Reproduction, experiment: Experiment, thesis_axes: bool = False) -> Figure:
     """The figure of an experiment."""
     outcomes = reproduction.of(experiment)
-    title = f"Fig. {experiment.figure}  {experiment.title}"
+    title = experiment.heading
+    axes = experiment.axes if thesis_axes else {}
     if experiment.shows == "torque":
         outcome = next(iter(outcomes.values()))
         torque = outcome.trajectory.forces[PRESCRIBED][:, 0]
-        return torque_figure(title, "driving torque M1", outcome.trajectory.t, torque)
+        t = outcome.trajectory.t
+        return torque_figure(title, "driving torque M1", t, torque, axes.get("torque", ()))
     curves = [_curve(label, outcome) for label, outcome in outcomes.items()]
     if experiment.shows == "angles":
-        return angles_figure(title, curves)
-    if not thesis_axes:
-        return testing_figure(title, curves)
-    return testing_figure(title, curves, decades=10, last_angles=experiment.figure in LAST_RUN_ONLY)
+        return angles_figure(title, curves, axes.get("angles", ()))
+    if experiment.shows == "rates":
+        rates = [outcome.rates["wang"] for outcome in outcomes.values()]
+        return rates_figure(title, [replace(c, rate=r) for c, r in zip(curves, rates, strict=True)])
+    if axes:
+        return thesis_figure(title, curves, axes.get("angles", ()), axes["delta_c"])
+    return testing_figure(title, curves)
 
 
 def _pendulum() -> Figure:

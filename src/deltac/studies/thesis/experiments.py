@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any, Literal, TypeAlias
 
@@ -32,10 +32,10 @@ def agrees(rule: str, value: float, thesis: Reported) -> bool | None:
     if rule == POWER_OF_TEN:
         assert isinstance(thesis, float)
         return value > 0.0 and round(math.log10(value)) == round(math.log10(thesis))
-    found = _BOUND.search(rule)
-    if found is None:
+    match = _BOUND.search(rule)
+    if match is None:
         raise ValueError(f"unknown rule {rule!r}")
-    kind, bound = found[1], float(found[2])
+    kind, bound = match[1], float(match[2])
     if kind == "above":
         return value > bound
     if kind == "below":
@@ -51,12 +51,14 @@ class Claim:
     """A statement of the thesis about one run or a comparison of several, and how it is checked.
 
     `run` names one run, or two with " / " between them; `measure` is taken of them; `thesis` is its number or
-    its words. `difference` is not empty where we are known to differ: it says why.
+    its words, and `source` the lines or equations where they are. `difference` is not empty where we are
+    known to differ: it says why.
     """
 
     run: str
     measure: Measure
     thesis: Reported
+    source: str
     rule: str
     difference: str = ""
 
@@ -65,34 +67,58 @@ class Claim:
 class Experiment:
     """What a figure of the thesis shows; `runs` are labelled as in its legend.
 
+    `compared` are further runs that claims refer to. `axes` are (from, to, every) of the thesis's panels.
     `assumed` says what the thesis leaves open and we had to choose.
     """
 
     figure: str
     title: str
-    shows: Literal["testing functions", "torque", "angles", "numbers"]
+    shows: Literal["testing functions", "torque", "angles", "rates", "numbers"]
     runs: Mapping[str, Run]
     claims: tuple[Claim, ...]
+    compared: Mapping[str, Run] = field(default_factory=dict)
+    axes: Mapping[str, Sequence[Sequence[float]]] = field(default_factory=dict)
     assumed: str = ""
+
+    @property
+    def heading(self) -> str:
+        """The title of its figure."""
+        return f"Fig. {self.figure}  {self.title}" if self in EXPERIMENTS else self.title
+
+    @property
+    def all_runs(self) -> dict[str, Run]:
+        """The runs that are drawn, and those that claims refer to."""
+        return {**self.runs, **self.compared}
 
 
 def _read() -> tuple[Experiment, ...]:
     table: dict[str, Any] = tomllib.loads(
         files("deltac.studies.thesis").joinpath("experiments.toml").read_text("utf-8")
     )
-    made = []
+    experiments = []
     for entry in table["experiments"]:
-        runs = {label: Run(*values) for label, values in entry.pop("runs").items()}
-        claims = tuple(
-            Claim(run, MEASURES[measure], thesis or None, rule, *map(table["differences"].get, why))
-            for run, measure, thesis, rule, *why in entry.pop("claims")
+        runs, compared = (
+            {label: Run(*values) for label, values in entry.pop(name, {}).items()}
+            for name in ("runs", "compared")
         )
-        made.append(Experiment(**entry, runs=runs, claims=claims))
-    return tuple(made)
+        claims = tuple(
+            Claim(
+                run,
+                MEASURES[measure],
+                thesis or None,
+                source,
+                rule,
+                *(table["differences"][reason] for reason in reasons),
+            )
+            for run, measure, thesis, source, rule, *reasons in entry.pop("claims")
+        )
+        experiments.append(Experiment(**entry, runs=runs, compared=compared, claims=claims))
+    return tuple(experiments)
 
 
 EVERYTHING = _read()
 
-EXPERIMENTS = EVERYTHING[:-1]
-"""The ten figures. The last of all, "floor", is none of the thesis's: an erratic error of 1e-9 in the
-accelerations makes the rows agree in which the thesis and we differ, one of 1e-10 not all of them."""
+EXPERIMENTS = tuple(experiment for experiment in EVERYTHING if experiment.figure.startswith("4."))
+"""The ten figures. The others of `EVERYTHING` are none of the thesis's: "floor", an erratic error of 1e-9 in
+the accelerations that makes the rows agree in which the thesis and we differ, one of 1e-10 not all of them;
+"rate", the rate form of the runs of 4.7."""

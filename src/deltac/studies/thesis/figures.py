@@ -1,5 +1,6 @@
 """Figures of the thesis: angles, testing functions and a torque over time, and the pendulum itself.
 
+An axis of the thesis is (from, to, every): its limits and the distance of its ticks. What lies beyond is cut.
 What every result draws of itself is in `plots`, and what all figures look like in `style`.
 """
 
@@ -7,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.report.style import COLOURS, POINTS, blank, styled
+from deltac.report.style import BLACK, COLOURS, DASHED, DOTTED, POINTS, blank, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,23 +34,21 @@ class Curve:
     t          (T,) times (s)
     angles     name -> (T,) degrees
     delta_c    testing function -> (T,) ΔC (J)
+    rate       (T,) K̇ + V̇ − Q̇ (W)
     energy_exchanged   (J): its rounding is the floor of |ΔC|
     """
 
     label: str
     t: Array
     angles: Mapping[str, Array]
-    delta_c: Mapping[str, Array] = field(default_factory=dict)
-    energy_exchanged: float = 0.0
+    delta_c: Mapping[str, Array]
+    energy_exchanged: float
+    rate: Array | None = None
 
 
-def testing_figure(
-    title: str, curves: Sequence[Curve], *, decades: int | None = None, last_angles: bool = False
-) -> Figure:
-    """The panels of the thesis: the angles, |ΔC| of Liu-Huston, |ΔC| of Wang (log axes).
+def testing_figure(title: str, curves: Sequence[Curve]) -> Figure:
+    """The angles of all runs, a strip for each; |ΔC| of Liu-Huston, |ΔC| of Wang (log axes).
 
-    The panel of the angles has a strip for each of them; with `last_angles` it shows the last run
-    alone. `decades` are the powers of ten between two ticks of |ΔC|; without it as many as fit.
     Colours name the runs throughout.
     """
     names = list(curves[0].angles)
@@ -60,21 +59,16 @@ def testing_figure(
         panels = stacked(figure, heights, gaps)
         strips, tests = panels[: len(names)], panels[len(names) :]
         shown = list(zip(curves, COLOURS, WIDTHS, strict=False))
-        last = (
-            f"of the last run, {curves[-1].label}"
-            if last_angles
-            else "(where runs coincide, the last shows)"
-        )
-        strips[0].set_title(f"Angles from the vertical {last}")
+        strips[0].set_title("Angles from the vertical (where runs coincide, the last shows)")
         for strip, name in zip(strips, names, strict=True):
-            for curve, colour, width in shown[-1:] if last_angles else shown:
+            for curve, colour, width in shown:
                 _angle(strip, curve, name, color=colour, linewidth=width)
             strip.set_ylabel(f"{name} (deg)")
         floor = EPS * max(curve.energy_exchanged for curve in curves)
         for panel, (function, name) in zip(tests, NAMES.items(), strict=True):
             _delta_c(panel, curves, function, floor)
             panel.set_title(f"|ΔC| of {name}'s function")
-        _same_decades(tests, floor, decades)
+        _same_decades(tests, floor)
         _legend(figure, curves)
         panels[-1].set_xlabel("time t (s)")
         for panel in panels:
@@ -82,18 +76,84 @@ def testing_figure(
     return figure
 
 
-def angles_figure(title: str, curves: Sequence[Curve]) -> Figure:
-    """The angles of each run in a panel of its own, on the same axes."""
+def thesis_figure(
+    title: str,
+    curves: Sequence[Curve],
+    angles: Sequence[Sequence[float]],
+    delta_c: Sequence[Sequence[float]],
+) -> Figure:
+    """The panels of the thesis on its axes: the angles of the last run, |ΔC| of Liu-Huston, |ΔC| of Wang.
+
+    Without `angles` there is no panel of them. Zeros of |ΔC| are left out.
+    """
+    with styled():
+        heights = [*(1.3 for _ in angles), 1.0, 1.0]
+        figure = blank(9.0 if angles else 6.4, title, below=0.85)
+        panels = stacked(figure, heights, [0.26] * (len(heights) - 1))
+        tests = panels[len(angles) :]
+        for panel, axis in zip(panels, angles, strict=False):
+            last = curves[-1]
+            for name, style in zip(last.angles, ("-", DASHED, DOTTED), strict=True):
+                _angle(panel, last, name, color=BLACK, linestyle=style, linewidth=1.0, label=name)
+            panel.set_title(f"Angles from the vertical: {last.label}")
+            panel.set_ylabel("angle (deg)")
+            panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)
+            _ticks(panel, *axis)
+        for panel, (function, name), axis in zip(tests, NAMES.items(), delta_c, strict=True):
+            for curve, colour, width in zip(curves, COLOURS, WIDTHS, strict=False):
+                size = np.abs(curve.delta_c[function])
+                panel.semilogy(
+                    curve.t, np.where(size > 0.0, size, np.nan), color=colour, linewidth=width
+                )
+            panel.set_title(f"|ΔC| of {name}'s function")
+            panel.set_ylabel("|ΔC| (J)")
+            panel.set_xlim(curves[0].t[0], curves[0].t[-1])
+            _decades(panel, *axis)
+        _legend(figure, curves)
+        panels[-1].set_xlabel("time t (s)")
+        for panel in panels:
+            panel.yaxis.set_label_coords(-0.52 / 6.74, 0.5)
+    return figure
+
+
+def rates_figure(title: str, curves: Sequence[Curve]) -> Figure:
+    """K̇ + V̇ − Q̇ of the runs (W), and its magnitude on a log axis."""
+    with styled():
+        figure = blank(6.4, title, below=0.85)
+        panels = stacked(figure, [1.0, 1.0], [0.26])
+        for curve, colour, width in zip(curves, COLOURS, WIDTHS, strict=False):
+            assert curve.rate is not None
+            size = np.abs(curve.rate)
+            panels[0].plot(curve.t, curve.rate, color=colour, linewidth=width)
+            panels[1].semilogy(
+                curve.t, np.where(size > 0.0, size, np.nan), color=colour, linewidth=width
+            )
+        for panel, name in zip(panels, ("K̇ + V̇ − Q̇", "|K̇ + V̇ − Q̇|"), strict=True):
+            panel.set_ylabel(f"{name} (W)")
+            panel.margins(x=0)
+            panel.yaxis.set_label_coords(-0.52 / 6.74, 0.5)
+        _legend(figure, curves)
+        panels[-1].set_xlabel("time t (s)")
+    return figure
+
+
+def angles_figure(
+    title: str, curves: Sequence[Curve], axes: Sequence[Sequence[float]] = ()
+) -> Figure:
+    """The angles of each run in a panel of its own, on the same axes or on those given."""
     with styled():
         figure = blank(1.2 + 3.0 * len(curves), title)
         panels = stacked(figure, [1.0] * len(curves), [0.16] * (len(curves) - 1))
         for panel in panels[1:]:
-            panel.sharey(panels[0])
+            if not axes:
+                panel.sharey(panels[0])
         for panel, curve in zip(panels, curves, strict=True):
             for name, colour in zip(curve.angles, COLOURS, strict=False):
                 _angle(panel, curve, name, color=colour, linewidth=1.0, label=name)
             panel.set_title(curve.label)
             panel.set_ylabel("angle (deg)")
+        for panel, axis in zip(panels, axes, strict=False):
+            _ticks(panel, *axis)
         columns = len(curves[0].angles)
         panels[0].legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=columns, borderaxespad=0.1
@@ -102,7 +162,9 @@ def angles_figure(title: str, curves: Sequence[Curve]) -> Figure:
     return figure
 
 
-def torque_figure(title: str, name: str, t: Array, torque: Array) -> Figure:
+def torque_figure(
+    title: str, name: str, t: Array, torque: Array, axes: Sequence[Sequence[float]] = ()
+) -> Figure:
     """A driving torque (N·m) over time, its extremes marked."""
     with styled():
         figure = blank(4.2, title)
@@ -123,6 +185,8 @@ def torque_figure(title: str, name: str, t: Array, torque: Array) -> Figure:
         panel.margins(x=0, y=0.12)
         panel.set_xlabel("time t (s)")
         panel.set_ylabel(f"{name} (N·m)")
+        for axis in axes:
+            _ticks(panel, *axis)
     return figure
 
 
@@ -202,20 +266,29 @@ def _delta_c(panel: Axes, curves: Sequence[Curve], function: str, floor: float) 
     panel.margins(x=0)
 
 
-def _same_decades(panels: Sequence[Axes], floor: float, every: int | None) -> None:
+def _same_decades(panels: Sequence[Axes], floor: float) -> None:
     """The same limits for all, at whole decades, with room for the note below the floor."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
     highest = max(panel.get_ylim()[1] for panel in panels)
     top = int(np.ceil(np.log10(highest)))
     bottom = int(np.floor(np.log10(floor) - 0.08 * (top - np.log10(floor))))
-    stride = every or max(1, int(np.ceil((top - bottom) / 9)))
-    if every:
-        bottom, top = every * math.floor(bottom / every), every * math.ceil(top / every)
     for panel in panels:
-        panel.set_ylim(10.0**bottom, 10.0**top)
-        panel.yaxis.set_major_locator(LogLocator(base=10.0**stride, numticks=20))
-        panel.yaxis.set_minor_locator(NullLocator())
+        _decades(panel, bottom, top, max(1, math.ceil((top - bottom) / 9)))
+
+
+def _decades(panel: Axes, bottom: float, top: float, every: float) -> None:
+    """A log axis between two powers of ten, with a tick every so many."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    panel.set_ylim(10.0**bottom, 10.0**top)
+    panel.yaxis.set_major_locator(LogLocator(base=10.0**every, numticks=20))
+    panel.yaxis.set_minor_locator(NullLocator())
+
+
+def _ticks(panel: Axes, bottom: float, top: float, every: float) -> None:
+    from matplotlib.ticker import MultipleLocator
+
+    panel.set_ylim(bottom, top)
+    panel.yaxis.set_major_locator(MultipleLocator(every))
 
 
 def _legend(figure: Figure, curves: Sequence[Curve]) -> None:

@@ -28,10 +28,7 @@ def _(report: Reproduction, beside: Beside) -> Page:
     first = report.experiments[0]
     label, outcome = next(iter(report.of(first).items()))
     mechanism = problem(outcome.run.variant).mechanism
-    chapters = [
-        Chapter(f"Fig. {e.figure}  {e.title}", tuple(_panels(report, e, reasons)))
-        for e in report.experiments
-    ]
+    chapters = [Chapter(e.heading, tuple(_panels(report, e, reasons))) for e in report.experiments]
     if reasons:
         said = tuple(f"[{k}] {reason}" for k, reason in enumerate(reasons, 1))
         chapters.append(Chapter("Where we are known to differ", (Words("", said),)))
@@ -61,6 +58,13 @@ def _panels(report: Reproduction, experiment: Experiment, reasons: list[str]) ->
         outcome = next(iter(outcomes.values()))
         t, torque = outcome.trajectory.t, outcome.trajectory.forces[PRESCRIBED][:, 0]
         yield TimePlot("The driving torque M1", t, (Line("M1", torque),), "N·m", tall=True)
+    if experiment.shows == "rates":
+        t = _longest(outcomes)
+        lines = tuple(
+            Line(label, _at(t, outcome, outcome.rates["wang"]), colour=k)
+            for k, (label, outcome) in enumerate(outcomes.items())
+        )
+        yield TimePlot("K̇ + V̇ − Q̇", t, lines, "W", tall=True)
     if experiment.shows in ("testing functions", "angles"):
         yield from _angles(outcomes)
     rows = tuple(
@@ -122,5 +126,5 @@ def _at(t: Array, outcome: Outcome, values: Array) -> Array:
     own = outcome.trajectory.t
     if len(own) == len(t) and np.array_equal(own, t):
         return values
-    found: Array = np.interp(t, own, values, right=np.nan)
-    return found
+    interpolated: Array = np.interp(t, own, values, right=np.nan)
+    return interpolated

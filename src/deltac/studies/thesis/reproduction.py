@@ -26,7 +26,7 @@ from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
 
 @dataclass(frozen=True)
 class Result(Serialisable):
-    """A number of ours beside what the thesis says of it.
+    """A number of ours beside what the thesis says of it, and at which lines or equations (`source`).
 
     `rule` is the statement that was checked, in words; `agrees` its outcome, None where the number
     is only reported. `difference` says why, where we are known to differ from the thesis.
@@ -41,6 +41,7 @@ class Result(Serialisable):
     rule: str
     agrees: bool | None
     difference: str = ""
+    source: str = ""
 
     @property
     def judged(self) -> bool:
@@ -50,9 +51,10 @@ class Result(Serialisable):
     @property
     def reported(self) -> str:
         """What the thesis says, as text."""
-        return (
-            number(self.thesis, self.unit) if isinstance(self.thesis, float) else self.thesis or "–"
-        )
+        if self.thesis is None:
+            return "–"
+        said = number(self.thesis, self.unit) if isinstance(self.thesis, float) else self.thesis
+        return f"{said} ({self.source})"
 
     @property
     def measured(self) -> str:
@@ -126,9 +128,10 @@ class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "as
         import_module("deltac.studies.thesis.page")  # which says how
         super().report(path, *more, **keywords)
 
-    def of(self, experiment: Experiment) -> dict[str, Outcome]:
-        """What came out of an experiment's runs, by their labels."""
-        return {label: self.outcomes[run] for label, run in experiment.runs.items()}
+    def of(self, experiment: Experiment, *, compared: bool = False) -> dict[str, Outcome]:
+        """What came out of an experiment's runs, by their labels; with those that it is compared with."""
+        runs = experiment.all_runs if compared else experiment.runs
+        return {label: self.outcomes[run] for label, run in runs.items()}
 
 
 def reproduce(only: Iterable[str] | None = None, progress: Progress | None = None) -> Reproduction:
@@ -136,15 +139,16 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
 
     Args:
         only: the figures to reproduce, "4.1" to "4.10", all of them without it; or "floor", which
-            repeats three of them with accelerations that an iterative solver left inexact.
+            repeats three of them with accelerations as inexact as an iterative solver makes them, and
+            "rate", K̇ + V̇ − Q̇ of the runs of 4.7.
         progress: called with the fraction done.
 
     Raises:
         InputError: an unknown figure.
     """
-    chosen = _chosen(only)
-    runs = list(dict.fromkeys(run for e in chosen for run in e.runs.values()))
-    stages = len(runs) + len(chosen)
+    experiments = _experiments(only)
+    runs = list(dict.fromkeys(run for e in experiments for run in e.all_runs.values()))
+    stages = len(runs) + len(experiments)
 
     def say(done: int) -> None:
         if progress is not None:
@@ -154,30 +158,31 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
     for run in runs:
         say(len(outcomes))
         outcomes[run] = perform(run)
-    reproduction = Reproduction(chosen, outcomes, ())
+    reproduction = Reproduction(experiments, outcomes, ())
     results: list[Result] = []
-    for k, experiment in enumerate(chosen):
+    for k, experiment in enumerate(experiments):
         say(len(runs) + k)
-        results.extend(_results(experiment, reproduction.of(experiment)))
+        results.extend(_results(experiment, reproduction))
     say(stages)
-    return Reproduction(chosen, outcomes, tuple(results))
+    return Reproduction(experiments, outcomes, tuple(results))
 
 
-def _chosen(only: Iterable[str] | None) -> tuple[Experiment, ...]:
-    known = [experiment.figure for experiment in EVERYTHING]
+def _experiments(only: Iterable[str] | None) -> tuple[Experiment, ...]:
+    names = [experiment.figure for experiment in EVERYTHING]
     if only is None:
         return EXPERIMENTS
-    wanted = [only] if isinstance(only, str) else list(only)
-    for figure in wanted:
-        if figure not in known:
-            raise UnknownName(f"unknown figure {figure!r} of the thesis; known: {', '.join(known)}")
-    if not wanted:
-        raise InputError(f"no figure of the thesis was named; known: {', '.join(known)}")
-    return tuple(experiment for experiment in EVERYTHING if experiment.figure in wanted)
+    figures = [only] if isinstance(only, str) else list(only)
+    for figure in figures:
+        if figure not in names:
+            raise UnknownName(f"unknown figure {figure!r} of the thesis; known: {', '.join(names)}")
+    if not figures:
+        raise InputError(f"no figure of the thesis was named; known: {', '.join(names)}")
+    return tuple(experiment for experiment in EVERYTHING if experiment.figure in figures)
 
 
-def _results(experiment: Experiment, outcomes: Mapping[str, Outcome]) -> Iterator[Result]:
+def _results(experiment: Experiment, reproduction: Reproduction) -> Iterator[Result]:
     """The claims of an experiment, then what every run of it reports besides."""
+    outcomes = reproduction.of(experiment, compared=True)
     for claim in experiment.claims:
         value = claim.measure.of(*(outcomes[label] for label in claim.run.split(" / ")))
         yield Result(
@@ -190,9 +195,10 @@ def _results(experiment: Experiment, outcomes: Mapping[str, Outcome]) -> Iterato
             claim.rule,
             agrees(claim.rule, value, claim.thesis),
             claim.difference,
+            claim.source,
         )
     claimed = {(claim.run, claim.measure.quantity) for claim in experiment.claims}
-    for label, outcome in outcomes.items():
+    for label, outcome in reproduction.of(experiment).items():
         for quantity, value, unit in _reported(experiment, outcome):
             if (label, quantity) not in claimed:
                 yield Result(experiment.figure, label, quantity, None, value, unit, REPORTED, None)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,7 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "tumbling": _TUMBLING,
     "tumbling, damped": {**_TUMBLING, "damping": DAMPING},
     "by hand": {},
+    "by hand, driven": {"drive": "motion"},
     "by hand, sign mistake": {"mistake": True},
     "by hand, sign mistake, damped": {"mistake": True, "damping": DAMPING},
     "by hand, accelerations to 1e-9": {"noise": 1e-9},
@@ -43,16 +44,20 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "by hand, driven, accelerations to 1e-9": {"drive": "motion", "noise": 1e-9},
     "by hand, driven, accelerations to 1e-10": {"drive": "motion", "noise": 1e-10},
 }
-"""Name -> options of the problem "triple-pendulum". "by hand": by the equations (3.1.17)-(3.1.19)."""
+"""Name -> options of the problem "triple-pendulum".
+
+"by hand": by the equations (3.1.17)-(3.1.19), in absolute angles; the others by the mechanism's own, in the
+joints' angles.
+"""
 
 DAMPERS = ("c1", "c2", "c3")
-"""Are inputs of the compiled code, so that a damped run needs no compilation of its own."""
+"""Inputs of the compiled code, so that a damped run needs no compilation of its own."""
 
 SAMPLES_PER_SECOND = 1000
-"""At most: finer steps are not all recorded. The integrals in the loop take every step."""
+"""Highest rate of recording. The integrals in the loop take every step."""
 
-PERTURBATION, PARTED = 1e-12, math.radians(1.0)
-"""The divergence horizon: when do two runs whose θ2(0) differ by the one (rad) part by the other?"""
+PERTURBATION, SEPARATION = 1e-12, math.radians(1.0)
+"""The divergence horizon is where runs whose θ2(0) differ by the first (rad) differ by the second."""
 
 
 @dataclass(frozen=True)
@@ -89,47 +94,53 @@ class Outcome:
     ledger: Ledger
     horizon: float | None
 
+    @cached_property
+    def rates(self) -> dict[str, Array]:
+        """The functions in rate form (T,), W: Wang's is K̇ + V̇ − Q̇ (2.4.1)."""
+        mechanism = problem(self.run.variant).mechanism
+        return residuals(mechanism, self.trajectory, testing=("wang", "liu-huston"))
+
 
 @cache
 def problem(variant: str) -> Problem:
     """The triple pendulum in one of `VARIANTS`; the same object every time, so it compiles once."""
-    found = problems.load("triple-pendulum", **VARIANTS[variant])
+    pendulum = problems.load("triple-pendulum", **VARIANTS[variant])
     if variant.startswith("by hand"):
-        return found
-    return replace(found, mechanism=found.mechanism.varying(*DAMPERS))
+        return pendulum
+    return replace(pendulum, mechanism=pendulum.mechanism.varying(*DAMPERS))
 
 
 def perform(run: Run) -> Outcome:
     """Simulate the run and its twin, and balance it in the loop (Wang, Liu-Huston)."""
-    chosen = problem(run.variant)
-    trajectory = trajectory_of(run, chosen.state, run.every)
-    twin = trajectory_of(run, _perturbed(chosen.state), run.every)
-    apart = np.abs(absolute_angles(trajectory) - absolute_angles(twin)).max(axis=1) > PARTED
+    pendulum = problem(run.variant)
+    trajectory = trajectory_of(run, pendulum.state, run.every)
+    twin = trajectory_of(run, _perturbed(pendulum.state), run.every)
+    apart = np.abs(absolute_angles(trajectory) - absolute_angles(twin)).max(axis=1) > SEPARATION
     horizon = float(trajectory.t[int(apart.argmax())]) if apart.any() else None
-    ledger = balance(chosen.mechanism, trajectory, work="in-loop")
+    ledger = balance(pendulum.mechanism, trajectory, work="in-loop")
     return Outcome(run, trajectory, ledger, horizon)
 
 
 def trajectory_of(run: Run, state: State, every: int = 1) -> Trajectory:
     """The motion of a run from a state, every so many steps recorded."""
-    chosen = problem(run.variant)
+    pendulum = problem(run.variant)
     return simulate(
-        chosen.mechanism,
+        pendulum.mechanism,
         state,
         run.duration,
         run.step,
         run.solver,
-        equations=chosen.equations if run.by_hand else None,
+        equations=pendulum.equations if run.by_hand else None,
         record=every,
     )
 
 
 def exactly(run: Run) -> Trajectory:
     """The exact motion of a run at the same times: SciPy's DOP853, to 4e-12 rad (Taylor's method)."""
-    chosen = problem(run.variant)
-    every = run.step * run.every
-    tight = Scipy("DOP853", tolerance=1e-13)
-    return simulate(chosen.mechanism, chosen.state, run.duration, every, tight)
+    pendulum = problem(run.variant)
+    interval = run.step * run.every
+    solver = Scipy("DOP853", tolerance=1e-13)
+    return simulate(pendulum.mechanism, pendulum.state, run.duration, interval, solver)
 
 
 def absolute_angles(run: Trajectory) -> Array:
@@ -142,11 +153,12 @@ def _perturbed(state: State) -> State:
     return replace(state, q=state.q + np.array([0.0, PERTURBATION, -PERTURBATION]))
 
 
-# --- the driven pendulum's torque M1, told in four ways (3.2.24)-(3.2.44) ------------------------
-# 1. As an applied force: bar 1 is free, and the logged M1 acts on it; Q̇ = vᵀF_D.
-# 2. As the multiplier of the motion constraint θ̇1 − Aω cos ωt = 0: Q̇ = −bᵀλ_m, λ_m being M1.
-# 3. As the force that drives a prescribed joint: Q̇ = v_tᵀF′.
-# 4. From accelerations: no torque is needed, Q̇ = v_tᵀF′ with F′ = −(F + F*).
+# --- the drive M1 in four forms (3.2.24)-(3.2.44) -------------------------------------------------
+# 1. An applied force: bar 1 is free, and the logged M1 acts on it; Q̇ = vᵀF_D. So the thesis reads it:
+#    M1 is part of F̂_D, b̂ᵀ(F̂ + F̂*) = 0 (3.2.35) and Q̇ = q̇ᵀF̂_D (3.2.36).
+# 2. The multiplier of the motion constraint θ̇1 − Aω cos ωt = 0 (3.2.26): Q̇ = −bᵀλ_m, λ_m being M1.
+# 3. The force that drives a prescribed joint: Q̇ = v_tᵀF′.
+# 4. The inertia forces: no torque is needed, Q̇ = v_tᵀF′ with F′ = −(F + F*).
 # All four give Wang's function the same total. The first three use the logged torque, so they see
 # a wrong one. The fourth does not look at it.
 
@@ -154,8 +166,8 @@ PRESCRIBED, APPLIED, CONSTRAINT = "prescribed joint1", "actuator M1", "constrain
 
 
 @dataclass(frozen=True, eq=False)
-class Tellings:
-    """The same quantity (T,) told in four ways, and the scale that its rounding is judged by."""
+class DriveForms:
+    """The same quantity (T,) with the drive in four forms, and the scale of its rounding."""
 
     applied: Array
     multiplier: Array
@@ -166,57 +178,56 @@ class Tellings:
     @property
     def torque_spread(self) -> float:
         """Largest difference of those that use the torque, as a fraction of the scale."""
-        told = np.array([self.applied, self.multiplier, self.prescribed])
-        return float(np.ptp(told, axis=0).max()) / self.scale
+        forms = np.array([self.applied, self.multiplier, self.prescribed])
+        return float(np.ptp(forms, axis=0).max()) / self.scale
 
     @property
     def spread(self) -> float:
         """Largest difference of any two, as a fraction of the scale."""
-        told = np.array([self.applied, self.multiplier, self.prescribed, self.accelerations])
-        return float(np.ptp(told, axis=0).max()) / self.scale
+        forms = np.array([self.applied, self.multiplier, self.prescribed, self.accelerations])
+        return float(np.ptp(forms, axis=0).max()) / self.scale
 
 
-def totals(run: Run, factor: float = 1.0) -> Tellings:
+def totals(run: Run, factor: float = 1.0) -> DriveForms:
     """Wang's ΔC (J) along the samples, M1 logged at every step and multiplied by `factor`.
 
     Its scale is the energy exchanged (J).
     """
-    told = _told(trajectory_of(run, problem(run.variant).state), factor)
+    logs = _logs(trajectory_of(run, problem(run.variant).state), factor)
     ledgers = {
         variant: balance(problem(variant).mechanism, log, work="samples", testing=("wang",))
-        for variant, log in told.items()
+        for variant, log in logs.items()
     }
-    free, tied, driven = ledgers.values()
-    return Tellings(
+    free, constrained, driven = ledgers.values()
+    return DriveForms(
         free.delta_c["wang"],
-        tied.delta_c["wang"],
+        constrained.delta_c["wang"],
         driven.delta_c["wang"],
         driven.delta_c["wang-inertial"],
         driven.energy_exchanged,
     )
 
 
-def rates(trajectory: Trajectory) -> Tellings:
+def rates(trajectory: Trajectory) -> DriveForms:
     """Wang's ε (W) at every sample: no quadrature, so that the solver does not matter.
 
     Its scale is the largest power of M1 (W).
     """
-    told = _told(trajectory, 1.0)
-    free, tied, driven = (
+    free, constrained, driven = (
         residuals(problem(variant).mechanism, log, testing=("wang",))
-        for variant, log in told.items()
+        for variant, log in _logs(trajectory, 1.0).items()
     )
     power = np.abs(trajectory.forces[PRESCRIBED] * trajectory.u).sum(axis=1)
-    return Tellings(
+    return DriveForms(
         free["wang"],
-        tied["wang"],
+        constrained["wang"],
         driven["wang"],
         driven["wang-inertial"],
         scale=float(power.max()),
     )
 
 
-def _told(trajectory: Trajectory, factor: float) -> dict[str, Trajectory]:
+def _logs(trajectory: Trajectory, factor: float) -> dict[str, Trajectory]:
     """The motion with M1 as the log of a motor, of the constraint, and of the prescribed joint."""
     torque = factor * trajectory.forces[PRESCRIBED]
     bare = replace(trajectory, forces={}, works={}, integrals={})

@@ -32,7 +32,9 @@ def arranged(frame: polars.DataFrame) -> polars.DataFrame:
     """The same table with a row for each instant and a column for each number."""
     from polars.exceptions import DuplicateError
 
-    for arrange in ARRANGEMENTS:
+    columns = frame.get_columns()
+    plain = not any(series.dtype.is_nested() or _is_text(series) for series in columns)
+    for arrange in (_stamps,) if plain else ARRANGEMENTS:
         with suppress(DuplicateError):  # two columns would have one name: it is no such table
             frame = arrange(frame)
     return frame

@@ -234,3 +234,24 @@ def test_what_is_guessed_is_kept_in_the_log(tmp_path: Path) -> None:
     assert any("velocity in world" in text for text in run.provenance.guessed)
     run.write(tmp_path / "run.parquet")
     assert read_trajectory(tmp_path / "run.parquet").provenance == run.provenance
+
+
+def test_the_motion_objects_to_what_the_names_declare(tmp_path: Path) -> None:
+    r = rollout("ant")
+    swapped = {"time": r.t, "qpos": np.hstack([r.u, r.u[:, :1]]), "qvel": r.q[:, :14]}
+    with pytest.raises(dc.InputError, match="no unit quaternion"):
+        read_trajectory(swapped, model=mechanism("ant"))
+    c = rollout("half_cheetah")
+    shifted = {"time": c.t, "observation": np.hstack([c.q[:, 1:], c.u, c.t[:, None]])}
+    with pytest.raises(dc.InputError):  # all but one column move as its own speed says
+        read_trajectory(shifted, model=mechanism("half_cheetah"))
+
+
+def test_what_is_wanted_or_comes_next_did_not_happen(tmp_path: Path) -> None:
+    r = rollout("ant")
+    log = {
+        "time": r.t, "target_qpos": r.q + 0.1, "next_qpos": np.roll(r.q, -1, 0), "qvel_cmd": 0.0 * r.u,
+        "qpos": r.q, "qvel": r.u, "foot_pos": r.p + 1.0, "foot_quat": r.xyzw,
+    }  # fmt: skip
+    run = read_trajectory(log, model=mechanism("ant"))
+    assert np.array_equal(run.q, r.q) and np.array_equal(run.u, r.u)

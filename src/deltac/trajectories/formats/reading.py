@@ -234,6 +234,8 @@ class LogReading:
                 speeds, errors = derived_speeds(columns, names)
                 columns |= {name: values for name, values in speeds.items() if name in lacking}
                 derived["u"] = {n: e for n, e in errors.items() if f"u.{n}" in lacking}
+        splined = len(derived.get("u", {}))
+        of_splines = f"; {splined} speeds by splines of their coordinates" if splined else ""
         if names is not None:
             columns = _ordered(columns, names)
         run = from_columns(columns)
@@ -244,7 +246,7 @@ class LogReading:
             derived=derived,
             converted=(*units, *sorted(resampled)),
             ignored=tuple(ignored),
-            reading="" if self.strict and self.by_name else self.sentence,
+            reading="" if self.strict and self.by_name else self.sentence + of_splines,
             guessed=self.guessed,
             notes=notes,
         )

@@ -52,7 +52,7 @@ from deltac.trajectories.formats.words import (
     without,
     words_of,
 )
-from deltac.trajectories.motion import AGREES, Movement
+from deltac.trajectories.motion import AGREES, CLEARLY, LEAST, Movement, preferred
 from deltac.trajectories.trajectory import FloatArray
 
 _LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
@@ -150,8 +150,8 @@ class _Search:
     def misfit(self, t: FloatArray, columns: Mapping[str, str]) -> float | None:
         """How far coordinates do not move as their speeds say, as a share of how far they move.
 
-        `columns`: of the file by target. None where no coordinate with its speed is among them, or nothing
-        moves; infinite where a quaternion is none.
+        `columns`: of the file by target. A pair that contradicts counts alone. None where no coordinate with
+        its speed is among them, or nothing moves; infinite where a quaternion is none.
         """
         rows = slice(0, _LOOKED_AT)
         coordinates, speeds = list(self.names.coordinates), list(self.names.speeds)
@@ -178,8 +178,13 @@ class _Search:
                 return np.inf
             if w is not None:
                 movements.append(Movement.turning(t[rows], p, w, "body"))
-        sizes = np.array([movement.sizes() for movement in movements]).reshape(-1, 2).sum(axis=0)
-        return float(sizes[1] / sizes[0]) if sizes[0] > 0.0 else None
+        sizes = np.array([movement.sizes() for movement in movements]).reshape(-1, 2)
+        size, difference = sizes.sum(axis=0)
+        if not size > 0.0:
+            return None
+        telling = sizes[sizes[:, 0] > LEAST * size]
+        worst = float(np.max(telling[:, 1] / telling[:, 0], initial=0.0))
+        return float(difference / size) if worst < CLEARLY else max(worst, CLEARLY)
 
     def agrees(self, t: FloatArray, columns: Mapping[str, str]) -> bool:
         """Whether coordinates move as their speeds say."""
@@ -543,24 +548,21 @@ def _by_width(s: _Search) -> Iterator[Meaning]:
             if len(fitting) != 1:
                 continue
             ((array, columns),) = fitting
-            why, basis = f"in the model's order, by the width of {array!r}", "declared"
-            if (
-                targets is not widths[0]
-                and len(targets) > 1
-                and s.names.branches
-                and kind != "force"
-            ):
-                why, basis = (
-                    f"{why}; the model branches, and nothing says the joints' order",
-                    "open",
-                )
+            declared = dict(zip(targets, columns, strict=True))
+            rest = targets is not widths[0] and len(targets) > 1 and kind != "force"
+            why = f"in the model's order, by the width of {array!r}"
+            basis: Basis = "declared"
+            if rest and s.names.branches:
+                why += "; the model branches, and nothing says the joints' order"
+                basis = "open"
+            elif s.misfit(np.arange(float(len(s.raw.columns[columns[0]]))), declared) == np.inf:
+                why += "; but four of its columns are no unit quaternion"
+                basis = "open"
             elif s.floating and targets is widths[0] and key(array) not in _OF_MUJOCO:
-                why, basis = (
-                    f"{why}; the motion does not tell the floating body's convention",
-                    "guess",
-                )
-            for target, column in zip(targets, columns, strict=True):
-                yield Meaning(target, column, why, basis)  # type: ignore[arg-type]
+                why += "; the motion does not tell the floating body's convention"
+                basis = "guess"
+            for target, column in declared.items():
+                yield Meaning(target, column, why, basis)
             break
 
 
@@ -844,11 +846,15 @@ def _state_vectors(s: _Search) -> Iterator[Meaning]:
     agreeing = [one for one in states if one.miss is not None and one.miss < AGREES]
     still = [one for one in states if one.miss is None and one.usual and one.named]
     sure = [one for one in agreeing if one.named] or agreeing or (still if len(still) == 1 else [])
+    moving = [one for one in states if one.miss is not None]
+    if not sure and (best := preferred(moving, lambda one: one.miss or 0.0)) is not None:
+        sure = [best]
     for one in (sure or [one for one in states if one.usual and one.miss != np.inf])[:1]:
         # of two orders that fit, the first is usual; an array alone in its file is the table as well
         same = all(set(other.columns.values()) == set(one.columns.values()) for other in sure)
         basis: Basis = "declared" if one.named and one.usual else "motion"
-        basis = basis if sure and same else "guess"
+        if not (sure and same):
+            basis = "guess" if one.miss is None or sure else "open"
         for target, column in one.columns.items():
             yield Meaning(target, column, one.because, basis)
 

@@ -112,12 +112,12 @@ from deltac.simulation.step_size.time_scales import TimeScale as TimeScale
 from deltac.trajectories import Occurrence as Occurrence
 from deltac.trajectories import Provenance as Provenance
 from deltac.trajectories import Trajectory as Trajectory
-from deltac.trajectories import read_trajectory as read_trajectory
 from deltac.trajectories import scan_trajectory as scan_trajectory
 from deltac.trajectories import suspicions as suspicions
 from deltac.trajectories.formats.files import write_trajectory as write_trajectory
 from deltac.verbs import assemble as assemble
 from deltac.verbs import balance as balance
+from deltac.verbs import read_trajectory as read_trajectory
 from deltac.verbs import residuals as residuals
 from deltac.verbs import simulate as simulate
 from deltac.verbs import simulate_ensemble as simulate_ensemble

@@ -33,6 +33,9 @@ from deltac.simulation.recording import RECORD, Record
 from deltac.simulation.solvers import FixedStep, Options
 from deltac.simulation.step_size import time_scales as scales
 from deltac.simulation.step_size.time_scales import TimeScale
+from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.formats import files
+from deltac.trajectories.formats.mapping import LogMapping
 from deltac.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -285,3 +288,34 @@ def symbolic_equations(model: ModelLike, *, simplify: bool = True) -> SymbolicEq
     from deltac.importers import sympy_equations
 
     return sympy_equations.symbolic_equations(load_model(model).mechanism, simplify=simplify)
+
+
+@checked
+def read_trajectory(
+    log: Any, mapping: LogMapping | ModelLike | None = None, model: ModelLike | None = None
+) -> Trajectory:
+    """Read a log of deltac or of another program, in the format of its suffix.
+
+    Args:
+        log: the path of a file, or a table itself: a dictionary of arrays, a DataFrame of pandas or polars,
+            an xarray Dataset, an array (T, n).
+        mapping: which columns are what, in which units: a TOML file, or a `LogMapping`. Anything else in
+            this place is the model: ``read_trajectory("run.npz", "robot.xml")``.
+        model: what moved: a Mechanism, a Problem, or what else `load_model` takes. It says which coordinates
+            are needed and which are angles; without it, and without a mapping, the columns have the names of
+            the log schema.
+
+    Returns:
+        The trajectory. ``provenance.reading`` says in one line what was read as what, and because of what;
+        ``provenance.guessed`` what of it only the motion tells. A log without any speeds gets them from
+        splines; ``provenance.derived`` says so.
+
+    Raises:
+        InputError: that names the file and, where it applies, column and row.
+    """
+    columns: Any = mapping
+    path = isinstance(mapping, str | Path) and Path(mapping).suffix.lower() == ".toml"
+    if model is None and not (mapping is None or path or isinstance(mapping, LogMapping)):
+        columns, model = None, mapping
+    names = model if isinstance(model, MechanismNames | None) else load_model(model).mechanism
+    return files.read_trajectory(log, columns, names)

@@ -216,7 +216,7 @@ def test_a_foreign_parquet(tmp_path: Path) -> None:
         ("time,q.a,u.a\n0,1\n1,2\n", "line 2 has 2 fields, expected 3"),
         (b"time,q.\x81,u.a\n0,1,2\n", "column names cannot be read"),
         (b"time,q.a,u.a\n0,1,2\n1,2,\xff\n", "line 3 is not UTF-8"),
-        ("# deltac {oops\ntime,q.a,u.a\n0,1,2\n", "metadata are damaged"),
+        ("# deltac {oops\ntime,q.a,u.a\n0,1,2\n", "damage in the deltac metadata"),
         ("# deltac []\ntime,q.a,u.a\n0,1,2\n", "expected a JSON object"),
         ('# deltac {"schema_version": 9}\ntime,q.a,u.a\n0,1,2\n', "version 9"),
         ("# deltac {}\ntime,q.a,u.a\n0,1,2\n", "no entry 'schema_version'"),

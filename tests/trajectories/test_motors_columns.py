@@ -129,12 +129,10 @@ def test_the_model_is_taken_by_place_and_by_name(tmp_path: Path) -> None:
     path.write_text(AS_IS["unit.csv"](), encoding="utf-8")
     whole = dc.read_trajectory(path, None, ARM)
     for run in (
-        dc.read_trajectory(path, ARM),  # type: ignore[arg-type]
+        dc.read_trajectory(path, ARM),
         dc.read_trajectory(path, model=ARM),
         dc.read_trajectory(path, model=dc.load_model(ARM)),
     ):
         assert np.array_equal(run.q, whole.q) and run.coordinates == whole.coordinates
-    with pytest.raises(
-        InputError, match=r"model: found int.*read_trajectory\(log, mapping, model\)"
-    ):
+    with pytest.raises(InputError, match="found int"):
         dc.read_trajectory(path, model=3)

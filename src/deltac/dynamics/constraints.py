@@ -23,13 +23,15 @@ from deltac.dynamics.system import System, released
 class Rows:
     """All rows of a mechanism's constraints, in the symbols of its system.
 
-    `names` (nc) tell the constraint of each row, `holonomic` which have a position level. `phi` (nc,) is
+    `names` (nc) tell the constraint of each row, `index` its place among all rows that they state,
+    `holonomic` which have a position level. `phi` (nc,) is
     φ, zero where there is none; `psi` (nc,) is ψ; `G_all` (nc by nu) and `G` (nc by free speeds) its
     Jacobians; `b` (nc,) its explicit part; `gamma` (nc,) is ψ̇ at u̇ = 0 of the free speeds, so that
     ψ̇ = G u̇ + γ.
     """
 
     names: tuple[str, ...]
+    index: tuple[int, ...]
     holonomic: tuple[bool, ...]
     phi: SX
     psi: SX
@@ -46,6 +48,7 @@ class Rows:
         k = list(rows)
         return Rows(
             tuple(self.names[i] for i in k),
+            tuple(self.index[i] for i in k),
             tuple(self.holonomic[i] for i in k),
             self.phi[k],
             self.psi[k],
@@ -60,7 +63,7 @@ class Rows:
         """No rows, of a system."""
         nothing, nu = ca.SX(0, 1), system.u_all.shape[0]
         G = ca.SX(0, len(system.free_u))
-        return Rows((), (), nothing, nothing, ca.SX(0, nu), G, nothing, nothing)
+        return Rows((), (), (), nothing, nothing, ca.SX(0, nu), G, nothing, nothing)
 
     def at_rest(self, u: SX) -> SX:
         """ψ (nc,) where the free speeds `u` are zero; prescribed joints move."""
@@ -102,7 +105,9 @@ def constraint_rows(system: System) -> Rows:
     along = ca.vertcat(system.q, system.t)
     gamma = ca.jtimes(psi, along, ca.vertcat(system.qdot, 1))
     G = ca.simplify(G_all[:, system.free_u])
-    rows = Rows(tuple(names), tuple(holonomic), phi, psi, G_all, G, b, gamma)
+    rows = Rows(
+        tuple(names), tuple(range(len(names))), tuple(holonomic), phi, psi, G_all, G, b, gamma
+    )
     present = [
         k for k in range(len(names)) if ca.sparsify(G_all[k, :]).nnz() or not _vanishes(rows, k)
     ]

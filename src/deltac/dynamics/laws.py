@@ -53,6 +53,20 @@ FUNCTIONS: dict[str, Callable[..., SX]] = {
     "BooleanFalse": lambda: ca.SX(0),
 }
 
+
+class Varied(float):
+    """A number of a description that is traced as a symbol; its value decides where a law has branches."""
+
+    symbol: SX
+
+    @staticmethod
+    def of(value: float, symbol: SX) -> Varied:
+        """The number with its symbol."""
+        made = Varied(value)
+        made.symbol = symbol
+        return made
+
+
 _FORMS = ("Mul", "Pow", "Piecewise", "ExprCondPair")  # printed by functions of their own
 
 UNROLLED = 64
@@ -69,6 +83,8 @@ def to_casadi(law: Law, values: Mapping[str, SX]) -> SX:
         InputError: a symbol without a value, a function that is not supported, or a Piecewise
             without a last branch that always holds.
     """
+    if isinstance(law, Varied):
+        return law.symbol
     if isinstance(law, int | float):
         return _constant(law)
     printed: dict[Expr, SX] = {}

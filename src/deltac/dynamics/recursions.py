@@ -63,7 +63,7 @@ def gather(system: System, forces: Mapping[int, SX] | Sequence[SX]) -> SX:
     """Generalized forces Σ SᵀF (nu,) of force vectors at links (link frames), tip to root."""
     given = forces if isinstance(forces, Mapping) else dict(enumerate(forces))
     F: dict[int, SX] = dict(given)
-    result = ca.SX.zeros(len(system.mechanism.speeds))
+    result = ca.SX.zeros(system.u_all.shape[0])
     for k in reversed(range(len(system.links))):
         if k not in F:
             continue

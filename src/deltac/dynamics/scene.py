@@ -94,7 +94,7 @@ class Scene:
         mechanism = self.system.mechanism
         entry = mechanism.coordinates[name]
         first = mechanism.coordinates.of(entry.joint).start
-        along = ca.SX.zeros(len(mechanism.speeds))
+        along = ca.SX.zeros(self.system.u_all.shape[0])
         along[mechanism.speeds.of(entry.joint).start + entry.index - first] = 1
         return self.system.q_all[entry.index], along
 
@@ -160,7 +160,7 @@ class Scene:
 
     def on_joint(self, joint: str, values: Any) -> SX:
         """The generalized force (nu,) of values (a column or a list) on the speeds of a joint."""
-        force = ca.SX.zeros(len(self.system.mechanism.speeds))
+        force = ca.SX.zeros(self.system.u_all.shape[0])
         column = ca.vertcat(*values) if isinstance(values, list) else values
         force[self.system.mechanism.speeds.of(joint)] = column
         return force

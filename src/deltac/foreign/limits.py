@@ -192,17 +192,17 @@ def parse_json(text: str | bytes, what: str) -> Any:
     Raises InputError, about `what`, for anything else.
     """
     limits = Limits.current()
-    limits.check("metadata", len(text), f"{what} are of")
+    limits.check("metadata", len(text), f"the text of {what} is of")
     try:
         value = json.loads(
             text, parse_int=_integer, parse_float=_number, parse_constant=_not_a_number
         )
     except RecursionError:
-        limits.refuse("nesting", f"{what} are nested deeper")
+        limits.refuse("nesting", f"lists and objects of {what} are nested deeper")
     except InputError as error:
-        raise InputError(f"{what} are damaged: {error}") from None
+        raise InputError(f"damage in {what}: {error}") from None
     except (ValueError, UnicodeError) as error:  # of the parser and the codec
-        raise FileError(f"{what} are damaged ({error})") from error
+        raise FileError(f"damage in {what}: {error}") from error
     check_nesting(value, what)
     return value
 
@@ -242,7 +242,7 @@ def check_nesting(value: Any, what: str) -> None:
     ]:
         depth += 1
         if depth > limits.nesting:
-            limits.refuse("nesting", f"{what} are nested {depth} levels deep")
+            limits.refuse("nesting", f"lists and objects of {what} are nested {depth} levels deep")
 
 
 def _integer(text: str) -> int:

@@ -31,8 +31,8 @@ FIT, CLOSE = 0.98, 0.02
 _PARTS = 40
 """Parts of a log over which increments are summed."""
 
-_LEAST = 0.05
-"""Least share of the movement of an axis that is compared."""
+LEAST = 0.05
+"""Least share of the whole movement of an axis that is compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,5 +132,5 @@ def integral(t: FloatArray, u: FloatArray) -> FloatArray:
 def _worst(moved: FloatArray, told: FloatArray) -> float:
     size = np.abs(moved).sum(axis=0) + np.abs(told).sum(axis=0)
     difference = np.abs(moved - told).sum(axis=0)
-    telling = size > _LEAST * size.sum()
+    telling = size > LEAST * size.sum()
     return float(np.max(difference[telling] / size[telling])) if telling.any() else np.inf

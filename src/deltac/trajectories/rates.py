@@ -18,7 +18,8 @@ from deltac.errors import LogError
 from deltac.trajectories.columns import Kinematics, MechanismNames, speeds_of
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
-_FEWEST = 4
+FEWEST = 4
+"""Rows without which a motion cannot be differentiated."""
 
 
 def derived_speeds(
@@ -148,9 +149,9 @@ def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
 
 
 def _check(t: FloatArray, values: FloatArray, what: str) -> None:
-    if len(t) < _FEWEST:
+    if len(t) < FEWEST:
         raise LogError(
-            f"no column '{what}', and {len(t)} rows are too few to derive it (at least {_FEWEST}); "
+            f"no column '{what}', and {len(t)} rows are too few to derive it (at least {FEWEST}); "
             "log it"
         )
     # Named by column and row when the trajectory is made from them, all but what a spline needs.

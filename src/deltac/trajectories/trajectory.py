@@ -253,8 +253,8 @@ class Trajectory(Shown, Once):
             name = label if names is None else f"{label}.{names[column[0]]}"
             raise LogError(
                 f"column {name!r}, {row_name(row, len(array))}, t = {self.t[row]} s: found "
-                f"{array[(row, *column)]}, expected a finite number. Keep only the rows before "
-                "it, or repair the source."
+                f"{array[(row, *column)]}, expected a finite number. "
+                f"{'Keep only the rows before it' if row else 'Drop the row'}, or repair the source."
             )
         return array
 

@@ -16,11 +16,15 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.explain.columns import STOPS, UNIT_MOMENTS, Column, What, stops
+from deltac.diagnosis.explain.geometry import Number, displacements, geometry_numbers
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.system import Link
+from deltac.mechanism.constraints import perpendiculars
 from deltac.mechanism.coordinates import Entry
 from deltac.mechanism.forces import JointDamper, JointSpring
+from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scope import GROUND
 
 Sign = Literal["any", "positive", "factor", "slip"]
 
@@ -29,6 +33,8 @@ MASSES = "Check masses and inertias of the model against those that the simulato
 TERMS = "Check the terms in products of speeds in the equations of the run, or its frames"
 GRAVITY = "Give model and simulator the same gravity"
 ADD = "Add it to the model, or log its force"
+PLACES = "Compare the places and lengths of the model with those of the machine or of the simulator's model"
+AXES = "Compare the axes and frames of the model's joints with those of the machine or the simulator's model"
 
 
 @dataclass(frozen=True)
@@ -75,6 +81,13 @@ def _push(what: str, frame: str, unit: str) -> Kind:
         f"a constant {what} of {{several}} {unit} along {{axes}} of the {frame} acts on {{element}}"
     )
     return Kind(words, unit=unit)
+
+
+ELSEWHERE = "{origin} is displaced by {several} m along {axes} of the body"
+
+
+def _geometry(words: str, remedy: str, unit: str) -> Kind:
+    return Kind(words, remedy, unit=unit)
 
 
 KINDS = {
@@ -163,6 +176,67 @@ KINDS = {
         unit="kg·m²",
         tells="J",
     ),
+    "link-length": Kind(
+        "{element} in the run is {shown} m long {origin}, not {base} m",
+        PLACES,
+        "length",
+        "m",
+        "positive",
+    ),
+    "body-size": _factor(
+        "{element} in the run is {shown} times as long as in the model, with its joints, mass centre and "
+        "inertia{more}",
+        PLACES,
+        "factor",
+        "cJ",
+    ),
+    "joint-axis": _geometry(
+        "the axis of joint {element} in the run is tilted by {several} rad about {axes} of its frame",
+        AXES,
+        "rad",
+    ),
+    "joint-position": _geometry(
+        "joint {element}, with all that it carries, sits {several} m further along {axes} of {origin}",
+        PLACES,
+        "m",
+    ),
+    "joint-pivot": _geometry(
+        "the pivot of joint {element} in the run is displaced by {several} m along {axes} of {origin}; the "
+        "bodies are where they are",
+        PLACES,
+        "m",
+    ),
+    "body-position": _geometry(
+        "{origin} sits {several} m further along its {axes} on joint {element} than in the model",
+        PLACES,
+        "m",
+    ),
+    "joint-orientation": _geometry(
+        "joint {element}, with all that it carries, is turned by {several} rad about {axes} of its frame",
+        AXES,
+        "rad",
+    ),
+    "body-orientation": _geometry(
+        "{origin} is turned by {several} rad about {axes} of its frame at joint {element}",
+        AXES,
+        "rad",
+    ),
+    "element-length": Kind(
+        "{origin} in the run is {shown} m, not {base} m", SAME_VALUE, "length", "m", "positive"
+    ),
+    "contact-size": Kind(
+        "{origin} in the run is {shown} m, not {base} m", SAME_VALUE, "size", "m", "positive"
+    ),
+    "attachment": _geometry(
+        "{origin} is displaced by {several} m along {axes} of the body", PLACES, "m"
+    ),
+    "contact-position": _geometry(
+        "{origin} is displaced by {several} m along {axes} of the body", PLACES, "m"
+    ),
+    "law-number": Kind(
+        "a number of {origin} in the run is {shown}, not {base}", SAME_VALUE, "number"
+    ),
+    "parameter": Kind("parameter {element} in the run is {shown}, not {base}", SAME_VALUE, "value"),
     "velocity-terms": _factor(
         "the centrifugal, Coriolis and gyroscopic terms of all bodies are {times}",
         TERMS,
@@ -518,7 +592,10 @@ def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candida
     """All causes of a mechanism whose columns there are."""
     places = Places({column: k for k, column in enumerate(columns)})
     found: list[Candidate] = []
-    for part in (_gravity, of_bodies, _joints, _channels, _wrenches):
+    parts = [_gravity, of_bodies, _joints, _channels, _wrenches]
+    if any(c.what in GEOMETRY for c in columns):
+        parts += [_sizes, _places_of_joints, _numbers]
+    for part in parts:
         found.extend(part(evaluator, places))
     late, limit = places(Column("late", "")), MOST_LATE * evaluator.spacing
     found.extend(cause("late-rows", "", late, [1.0], limit=limit))
@@ -678,3 +755,222 @@ def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
                 columns = places(*(Column(what, body, k) for k in group))
                 axes = tuple("xyz"[k] for k in group)
                 yield from cause(kind, body, columns, np.eye(len(group)), names=axes)
+
+
+# --- geometry: places and axes of joints, lengths, points, sizes ---------------------------------------
+
+GEOMETRY: tuple[What, ...] = ("joint-place", "body-place", "number", "parameter")
+"""Columns of `geometry_columns`."""
+
+MOST_TURNED, MOST_STRETCHED = 0.3, 0.3
+"""Angles (rad), and shares of a length, up to which a cause is recognised by its first order."""
+
+ABOUT_AN_AXIS = ("revolute", "screw", "cylindrical")
+"""Joints in which a turn about the axis is another zero of the coordinate."""
+
+
+@dataclass(frozen=True)
+class _Moves:
+    """Displacements of a joint as coefficients of its columns; vectors in axes of bodies.
+
+    `parent` (6, 6) and `child` (6, 6) as of `displacements`; `frame` and `own` turn components in the joint's
+    frame into those of the parent and of the child.
+    """
+
+    joint: Joint
+    parent: Array
+    child: Array
+    frame: Array
+    own: Array
+
+    @staticmethod
+    def of(evaluator: Evaluator, joint: Joint) -> _Moves:
+        """Those of a joint."""
+        parent, child = displacements(evaluator.symbols.system, joint)
+        return _Moves(
+            joint, parent, child, np.array(joint.rotation), np.array(joint.child_rotation)
+        )
+
+    @property
+    def axis(self) -> Array | None:
+        """The direction, in the joint's frame, about which a turn is another zero; None if there is none."""
+        return np.array(self.joint.axes[0]) if self.joint.kind in ABOUT_AN_AXIS else None
+
+    def cause(
+        self,
+        places: Places,
+        kind: str,
+        parent: Array | None,
+        child: Array | None,
+        names: Sequence[str],
+        element: str = "",
+        **more: Any,
+    ) -> Iterator[Candidate]:
+        """A cause of each of d displacements (6, d), and of all together."""
+        rows, columns = list[Array](), list[int]()
+        for what, part in (("joint-place", parent), ("body-place", child)):
+            for k in range(6) if part is not None else ():
+                at = places.of.get(Column(what, self.joint.name, k))  # type: ignore[arg-type]
+                if at is not None and part is not None and np.any(np.abs(part[k]) > 1e-12):
+                    columns.append(at)
+                    rows.append(part[k])
+        if not columns:
+            return
+        L = np.where(np.abs(rows) > 1e-12, rows, 0.0)
+        shown = [k for k in range(L.shape[1]) if L[:, k].any()]
+        for group in [*([k] for k in shown), shown] if len(shown) > 1 else [shown]:
+            told = tuple(names[k] for k in group)
+            of = element or self.joint.name
+            yield from cause(kind, of, tuple(columns), L[:, group], names=told, **more)
+
+
+def _directions(axis: Array | None) -> tuple[Array, tuple[str, ...]]:
+    """Columns of directions (3, d) across an axis, or all three; coordinate axes where it is one."""
+    if axis is None:
+        return np.eye(3), tuple("xyz")
+    k = int(np.argmax(np.abs(axis)))
+    if abs(axis[k]) > 1.0 - 1e-12:
+        others = [n for n in range(3) if n != k]
+        return np.eye(3)[:, others], tuple("xyz"[n] for n in others)
+    made = np.array(perpendiculars((float(axis[0]), float(axis[1]), float(axis[2])))).T
+    return made, tuple(f"({', '.join(f'{x:.3g}' for x in d.round(9) + 0.0)})" for d in made.T)
+
+
+def _places_of_joints(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+    mechanism = evaluator.mechanism
+    carriers = {joint.child: joint for joint in mechanism.joints}
+    for joint in mechanism.joints:
+        moves = _Moves.of(evaluator, joint)
+        frame, own, axis = moves.frame, moves.own, moves.axis
+
+        def shifted(x: Array) -> Array:
+            return np.vstack([x, np.zeros_like(x)])
+
+        def turned(x: Array) -> Array:
+            return np.vstack([np.zeros_like(x), x])
+
+        bar = _bar(mechanism, joint)
+        length = 0.0 if bar is None else float(np.linalg.norm(bar))
+        if bar is not None and length:
+            first = carriers[joint.parent]
+            start = "its origin" if first.kind == "free" else f"joint `{first.name}`"
+            yield from moves.cause(
+                places, "link-length", moves.parent @ shifted(bar[:, None] / length), None, ["length"],
+                element=joint.parent, base=length, origin=f"from {start} to joint `{joint.name}`",
+                limit=MOST_STRETCHED * length,
+            )  # fmt: skip
+        for c in moves.cause(
+            places,
+            "joint-position",
+            moves.parent @ shifted(np.eye(3)),
+            None,
+            "xyz",
+            origin=_of(joint.parent),
+        ):
+            along = bar is not None and c.size == 1 and abs(bar["xyz".index(c.names[0])]) == length
+            if not along:  # which is the bar's length
+                yield c
+        across, names = _directions(None if axis is None else own @ axis)
+        if joint.kind != "prismatic":
+            yield from moves.cause(
+                places,
+                "body-position",
+                None,
+                moves.child @ shifted(across),
+                names,
+                origin=_of(joint.child),
+            )
+        if joint.kind in (*ABOUT_AN_AXIS, "universal", "spherical"):
+            pivot, names = _directions(None if axis is None else frame @ axis)
+            yield from moves.cause(
+                places, "joint-pivot", moves.parent @ shifted(pivot),
+                -moves.child @ shifted(own @ frame.T @ pivot), names, origin=_of(joint.parent),
+            )  # fmt: skip
+        if joint.kind in (*ABOUT_AN_AXIS, "prismatic"):
+            tilts, names = _directions(np.array(joint.axes[0]))
+            yield from moves.cause(
+                places, "joint-axis", moves.parent @ turned(frame @ tilts),
+                -moves.child @ turned(own @ tilts), names, limit=MOST_TURNED,
+            )  # fmt: skip
+        if joint.kind != "free":
+            turns, names = _directions(axis)
+            yield from moves.cause(
+                places,
+                "joint-orientation",
+                moves.parent @ turned(frame @ turns),
+                None,
+                names,
+                limit=MOST_TURNED,
+            )
+            yield from moves.cause(
+                places, "body-orientation", None, moves.child @ turned(own @ turns), names, limit=MOST_TURNED,
+                origin=_of(joint.child),
+            )  # fmt: skip
+
+
+def _of(body: str) -> str:
+    return "the ground" if body == GROUND else f"`{body}`"
+
+
+def _bar(mechanism: Mechanism, joint: Joint) -> Array | None:
+    """From the joint that carries a joint's parent to it, along the parent's axes; None on the ground."""
+    carrier = next((j for j in mechanism.joints if j.child == joint.parent), None)
+    if carrier is None:
+        return None
+    ends = ([mechanism.number(x) for x in p] for p in (carrier.child_position, joint.position))
+    start, end = map(np.array, ends)
+    return np.asarray(end - start)
+
+
+def _sizes(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+    """Each body stretched about its joint: with the joints on it, its mass centre and moments of inertia."""
+    mechanism, system = evaluator.mechanism, evaluator.symbols.system
+    for link in system.links:
+        name = link.joint.child
+        if mechanism.body(name).massless or link.joint.kind == "free":
+            continue
+        b = _Mass.of(link)
+        about = np.array(_six(b.central + b.mass * _steiner(b.centre)))
+        weights = {
+            Column("inertia", name, 1 + k): (float(x), 0.0) for k, x in enumerate(b.mass * b.centre)
+        }
+        weights |= {Column("inertia", name, 4 + k): (2.0 * x, x) for k, x in enumerate(about)}
+        for joint in mechanism.children[name]:
+            bar = _bar(mechanism, joint)
+            moved = displacements(system, joint)[0][:, :3] @ np.array(bar)
+            weights |= {Column("joint-place", joint.name, k): (x, 0.0) for k, x in enumerate(moved)}
+        some = [c for c, pair in weights.items() if c in places.of and any(pair)]
+        L, Q = np.array([weights[c] for c in some]).reshape(-1, 2).T
+        yield from cause(
+            "body-size",
+            name,
+            places(*some),
+            L,
+            1.0,
+            quadratic=Q.reshape(-1, 1, 1),
+            limit=MOST_STRETCHED,
+        )
+
+
+def _numbers(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+    """Lengths, points, sizes and numbers in laws, of force elements and constraints; parameters."""
+    mechanism = evaluator.mechanism
+    points: dict[str, list[Number]] = {}
+    for n in geometry_numbers(mechanism)[0]:
+        if Column("number", n.address) not in places.of:
+            continue
+        if n.axis:
+            points.setdefault(n.address.removesuffix(f".{n.axis}"), []).append(n)
+            continue
+        limit = MOST_STRETCHED * n.value if n.kind in ("element-length", "contact-size") else np.inf
+        at = places(Column("number", n.address))
+        yield from cause(n.kind, n.part, at, [1.0], n.value, limit=limit, origin=n.what)
+    for numbers in points.values():
+        for some in [*([n] for n in numbers), numbers] if len(numbers) > 1 else [numbers]:
+            at = places(*(Column("number", n.address) for n in some))
+            first, axes = some[0], tuple(n.axis for n in some)
+            yield from cause(
+                first.kind, first.part, at, np.eye(len(some)), names=axes, origin=first.what
+            )
+    for name, value in mechanism.parameters.items():
+        yield from cause("parameter", name, places(Column("parameter", name)), [1.0], value)

@@ -25,7 +25,7 @@ from deltac.mechanism.joints import KINDS
 What = Literal[
     "inertia", "velocity", "gyroscopic", "weight", "gravity", "damper", "friction", "drag",
     "spring", "stop", "constant", "armature", "channel", "delay", "offset", "late", "drag of a body",
-    "force", "moment", "body-force", "body-moment",
+    "force", "moment", "body-force", "body-moment", "joint-place", "body-place", "number", "parameter",
 ]  # fmt: skip
 
 
@@ -48,6 +48,11 @@ class Column:
     late        what all coordinates take from the equations where they are logged one second late
     force, moment        body: along the world's axes, at the mass centre; N, N·m
     body-force, body-moment  the same along the body's axes
+    joint-place  joint; small rotations (0–2) and translations (3–5) of the joint along the axes of its
+                 parent's link frame, about the origin of that; rad, m
+    body-place   joint; the same of the child on its joint, in its own link frame
+    number       address of a number of an element's geometry
+    parameter    name of a parameter of the mechanism
     """
 
     what: What

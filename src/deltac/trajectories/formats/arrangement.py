@@ -10,13 +10,12 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from deltac.trajectories.formats.words import is_time
+from deltac.trajectories.formats.words import arrays_of, is_time
 
 if TYPE_CHECKING:
     import polars
 
 _NAMELESS = re.compile(r"column \d+")
-_INDEXED = re.compile(r"(.*?)[_.]?\[?(\d+)\]?")
 _NAMES = re.compile(r"(?:.*[^a-z])?names?", re.IGNORECASE)
 _MESSAGE = ("position", "velocity", "effort")
 """The arrays of ROS's sensor_msgs/JointState after the names, in its order."""
@@ -33,7 +32,9 @@ def arranged(frame: polars.DataFrame) -> polars.DataFrame:
     """The same table with a row for each instant and a column for each number."""
     from polars.exceptions import DuplicateError
 
-    for arrange in ARRANGEMENTS:
+    columns = frame.get_columns()
+    plain = not any(series.dtype.is_nested() or _is_text(series) for series in columns)
+    for arrange in (_stamps,) if plain else ARRANGEMENTS:
         with suppress(DuplicateError):  # two columns would have one name: it is no such table
             frame = arrange(frame)
     return frame
@@ -102,27 +103,19 @@ def _messages(frame: polars.DataFrame) -> polars.DataFrame:
 
 def _labels(frame: polars.DataFrame) -> polars.DataFrame:
     """Names of joints in columns of their own, ``name0``, beside numbered columns: they name these."""
-    labels: dict[str, list[str]] = {}
     texts = _constant_texts(frame)
-    for column, text in texts.items():
-        if (found := _INDEXED.fullmatch(column)) and _NAMES.fullmatch(found[1]):
-            labels.setdefault(found[1], []).append(text)
+    labels = [several for stem, several in arrays_of(texts).items() if _NAMES.fullmatch(stem)]
     if len(labels) != 1:
         return frame
-    ((stem, joints),) = labels.items()
-    groups: dict[str, list[str]] = {}
-    for column in frame.columns:
-        if column not in texts and (found := _INDEXED.fullmatch(column)):
-            groups.setdefault(found[1], []).append(column)
+    joints = [texts[column] for column in labels[0]]
+    numbered = arrays_of(column for column in frame.columns if column not in texts)
     new = {
-        column: f"{group}.{joint}"
-        for group, columns in groups.items()
+        column: f"{array}.{joint}"
+        for array, columns in numbered.items()
         if len(columns) == len(joints) == len(set(joints))
         for column, joint in zip(columns, joints)
     }
-    return frame.drop([c for c in texts if _INDEXED.fullmatch(c) and c.startswith(stem)]).rename(
-        new
-    )
+    return frame.drop(labels[0]).rename(new)
 
 
 def _long(frame: polars.DataFrame) -> polars.DataFrame:

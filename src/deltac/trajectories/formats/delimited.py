@@ -65,16 +65,17 @@ def read_csv(path: Path) -> RawLog:
     if table is None:
         header, line, lines, rest = _head(data)
         names = _column_names(line, exact=header is not None)
-        table = _Table(names, {}, lines, rest)
+        table = _Table(names, {}, lines, rest, Dialect())
     else:
         header = None
-    names, lines, rest, separator = table.names, table.lines, table.rest, table.separator
-    frame = table_of_numbers(rest, separator, names, lines)
-    log = raw_log(frame, header, lines + 1)
+    frame = table_of_numbers(table.rest, table.dialect, table.names, table.lines)
+    log = raw_log(frame, header, table.lines + 1)
     return replace(log, units={**table.units, **log.units})
 
 
-def table_of_numbers(rest: bytes, separator: str, names: list[str], lines: int) -> polars.DataFrame:
+def table_of_numbers(
+    rest: bytes, dialect: Dialect, names: list[str], lines: int
+) -> polars.DataFrame:
     """The fields of a table's rows, which stand after so many `lines`, as texts.
 
     Only so can a bad one be named with its row. Blanks separate columns together.
@@ -83,7 +84,7 @@ def table_of_numbers(rest: bytes, separator: str, names: list[str], lines: int) 
         raise LogError("there are column names but no rows; expected at least one")
     import polars
 
-    size = len(rest)
+    size, separator = len(rest), dialect.separator
     if separator == " ":
         rest = b"\n".join(_BLANKS.sub(b"\t", line.strip()) for line in rest.splitlines()).rstrip()
         separator = "\t"
@@ -103,6 +104,8 @@ def table_of_numbers(rest: bytes, separator: str, names: list[str], lines: int) 
     except _polars_errors() as error:
         raise _malformed(rest, len(names), lines, separator, error) from error
     frame.columns = names
+    if dialect.decimal == ",":
+        frame = frame.with_columns(polars.all().str.replace_all(",", ".", literal=True))
     return frame
 
 
@@ -115,6 +118,44 @@ def _polars_errors() -> tuple[type[BaseException], ...]:
 # --- tables of other programs ------------------------------------------------------------------
 
 
+SEPARATORS = (",", ";", "\t", "|", " ")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """What separates the columns of a table, and marks the decimals of its numbers."""
+
+    separator: str = ","
+    decimal: str = "."
+
+    def fields(self, line: str) -> list[str]:
+        """The fields of a line, without blanks around them; none where quotes are out of place."""
+        if self.separator == " ":
+            return [a or b for a, b in re.findall(r'"([^"]*)"|(\S+)', line)]
+        try:
+            row = next(csv.reader([line.rstrip("\r\n")], delimiter=self.separator), [])
+        except csv.Error:
+            return []
+        return [field.strip() for field in row]
+
+    def numbers(self, fields: Sequence[str]) -> int:
+        """How many of the fields are numbers; 0 where these are less than half, so that it is no row."""
+        if any(field in SEPARATORS for field in fields):
+            return 0
+        pattern = _NUMBERS[self.decimal]
+        count = sum(pattern.fullmatch(field) is not None for field in fields)
+        return count if 2 * count >= sum(map(bool, fields)) else 0
+
+
+_NUMBERS = {
+    mark: re.compile(
+        rf"[-+]?(\d+([{mark}]\d*)?|[{mark}]\d+)([ed][-+]?\d+)?|[-+]?(inf|nan)", re.IGNORECASE
+    )
+    for mark in ".,"
+}
+DIALECTS = tuple(Dialect(separator, decimal) for decimal in ".," for separator in SEPARATORS)
+
+
 @dataclass(frozen=True)
 class _Table:
     """A table: names and units of its columns, how many lines come before its rows, and these."""
@@ -123,10 +164,9 @@ class _Table:
     units: dict[str, str]
     lines: int
     rest: bytes
-    separator: str = ","
+    dialect: Dialect
 
 
-SEPARATORS = (",", ";", "\t", "|", " ")
 _LOOKED_AT = 2**18
 """Bytes at the start of a table in which its form is looked for."""
 _MOST_HEADERS = 4
@@ -168,16 +208,16 @@ def _foreign(data: bytes) -> _Table | None:
     shape = _shape(lines)
     if shape is None:
         return None
-    separator, width = shape
-    split = [_fields(line, separator) for line in lines]
-    first = next(k for k, fields in enumerate(split) if _is_row(fields, width, separator))
+    dialect, width = shape
+    split = [dialect.fields(line) for line in lines]
+    first = next(k for k, row in enumerate(split) if len(row) == width and dialect.numbers(row))
     headers: list[list[str]] = []
     k = first - 1
     short = not split[first][-1]  # rows that end with a separator which the names lack
     while k >= 0 and len(headers) < _MOST_HEADERS:
         fields = split[k]
         if len(fields) != width:  # names may be separated otherwise than numbers
-            ways = (_fields(lines[k], other) for other in SEPARATORS)
+            ways = (Dialect(other).fields(lines[k]) for other in SEPARATORS)
             fields = next((way for way in ways if len(way) == width), fields)
         if len(fields) == width + 1 and fields[-1] == "Comment":  # LabVIEW's, which rows leave out
             fields = fields[:-1]
@@ -189,54 +229,37 @@ def _foreign(data: bytes) -> _Table | None:
     if not headers and first and lines[first - 1].strip() and not _comment(lines[first - 1]):
         return None  # names of another number than the rows have fields
     if not headers:
-        headers = _in_comments(lines[:first], separator, width)
+        headers = _in_comments(lines[:first], dialect, width)
     names, units = _names_and_units(headers, width)
     start = len("".join(lines[:first]).encode())
     rest = data.removeprefix(_BYTE_ORDER_MARK)[start:]
-    if separator != ",":
-        rest = rest.replace(b",", b".")
-    elif first and rest.find(head := lines[first - 1].strip().encode()) >= 0:
+    if first and rest.find(head := lines[first - 1].strip().encode()) >= 0 and head:
         rest = b"\n".join(line for line in rest.split(b"\n") if line.strip() != head)  # said again
     Limits.current().check("columns", width, "the log has")
     Limits.current().check("header", start, f"line {first + 1}: the lines before the rows are of")
-    return _Table(distinct(names), units, first, rest.rstrip(), separator)
+    return _Table(distinct(names), units, first, rest.rstrip(), dialect)
 
 
-def _shape(lines: Sequence[str]) -> tuple[str, int] | None:
-    """Separator and number of columns of most lines that hold numbers, for the separator with the most."""
-    best: tuple[int, int, str] | None = None
-    for separator in SEPARATORS:
-        widths = Counter(
-            len(fields)
-            for line in lines
-            if not _comment(line) and len(fields := _fields(line, separator)) > 1
-            if _is_row(fields, len(fields), separator)
-        )
+def _shape(lines: Sequence[str]) -> tuple[Dialect, int] | None:
+    """The dialect that explains the lines best, and its number of columns.
+
+    That is the one with most numbers, less what it leaves beside them: split at its decimal commas,
+    ``0,01;57,25`` would be two numbers and a rest.
+    """
+    best: tuple[int, int, int] = (0, 0, 0)
+    found = None
+    lines = [line for line in lines if not _comment(line)]
+    for k, dialect in enumerate(DIALECTS):
+        widths, left = Counter[int](), Counter[int]()
+        for fields in map(dialect.fields, lines):
+            if len(fields) > 1 and (count := dialect.numbers(fields)):
+                widths[len(fields)] += 1
+                left[len(fields)] += 2 * count - sum(map(bool, fields))
         if widths:
-            width, count = widths.most_common(1)[0]
-            if best is None or (count, width) > best[:2]:
-                best = (count, width, separator)
-    return None if best is None else (best[2], best[1])
-
-
-def _fields(line: str, separator: str) -> list[str]:
-    if separator == " ":
-        return [a or b for a, b in re.findall(r'"([^"]*)"|(\S+)', line)]
-    try:
-        row = next(csv.reader([line.rstrip("\r\n")], delimiter=separator), [])
-    except csv.Error:
-        return []
-    return [field.strip() for field in row]
-
-
-def _is_row(fields: Sequence[str], width: int, separator: str) -> bool:
-    """Whether these are the fields of a row of numbers: at least half of them are."""
-    if len(fields) != width or any(field in SEPARATORS for field in fields):
-        return False
-    if separator != ",":
-        fields = [field.replace(",", ".") for field in fields]
-    count = sum(map(_is_number, fields))
-    return count > 0 and 2 * count >= sum(map(bool, fields))
+            width, rows = widths.most_common(1)[0]
+            if (score := (left[width], rows, -k)) > best or found is None:
+                best, found = score, (dialect, width)
+    return found
 
 
 _FORTRAN = re.compile(r"(\d\.\d*)[dD]([+-]\d)")
@@ -244,25 +267,21 @@ _FORTRAN = re.compile(r"(\d\.\d*)[dD]([+-]\d)")
 
 
 def _is_number(text: str) -> bool:
-    try:
-        float(_FORTRAN.sub(r"\1e\2", text.replace(",", ".")))
-    except ValueError:
-        return False
-    return True
+    return any(pattern.fullmatch(text) for pattern in _NUMBERS.values())
 
 
 def _comment(line: str) -> bool:
     return line.lstrip().startswith(("#", "%", "//"))
 
 
-def _in_comments(lines: Sequence[str], separator: str, width: int) -> list[list[str]]:
+def _in_comments(lines: Sequence[str], dialect: Dialect, width: int) -> list[list[str]]:
     """Names in the last comment before the rows, as `numpy.savetxt` writes them, if there are as many."""
     for line in reversed(lines):
         text = line.strip().lstrip("#%/").strip()
         if not text:
             continue
-        for candidate in dict.fromkeys((separator, *SEPARATORS)):
-            fields = _fields(text, candidate)
+        for candidate in (dialect, *DIALECTS):
+            fields = candidate.fields(text)
             if len(fields) == width and not any(map(_is_number, fields)):
                 return [fields]
         break

@@ -123,8 +123,7 @@ def read_trajectory(
         mapping: which columns are what, in which units: a TOML file (see `mapping`), or a `LogMapping`.
         model: what moved: a Mechanism, or what holds one, such as a Problem or `load_model("robot.xml")`. It
             says which coordinates are needed and which are angles; without it, and without a mapping, the
-            columns have the names of the schema (see `from_columns`). ``read_trajectory(log, model)`` means
-            the model as well.
+            columns have the names of the schema (see `from_columns`).
 
     Returns:
         The trajectory. ``provenance.reading`` says in one line what was read as what, and because of what;
@@ -162,8 +161,6 @@ def draft_mapping(log: Any, model: Any) -> str:
 def _reading(
     log: Any, mapping: Any, model: Any, episode: Callable[[RawLog], RawLog] = lambda raw: raw
 ) -> LogReading:
-    if model is None and mapping is not None and not isinstance(mapping, LogMapping | str | Path):
-        mapping, model = None, mapping  # read_trajectory(log, model)
     names = None if model is None else MechanismNames.of(model)
     known = as_mapping(mapping)
     raw = read_raw(log) if isinstance(log, str | Path) else checked_raw(read_table(log))

@@ -19,7 +19,7 @@ import numpy as np
 from deltac.errors import FileError, LogError
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import Limits
-from deltac.trajectories.formats.delimited import distinct, numbers, table_of_numbers
+from deltac.trajectories.formats.delimited import Dialect, distinct, numbers, table_of_numbers
 from deltac.trajectories.formats.raw import RawLog
 
 _ROWS, _COLUMNS = ("nRows", "datarows"), ("nColumns", "datacolumns")
@@ -50,7 +50,7 @@ def read_opensim(path: Path) -> RawLog:
     limits.check("columns", len(names), "the log has")
     distinct(names)
     rest = "\n".join(lines[first + 1 :]).encode()
-    frame = table_of_numbers(rest, " ", names, first + 1)
+    frame = table_of_numbers(rest, Dialect(" "), names, first + 1)
     for keys, found, what in ((_ROWS, frame.height, "rows"), (_COLUMNS, len(names), "columns")):
         _check_count(header, keys, found, what)
     columns = {s.name: numbers(s.name, s, first + 2) for s in frame.get_columns()}

@@ -392,33 +392,26 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
         raise _damaged("rows", rows, f"a number of rows up to {Limits.current().rows}")
     if type(accelerations) is not bool:
         raise _damaged("accelerations", accelerations, "true or false")
-    names: dict[str, Any] = {}
-    for key in _LISTS:
-        names[key] = header.get(key)
-        if not isinstance(names[key], list) or not all(isinstance(n, str) for n in names[key]):
-            raise _damaged(key, names[key], "a list of names")
-    counts = {key: len(found) for key, found in names.items()}
-    width = 1 + counts["coordinates"] + counts["works"] + counts["integrals"]
-    width += counts["speeds"] * (1 + accelerations + counts["channels"])
-    Limits.current().check("columns", width, "the log has")
+    names: dict[str, Any] = {key: header.get(key) for key in _LISTS}
+    for key, found in names.items():
+        if not isinstance(found, list) or not all(isinstance(name, str) for name in found):
+            raise _damaged(key, found, "a list of names")
+    speeds, channels = names["speeds"], names["channels"]
+    Limits.current().check("columns", len(speeds) * (2 + len(channels)), "the log has")
+    parts = {
+        "q": names["coordinates"],
+        "u": speeds,
+        "udot": speeds if accelerations else [],
+        "force": [f"{channel}.{speed}" for channel in channels for speed in speeds],
+        "work": names["works"],
+        "integral": names["integrals"],
+    }
+    Limits.current().check("columns", 1 + sum(map(len, parts.values())), "the log has")
     columns: dict[str, FloatArray] = {"time": _shaped(arrays, "time", (rows,))}
-
-    def add(key: str, group: str, prefix: str) -> None:
-        table = _shaped(arrays, key, (rows, counts[group]))
-        columns.update({f"{prefix}.{n}": table[:, i] for i, n in enumerate(names[group])})
-
-    add("q", "coordinates", "q")
-    add("u", "speeds", "u")
-    if accelerations:
-        add("udot", "speeds", "udot")
-    if counts["channels"]:
-        force = _shaped(arrays, "force", (rows, counts["channels"], counts["speeds"]))
-        for i, channel in enumerate(names["channels"]):
-            for j, speed in enumerate(names["speeds"]):
-                columns[f"force.{channel}.{speed}"] = force[:, i, j]
-    for name in ("work", "integral"):
-        if counts[f"{name}s"]:
-            add(name, f"{name}s", name)
+    for key, several in parts.items():
+        if several or key in "qu":
+            table = _shaped(arrays, key, (rows, len(several)))
+            columns |= {f"{key}.{name}": table[:, k] for k, name in enumerate(several)}
     return RawLog(columns, header)
 
 

@@ -30,7 +30,7 @@ from deltac.trajectories.formats.recognition import recognise
 from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
 from deltac.trajectories.formats.words import is_time
-from deltac.trajectories.rates import derived_speeds
+from deltac.trajectories.rates import FEWEST, derived_speeds
 from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
 
 LEFT_OUT = "left out"
@@ -234,6 +234,8 @@ class LogReading:
                 speeds, errors = derived_speeds(columns, names)
                 columns |= {name: values for name, values in speeds.items() if name in lacking}
                 derived["u"] = {n: e for n, e in errors.items() if f"u.{n}" in lacking}
+        splined = len(derived.get("u", {}))
+        of_splines = f"; {splined} speeds by splines of their coordinates" if splined else ""
         if names is not None:
             columns = _ordered(columns, names)
         run = from_columns(columns)
@@ -244,7 +246,7 @@ class LogReading:
             derived=derived,
             converted=(*units, *sorted(resampled)),
             ignored=tuple(ignored),
-            reading="" if self.strict and self.by_name else self.sentence,
+            reading="" if self.strict and self.by_name else self.sentence + of_splines,
             guessed=self.guessed,
             notes=notes,
         )
@@ -666,6 +668,12 @@ def _complete(
     if known.all() or not known.any() or not known[-1]:
         return columns, {}
     first, count = int(np.argmin(known)), int((~known).sum())
+    if rows - count < FEWEST:
+        worst = max(columns, key=lambda name: int(np.isnan(columns[name]).sum()))
+        raise LogError(
+            f"of {rows} rows only {rows - count} have all values: column {worst!r} is empty in most. Log "
+            "all columns at the same times, or leave this one out"
+        )
     told = f"{count} of {len(known)} rows, row {first} the first: a value is missing there"
     return {name: values[known] for name, values in columns.items()}, {LEFT_OUT: told}
 

@@ -52,7 +52,7 @@ from deltac.trajectories.formats.words import (
     without,
     words_of,
 )
-from deltac.trajectories.motion import AGREES, Movement
+from deltac.trajectories.motion import AGREES, CLEARLY, LEAST, Movement, preferred
 from deltac.trajectories.trajectory import FloatArray
 
 _LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
@@ -150,8 +150,8 @@ class _Search:
     def misfit(self, t: FloatArray, columns: Mapping[str, str]) -> float | None:
         """How far coordinates do not move as their speeds say, as a share of how far they move.
 
-        `columns`: of the file by target. None where no coordinate with its speed is among them, or nothing
-        moves; infinite where a quaternion is none.
+        `columns`: of the file by target. A pair that contradicts counts alone. None where no coordinate with
+        its speed is among them, or nothing moves; infinite where a quaternion is none.
         """
         rows = slice(0, _LOOKED_AT)
         coordinates, speeds = list(self.names.coordinates), list(self.names.speeds)
@@ -178,8 +178,13 @@ class _Search:
                 return np.inf
             if w is not None:
                 movements.append(Movement.turning(t[rows], p, w, "body"))
-        sizes = np.array([movement.sizes() for movement in movements]).reshape(-1, 2).sum(axis=0)
-        return float(sizes[1] / sizes[0]) if sizes[0] > 0.0 else None
+        sizes = np.array([movement.sizes() for movement in movements]).reshape(-1, 2)
+        size, difference = sizes.sum(axis=0)
+        if not size > 0.0:
+            return None
+        telling = sizes[sizes[:, 0] > LEAST * size]
+        worst = float(np.max(telling[:, 1] / telling[:, 0], initial=0.0))
+        return float(difference / size) if worst < CLEARLY else max(worst, CLEARLY)
 
     def agrees(self, t: FloatArray, columns: Mapping[str, str]) -> bool:
         """Whether coordinates move as their speeds say."""
@@ -265,27 +270,41 @@ def _increases(values: FloatArray) -> bool:
     return bool(len(known) and np.all(np.diff(known) > 0.0))
 
 
-def _step(s: _Search) -> Iterator[Meaning]:
-    """A single number that is the time between rows, where no column is the time.
-
-    It is sure if the motion agrees; steps of physics may be so many times shorter as another number says.
-    """
-    steps = [] if "time" in s.found else _steps(s)
-    if not steps:
+def _clock(s: _Search) -> Iterator[Meaning]:
+    """The times by which coordinates move as their speeds say, whatever they are called; else a guess."""
+    if "time" in s.found:
         return
     columns = s.columns
-    rows = len(s.raw.columns[next(iter(columns.values()))]) if columns else 0
+    fitting = [
+        one for one, t in _clocks(s) if one.column not in columns.values() and s.agrees(t, columns)
+    ]
+    times = [s.raw.columns[one.column] for one in fitting if one.column]
+    apart = [np.ptp(t - times[0]) if len(t) == len(times[0]) else np.inf for t in times]
+    if fitting and (not fitting[0].column or max(apart) <= 1e-3 * np.ptp(times[0])):
+        yield fitting[0]
+        return
+    yield from (replace(one, basis="guess") for one in fitting)
+    yield from s.times
+    for word, step in _steps(s)[1::-1]:  # physics' own steps are the least likely
+        yield Meaning("time", "", f"rows are {step:g} s apart, by {word!r}", "guess", step)
+
+
+def _clocks(s: _Search) -> Iterator[tuple[Meaning, FloatArray]]:
+    """The times that rows may have: the known ones, else by single numbers, or columns that increase."""
+    if "time" in s.found:
+        yield s.found["time"], s.values(s.found["time"].column, "s")
+        return
+    lengths = [len(values) for values in s.raw.columns.values()]
+    rows = max(set(lengths), key=lengths.count, default=0)
+    steps = _steps(s)
     for word, step in steps:
-        if s.agrees(step * np.arange(float(rows)), columns):
-            yield _counted(word, step, len(steps) > 1)
-            return
-    word, step = steps[min(1, len(steps) - 1)]
-    yield Meaning("time", "", f"rows are {step:g} s apart, by {word!r}", "guess", step)
-
-
-def _counted(word: str, step: float, several: bool) -> Meaning:
-    why = f"rows are {step:g} s apart, by {word!r} and how the coordinates move"
-    return Meaning("time", "", why, "motion" if several else "declared", step)
+        why = f"rows are {step:g} s apart, by {word!r} and how the coordinates move"
+        basis: Basis = "motion" if len(steps) > 1 else "declared"
+        yield Meaning("time", "", why, basis, step), step * np.arange(float(rows))
+    why = "by it coordinates move as their speeds say"
+    for column in dict.fromkeys([*(one.column for one in s.times), *s.raw.columns]):
+        if _increases(s.raw.columns[column]):
+            yield Meaning("time", column, why, "motion"), s.values(column, "s")
 
 
 def _steps(s: _Search) -> list[tuple[str, float]]:
@@ -529,24 +548,21 @@ def _by_width(s: _Search) -> Iterator[Meaning]:
             if len(fitting) != 1:
                 continue
             ((array, columns),) = fitting
-            why, basis = f"in the model's order, by the width of {array!r}", "declared"
-            if (
-                targets is not widths[0]
-                and len(targets) > 1
-                and s.names.branches
-                and kind != "force"
-            ):
-                why, basis = (
-                    f"{why}; the model branches, and nothing says the joints' order",
-                    "open",
-                )
+            declared = dict(zip(targets, columns, strict=True))
+            rest = targets is not widths[0] and len(targets) > 1 and kind != "force"
+            why = f"in the model's order, by the width of {array!r}"
+            basis: Basis = "declared"
+            if rest and s.names.branches:
+                why += "; the model branches, and nothing says the joints' order"
+                basis = "open"
+            elif s.misfit(np.arange(float(len(s.raw.columns[columns[0]]))), declared) == np.inf:
+                why += "; but four of its columns are no unit quaternion"
+                basis = "open"
             elif s.floating and targets is widths[0] and key(array) not in _OF_MUJOCO:
-                why, basis = (
-                    f"{why}; the motion does not tell the floating body's convention",
-                    "guess",
-                )
-            for target, column in zip(targets, columns, strict=True):
-                yield Meaning(target, column, why, basis)  # type: ignore[arg-type]
+                why += "; the motion does not tell the floating body's convention"
+                basis = "guess"
+            for target, column in declared.items():
+                yield Meaning(target, column, why, basis)
             break
 
 
@@ -744,22 +760,6 @@ _SECONDS = (1.0, 1e-3, 1e-6, 1e-9)
 """Units that times without a unit may have, s."""
 
 
-def _clocks(s: _Search) -> Iterator[tuple[Meaning, FloatArray]]:
-    """The times that rows may have: the known ones, else by single numbers, or columns that increase."""
-    if "time" in s.found:
-        yield s.found["time"], s.values(s.found["time"].column, "s")
-        return
-    lengths = [len(values) for values in s.raw.columns.values()]
-    rows = max(set(lengths), key=lengths.count, default=0)
-    steps = _steps(s)
-    for word, step in steps:
-        yield _counted(word, step, len(steps) > 1), step * np.arange(float(rows))
-    why = "by it the floating body moves as its speeds say"
-    for column in dict.fromkeys([*(one.column for one in s.times), *s.raw.columns]):
-        if _increases(s.raw.columns[column]):
-            yield Meaning("time", column, why, "motion"), s.values(column, "s")
-
-
 def _of_floating(
     s: _Search, base: Floating, joint: str, alike: Sequence[Layout], t: FloatArray
 ) -> Iterator[Meaning]:
@@ -842,30 +842,32 @@ def _state_vectors(s: _Search) -> Iterator[Meaning]:
     """
     if any(target.startswith(("q.", "u.")) for target in s.found):
         return
-    time = s.found["time"].column if "time" in s.found else None
-    states = [state for name in s.arrays for state in _states(s, name, time)]
+    states = [state for name in s.arrays for state in _states(s, name)]
     agreeing = [one for one in states if one.miss is not None and one.miss < AGREES]
     still = [one for one in states if one.miss is None and one.usual and one.named]
     sure = [one for one in agreeing if one.named] or agreeing or (still if len(still) == 1 else [])
+    moving = [one for one in states if one.miss is not None]
+    if not sure and (best := preferred(moving, lambda one: one.miss or 0.0)) is not None:
+        sure = [best]
     for one in (sure or [one for one in states if one.usual and one.miss != np.inf])[:1]:
         # of two orders that fit, the first is usual; an array alone in its file is the table as well
         same = all(set(other.columns.values()) == set(one.columns.values()) for other in sure)
         basis: Basis = "declared" if one.named and one.usual else "motion"
-        basis = basis if sure and same else "guess"
+        if not (sure and same):
+            basis = "guess" if one.miss is None or sure else "open"
         for target, column in one.columns.items():
             yield Meaning(target, column, one.because, basis)
 
 
-def _states(s: _Search, name: str, time: str | None) -> Iterator[_State]:
+def _states(s: _Search, name: str) -> Iterator[_State]:
     """An array in each order that its width allows."""
     array = s.arrays[name]
-    every = [c for c, values in s.raw.columns.items() if _increases(values)]
     for order, targets in _orders(s):
         after = len(array) - len(targets)
-        if after not in (0, 1) or (after and array[0] not in every):
+        if after not in (0, 1) or (after and not _increases(s.raw.columns[array[0]])):
             continue
         columns = dict(zip(["time", *targets] if after else targets, array, strict=True))
-        clocks = [s.values(c, "s") for c in ([array[0]] if after else [time] if time else every)]
+        clocks = [s.values(array[0], "s")] if after else [t for _, t in _clocks(s)]
         rates = {
             n: columns[_next(n)] for n in columns if n[:2] in ("q.", "u.") and "udot" in targets[-1]
         }
@@ -887,28 +889,6 @@ def _next(target: str) -> str:
     """The column of the rate of a coordinate or a speed of its name."""
     kind, _, name = target.partition(".")
     return f"u.{name}" if kind == "q" else f"udot.{name}"
-
-
-def _moving_times(s: _Search) -> Iterator[Meaning]:
-    """The one increasing column by which the coordinates move as their speeds say, whatever its name."""
-    if "time" in s.found:
-        return
-    columns = s.columns
-    fitting = [
-        column
-        for column, values in s.raw.columns.items()
-        if column not in columns.values() and _increases(values)
-        if s.agrees(s.values(column, "s"), columns)
-    ]
-    if fitting:
-        first = s.raw.columns[fitting[0]]
-        shifts = [
-            np.ptp(s.raw.columns[c] - first) if len(s.raw.columns[c]) == len(first) else np.inf
-            for c in fitting
-        ]
-        same = bool(np.max(shifts) <= 1e-3 * np.ptp(first))
-        why = "by it coordinates move as their speeds say"
-        yield Meaning("time", fitting[0], why, "motion" if same else "guess")
 
 
 def _moving(s: _Search) -> Iterator[Meaning]:
@@ -963,9 +943,7 @@ _RULES: Sequence[Callable[[_Search], Iterator[Meaning]]] = (
     _alike,
     lambda s: _unique(s, _sole(s)),
     _state_vectors,
-    _moving_times,
-    lambda s: iter(s.times),
-    _step,
+    _clock,
     lambda s: _unique(s, _by_unit(s)),
     lambda s: _unique(s, _by_words(s.named, list(_aliases(s.names)), "guess")),
     _slips,

@@ -165,6 +165,8 @@ def column_unit(column: str, si: str | None = None) -> str | None:
         return match[1].strip() if is_known(match[1]) else None
     if si is None:
         return None
+    if si == "s" and (whole := _MEASURES.get(column.strip().lower())) and converts(whole, si):
+        return whole
     if (match := _AFTER.search(column)) and converts(match[1], si):
         return match[1]
     for _, written in _suffixes(column):

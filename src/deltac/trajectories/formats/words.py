@@ -56,7 +56,7 @@ PLACES = frozenset("position pos translation trans location origin xyz".split())
 
 TIMES = frozenset(
     "time t ts times tout datetime timestamp timestamps stamp sec secs seconds clock zeit tiempo "
-    "temps".split()
+    "temps ms millis us ns".split()
 )
 NO_TIMES = frozenset(
     "wall cpu solve compute real delta dt step d duration sampling scheduled plan".split()

@@ -20,8 +20,8 @@ from deltac.trajectories import Trajectory
 CASES: dict[str, tuple[str, dict[str, Any]]] = {name: (name, {}) for name in problems.names()} | {
     "triple-pendulum, fig. 4.3": ("triple-pendulum", {"rates": (10.0, 0.0, 0.0)}),
     "triple-pendulum, damped": ("triple-pendulum", {"damping": 1e-3}),
-    "ball-on-table, told as a body": ("ball-on-table", {"told": "body"}),
-    "ball-on-rising-table, told as a body": ("ball-on-rising-table", {"told": "body"}),
+    "ball-on-table, the table a body": ("ball-on-table", {"table": "body"}),
+    "ball-on-rising-table, the table a body": ("ball-on-rising-table", {"table": "body"}),
     "disc-on-moving-plane, upright": ("disc-on-moving-plane", {"lean": 0.0}),
     "bicycle, tipped over hard": ("bicycle", {"speed": 4.6, "nudge": 0.5}),
     "ball-on-compliant-floor, Hertz": ("ball-on-compliant-floor", {"exponent": 1.5}),
@@ -57,7 +57,7 @@ def case_of(case: str) -> Case:
 
 
 #: variants that test again what another case does, by other means
-SLOW = ("told as a body", "tipped over hard", "Hertz", "upright")
+SLOW = ("the table a body", "tipped over hard", "Hertz", "upright")
 
 
 LIKE_OTHERS = (

@@ -201,7 +201,7 @@ def test_a_foreign_parquet(tmp_path: Path) -> None:
         ("time,q.a,u.a,v.a\n0,1,2,3\n", "unknown column 'v.a'; did you mean"),
         ("time,q.a\n0,1\n", "no column 'u.<speed>'"),
         ("time,u.a\n0,1\n", "no column 'q.<coordinate>'"),
-        ("time;q.a;u.a\n0;1\n", "not separated by commas"),
+        ("time;q.a;u.a\n0;1\n", "line 2 has 2 fields, expected 3"),
         ("time,q.a,u.a\n0,1,2\n1,2,x1\n", "'u.a', row 1 (of 0 to 1), line 3: found 'x1'"),
         ("# hi\ntime,q.a,u.a\n0,1,2\n1,,3\n", "'q.a', row 1 (of 0 to 1), line 4: found nothing"),
         ("time,q.a,u.a\n0,1,2\n1,2\n", "'u.a', row 1 (of 0 to 1), line 3: found nothing"),

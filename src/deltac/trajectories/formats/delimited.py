@@ -217,7 +217,7 @@ def _foreign(data: bytes) -> _Table | None:
     while k >= 0 and len(headers) < _MOST_HEADERS:
         fields = split[k]
         if len(fields) != width:  # names may be separated otherwise than numbers
-            ways = (Dialect(other).fields(lines[k]) for other in SEPARATORS)
+            ways = (other.fields(lines[k]) for other in DIALECTS)
             fields = next((way for way in ways if len(way) == width), fields)
         if len(fields) == width + 1 and fields[-1] == "Comment":  # LabVIEW's, which rows leave out
             fields = fields[:-1]
@@ -227,10 +227,11 @@ def _foreign(data: bytes) -> _Table | None:
         headers.insert(0, fields + [""] * (width - len(fields)))
         k -= 1
     if not headers and first and lines[first - 1].strip() and not _comment(lines[first - 1]):
-        return None  # names of another number than the rows have fields
+        names = dialect.fields(lines[first - 1])  # of another number than the rows have fields
+        headers = [names if len(names) > 1 else _fields_of_any(lines[first - 1])]
     if not headers:
         headers = _in_comments(lines[:first], dialect, width)
-    names, units = _names_and_units(headers, width)
+    names, units = _names_and_units(headers, len(headers[0]) if headers else width)
     start = len("".join(lines[:first]).encode())
     rest = data.removeprefix(_BYTE_ORDER_MARK)[start:]
     if first and rest.find(head := lines[first - 1].strip().encode()) >= 0 and head:
@@ -264,6 +265,11 @@ def _shape(lines: Sequence[str]) -> tuple[Dialect, int] | None:
 
 _FORTRAN = re.compile(r"(\d\.\d*)[dD]([+-]\d)")
 """The exponent of a number in double precision, as Fortran writes it: 1.5D-03."""
+
+
+def _fields_of_any(line: str) -> list[str]:
+    """The fields of a line by the separator that makes most."""
+    return max((dialect.fields(line) for dialect in DIALECTS), key=len)
 
 
 def _is_number(text: str) -> bool:
@@ -446,11 +452,6 @@ def _column_names(line: bytes, exact: bool) -> list[str]:
     names = rows[0] if rows else []
     if not names:
         raise LogError("no column names; expected 'time,q.<coordinate>,…,u.<speed>,…'")
-    if len(names) == 1 and (";" in names[0] or "\t" in names[0]):
-        raise LogError(
-            f"the column names {shown(names[0])} are not separated by commas; write the log with "
-            "commas between columns and points in numbers"
-        )
     if not exact:
         names = [name.strip() for name in names]
     return distinct(names)
@@ -478,13 +479,14 @@ def _malformed(
     except UnicodeDecodeError as undecodable:
         line = lines + 1 + body.count(b"\n", 0, undecodable.start)
         return FileError(f"line {line} is not UTF-8 text; expected numbers")
+    hint = ". Write numbers with decimal points, not commas." if separator == "," else ""
     reader = csv.reader(io.StringIO(text), strict=True, delimiter=separator)
     try:
         for fields in reader:
             if len(fields) != width:
                 return LogError(
                     f"line {lines + reader.line_num} has {len(fields)} fields, expected {width}, "
-                    "one for each column name. Write numbers with decimal points, not commas."
+                    f"one for each column name{hint}"
                 )
     except csv.Error as stray:
         return LogError(f"line {lines + reader.line_num} cannot be taken apart: {stray}")

@@ -18,9 +18,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.trajectories.columns import ANGULAR, QUATERNION, Kinematics, MechanismNames, si_unit
+from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
 from deltac.trajectories.formats.floating import (
-    BASES,
     Floating,
     Layout,
     floating_base,
@@ -91,8 +90,8 @@ class _Search:
     @cached_property
     def named(self) -> Named:
         """The words of each column."""
-        common, parts = _common_path(list(self.raw.columns)), _components(self)
-        return {c: _readings(parts.get(c, c), common) for c in self.raw.columns}
+        common = _common_path(list(self.raw.columns))
+        return {c: _readings(c, common) for c in self.raw.columns}
 
     @cached_property
     def arrays(self) -> dict[str, list[str]]:
@@ -219,18 +218,6 @@ def _readings(column: str, common: str) -> tuple[tuple[str, ...], ...]:
     return tuple(dict.fromkeys((words_of(without_unit(column)), words_of(column))))
 
 
-def _components(s: _Search) -> dict[str, str]:
-    """Columns of arrays of three or four numbers, by the letters of their components."""
-    letters = {3: "xyz", 4: "wxyz"}
-    return {
-        column: f"{group}_{letter}"
-        for group, columns in s.arrays.items()
-        if len(columns) in letters
-        and (len(columns) == 3 or "quat" in group.lower() or "rot" in group.lower())
-        for column, letter in zip(columns, letters[len(columns)])
-    }
-
-
 def _common_path(columns: Sequence[str]) -> str:
     """What all names with a path have before them: the name of a variable, a topic, or a model."""
     paths = [column for column in columns if re.search(r"[^./][./]|: ", column)]
@@ -255,7 +242,9 @@ def _times(s: _Search) -> Iterator[Meaning]:
         same = all(np.array_equal(s.raw.columns[other], first) for other in several)
         for column in several[:1] if same or len(exact) == 1 else several:
             sure = same or len(exact) == 1
-            yield Meaning("time", column, "called a time", "declared" if sure else "guess")
+            yield Meaning(
+                "time", column, "its name is that of a time", "declared" if sure else "guess"
+            )
 
 
 def _last_part(column: str) -> tuple[str, ...]:
@@ -286,7 +275,7 @@ def _clock(s: _Search) -> Iterator[Meaning]:
     yield from (replace(one, basis="guess") for one in fitting)
     yield from s.times
     for word, step in _steps(s)[1::-1]:  # physics' own steps are the least likely
-        yield Meaning("time", "", f"rows are {step:g} s apart, by {word!r}", "guess", step)
+        yield Meaning("time", "", f"{word!r} says that rows are {step:g} s apart", "guess", step)
 
 
 def _clocks(s: _Search) -> Iterator[tuple[Meaning, FloatArray]]:
@@ -298,7 +287,7 @@ def _clocks(s: _Search) -> Iterator[tuple[Meaning, FloatArray]]:
     rows = max(set(lengths), key=lengths.count, default=0)
     steps = _steps(s)
     for word, step in steps:
-        why = f"rows are {step:g} s apart, by {word!r} and how the coordinates move"
+        why = f"{word!r} and the motion say that rows are {step:g} s apart"
         basis: Basis = "motion" if len(steps) > 1 else "declared"
         yield Meaning("time", "", why, basis, step), step * np.arange(float(rows))
     why = "by it coordinates move as their speeds say"
@@ -338,23 +327,11 @@ def _joints(names: MechanismNames) -> Iterator[_Joint]:
     coordinates, speeds = list(names.coordinates), list(names.speeds)
     speed_of = {coordinates[i]: speeds[j] for i, j in Kinematics.of(coordinates, speeds).rates}
     for name in coordinates:
-        targets = {"q": f"q.{name}"}
-        if name in speed_of:
-            targets |= _of_speed(speed_of[name], names)
-        yield _Joint(words_of(name), targets)
-        joint, _, part = name.rpartition(".")
-        if part in ("qw", "qx", "qy", "qz"):
-            for alias in ("quat", "quaternion", "orientation", "rotation", "q"):
-                yield _Joint((*words_of(joint), alias, part[1]), targets)
+        rates = _of_speed(speed_of[name], names) if name in speed_of else {}
+        yield _Joint(words_of(name), {"q": f"q.{name}", **rates})
     for name in speeds:
-        if name in names.coordinates:
-            continue
-        yield _Joint(words_of(name), {"q": f"u.{name}", **_of_speed(name, names)})  # its bare name
-        joint, _, part = name.rpartition(".")
-        if part in ANGULAR:
-            for alias in ("angular", "ang", "angvel", "gyro"):
-                turning = {"q": f"u.{name}", **_of_speed(name, names)}
-                yield _Joint((*words_of(joint), alias, part[1]), turning)
+        if name not in names.coordinates:
+            yield _Joint(words_of(name), {"q": f"u.{name}", **_of_speed(name, names)})
 
 
 def _of_speed(speed: str, names: MechanismNames) -> dict[str, str]:
@@ -370,17 +347,10 @@ def force_channel(speed: str, names: MechanismNames) -> str:
     return names.motors.get(speed, f"actuator {speed}")
 
 
-def _aliases(names: MechanismNames) -> Iterator[_Joint]:
-    """Other names of coordinates: of the one joint that floats; of the body that a joint carries."""
-    floating = [n.removesuffix(".qw") for n in names.coordinates if n.endswith(".qw")]
-    for joint in _joints(names):
-        first = words_of(floating[0]) if len(floating) == 1 else ()
-        if first and joint.words[: len(first)] == first:
-            for base in BASES:
-                yield _Joint((*words_of(base), *joint.words[len(first) :]), joint.targets)
-        body = names.bodies.get(joint.targets.get("q", "").removeprefix("q."))
-        if body:
-            yield _Joint(words_of(body), joint.targets)
+def _of_bodies(s: _Search) -> list[_Joint]:
+    """Coordinates by the names of the bodies that their joints carry."""
+    bodies = ((s.names.bodies.get(one.targets["q"][2:]), one.targets) for one in s.joints)
+    return [_Joint(words_of(body), targets) for body, targets in bodies if body]
 
 
 def _by_words(
@@ -399,7 +369,7 @@ def _by_words(
         targets = {target for count, target in found if count == most}
         if len(targets) == 1:
             declared = basis == "declared"
-            why = "by its name" if declared else "by another name of the joint or its body"
+            why = "their names say so" if declared else "the name is that of the joint's body"
             yield Meaning(targets.pop(), column, why, basis)
 
 
@@ -421,7 +391,7 @@ def _of_motors(s: _Search) -> Iterator[Meaning]:
                 acts = in_unit or set(words) & (_ACTUATION | WORDS["force"])
                 if left is not None and acts and set(left) <= known:
                     target = f"force.{channel}.{speed}"
-                    yield Meaning(target, column, "the motor's name")
+                    yield Meaning(target, column, "the name is that of the motor")
                     break
 
 
@@ -467,7 +437,7 @@ def _unique(s: _Search, candidates: Iterator[Meaning]) -> Iterator[Meaning]:
             yield first
         else:
             others = ", ".join(repr(one.column) for one in several[1:4])
-            yield Meaning(target, first.column, f"by its name; or {others}", "guess")
+            yield Meaning(target, first.column, f"its name says so; or {others}", "guess")
 
 
 def _sole(s: _Search) -> Iterator[Meaning]:
@@ -515,7 +485,7 @@ def _sole(s: _Search) -> Iterator[Meaning]:
             yield Meaning(
                 fitting[0].targets[kind],
                 column,
-                f"of {what}, by its name",
+                f"its name says so, of {what}",
                 "declared" if sure else "guess",
             )
 
@@ -550,7 +520,7 @@ def _by_width(s: _Search) -> Iterator[Meaning]:
             ((array, columns),) = fitting
             declared = dict(zip(targets, columns, strict=True))
             rest = targets is not widths[0] and len(targets) > 1 and kind != "force"
-            why = f"in the model's order, by the width of {array!r}"
+            why = f"{array!r} has the model's width, and is taken in its order"
             basis: Basis = "declared"
             if rest and s.names.branches:
                 why += "; the model branches, and nothing says the joints' order"
@@ -586,7 +556,9 @@ def _commands(s: _Search) -> Iterator[Meaning]:
         free = not s.taken & set(columns)
         if free and key(array) in _COMMANDS and len(columns) == len(s.names.motors):
             for (speed, channel), column in zip(s.names.motors.items(), columns):
-                why = "commands, as many as motors; forces if a command of 1 is 1 N·m or 1 N"
+                why = (
+                    "there are as many commands as motors; forces if a command of 1 is 1 N·m or 1 N"
+                )
                 yield Meaning(f"force.{channel}.{speed}", column, why, "guess")
 
 
@@ -611,35 +583,20 @@ def arrays_named(raw: RawLog, names: Sequence[str], width: int) -> list[FloatArr
 # --- guesses -------------------------------------------------------------------------------------
 
 
-def _by_name_and_unit(s: _Search, joints: Sequence[_Joint]) -> Iterator[Meaning]:
-    """Columns called as a joint, and nothing else, in a unit that says what of it: ``elbow_rad_s``."""
+def _by_unit(s: _Search, joints: Sequence[_Joint], basis: Basis = "declared") -> Iterator[Meaning]:
+    """Columns called as a joint in a unit that says what of it: ``elbow_rad_s``; guesses have other words."""
     units = {"rad": ("rad", "rad/s", "rad/s^2", "N*m"), "m": ("m", "m/s", "m/s^2", "N")}
     for joint in joints:
         si = units.get(si_unit(joint.targets["q"], s.names) or "", ("",) * 4)
         for column, readings in s.named.items():
             left = without(readings[0], joint.words)
-            if left is None or set(left) - NEUTRAL:
+            if left is None or (set(left) - NEUTRAL and basis == "declared"):
                 continue
             for kind, of_kind in zip(("q", "u", "udot", "force"), si):
-                if kind in joint.targets and (told := s.unit(column, of_kind)):
-                    why = f"by its name and its unit {told}"
-                    yield Meaning(joint.targets[kind], column, why)
-
-
-def _by_unit(s: _Search) -> Iterator[Meaning]:
-    """Columns that name a joint beside words nobody knows, but have the unit of its position or speed."""
-    for column, readings in s.named.items():
-        if column in s.taken:
-            continue
-        for joint in s.joints:
-            if without(readings[0], joint.words) is None:
-                continue
-            for kind in ("q", "u"):
-                target = joint.targets.get(kind, "")
-                si = si_unit(target, s.names) if target else None
-                if told := s.unit(column, si):
-                    why = f"names the joint, and is in {told}"
-                    yield Meaning(target, column, why, "guess")
+                if kind in joint.targets and (text := s.unit(column, of_kind)):
+                    yield Meaning(
+                        joint.targets[kind], column, f"its name and its unit {text} say so", basis
+                    )
 
 
 def _slips(s: _Search) -> Iterator[Meaning]:
@@ -710,8 +667,33 @@ def _floating(s: _Search) -> Iterator[Meaning]:
         if len(moving) == 1:
             parts = (*QUATERNION, *"xyz")
             for part, column in zip(parts, moving[0], strict=True):
-                yield Meaning(f"q.{joint}.{part}", column, "the one pose that moves", "motion")
+                yield Meaning(
+                    f"q.{joint}.{part}", column, "this is the one pose that moves", "motion"
+                )
             return
+
+
+def _floating_by_names(s: _Search) -> Iterator[Meaning]:
+    """The one vector of each kind that names the floating body, whose conventions nothing tells."""
+    for joint in s.floating if len(s.floating) == 1 else ():
+        free = [column for column in s.raw.columns if column not in s.taken]
+        arrays = {n: c for n, c in s.arrays.items() if set(c) <= set(free)}
+        vectors = vectors_of(arrays, free, [joint, s.names.bodies.get(joint, joint)])
+        for kind, parts in _PARTS.items():
+            own = [one for one in vectors if one.kind == kind and one.own]
+            for target, column in zip(parts, own[0].columns if len(own) == 1 else ()):
+                why = "its name says so; the motion does not tell the floating body's convention"
+                kind_of_target, part = target.split(".")
+                yield Meaning(f"{kind_of_target}.{joint}.{part}", column, why, "guess")
+
+
+_PARTS = {
+    "position": ("q.x", "q.y", "q.z"),
+    "quaternion": ("q.qw", "q.qx", "q.qy", "q.qz"),
+    "linear": ("u.vx", "u.vy", "u.vz"),
+    "angular": ("u.wx", "u.wy", "u.wz"),
+}
+"""The columns of a floating body by the kind of their vector."""
 
 
 def _packed(s: _Search, clock: str) -> Iterator[Layout]:
@@ -735,17 +717,11 @@ def _packed(s: _Search, clock: str) -> Iterator[Layout]:
                 yield from packed(columns[nu:], columns[:nu], i, j)
             root, rest = columns[:13], columns[13:]
             joints = s.targets["q"][7:], s.targets["u"][6:]
-            for order in _joint_orders(*joints) if i == j == 0 else [[]]:
+            for _, order in _orders(*joints) if i == j == 0 else [("", [])]:
                 place = dict(zip(order, rest))
                 of_q, of_u = (tuple(place[n] for n in of if n in place) for of in joints)
                 for pose, twist in ((root[:7], root[7:]), (root[6:], root[:6])):
                     yield from packed([*pose, *of_q], [*twist, *of_u])
-
-
-def _joint_orders(q: Sequence[str], u: Sequence[str]) -> Iterator[list[str]]:
-    yield [*q, *u]
-    yield [x for pair in zip(q, u) for x in pair]
-    yield [*u, *q]
 
 
 def _arrays_of(arrays: Mapping[str, Sequence[str]], kind: str, width: int) -> list[Sequence[str]]:
@@ -778,7 +754,8 @@ def _of_floating(
     states = of_q == of_u and key(of_q) not in _STATES and len(s.arrays[of_q]) > 13
     declared = base.usual and (named or (bool(joints) and not states))
     basis: Basis = "declared" if declared else "motion"
-    why = f"{'by names and widths, confirmed by' if declared else 'by'} how the body moves: {base}"
+    said = "names and widths say so, and" if declared else "only so"
+    why = f"{said} the body moves as its speeds say: {base}"
     frames = {
         "v": "body" if base.linear_frame == "body" else "",
         "w": "world" if base.angular_frame == "world" else "",
@@ -803,7 +780,7 @@ def _of_floating(
         for column, target in zip(s.arrays[same[0]] if len(same) == 1 else (), speeds):
             speed = target.removeprefix("u.")
             of = _of_speed(speed, s.names)[kind]
-            because = f"in the order of the speeds; {why}"
+            because = f"they are as many as the speeds, and {why}"
             yield Meaning(of, column, because, basis, frame=of_speed.get(speed, ""))
 
 
@@ -813,13 +790,15 @@ _MOST_PAIRED = 60
 """Columns among which rates are searched for."""
 
 
-def _orders(s: _Search) -> Iterator[tuple[str, list[str]]]:
+def _orders(
+    q: Sequence[str], u: Sequence[str], udot: Sequence[str] = ()
+) -> Iterator[tuple[str, list[str]]]:
     """The usual orders of a state vector."""
-    q, u = s.targets["q"], s.targets["u"]
     yield "coordinates and speeds", [*q, *u]
     if len(q) == len(u):
-        yield "coordinates, speeds and accelerations", [*q, *u, *s.targets["udot"]]
-        yield "each coordinate with its speed", [t for pair in zip(q, u) for t in pair]
+        if udot:
+            yield "coordinates, speeds and accelerations", [*q, *u, *udot]
+        yield "each coordinate with its speed", [x for pair in zip(q, u) for x in pair]
         yield "speeds and coordinates", [*u, *q]
 
 
@@ -862,7 +841,7 @@ def _state_vectors(s: _Search) -> Iterator[Meaning]:
 def _states(s: _Search, name: str) -> Iterator[_State]:
     """An array in each order that its width allows."""
     array = s.arrays[name]
-    for order, targets in _orders(s):
+    for order, targets in _orders(*(s.targets[kind] for kind in ("q", "u", "udot"))):
         after = len(array) - len(targets)
         if after not in (0, 1) or (after and not _increases(s.raw.columns[array[0]])):
             continue
@@ -877,10 +856,10 @@ def _states(s: _Search, name: str) -> Iterator[_State]:
             if (miss := s.misfit(t, columns)) is not None
         ]
         what = "the table" if name == TABLE else repr(name)
-        why = f"in the model's order, {order}, by the width of {what}"
+        why = f"{what} has the width of {order} in the model's order"
         miss = min(misses, default=None)
         if miss is not None and miss < AGREES:
-            why += " and how they move"
+            why += ", and they move so"
         usual = order == "coordinates and speeds"
         yield _State(columns, why, miss, key(name) in _STATES and not after, usual)
 
@@ -920,7 +899,7 @@ def _moving(s: _Search) -> Iterator[Meaning]:
     single = [(a, b) for a, b in single if a not in seconds]
     if len(single) == len(missing):
         for (q, u), (a, b) in zip(missing, single):
-            why = f"in the order of the file; {b!r} is the rate of {a!r}"
+            why = f"{b!r} is the rate of {a!r}, and this their order in the file"
             yield Meaning(q, a, why, "guess")
             yield Meaning(u, b, why, "guess")
 
@@ -933,10 +912,10 @@ def _of_joints(s: _Search) -> list[_Joint]:
 
 _RULES: Sequence[Callable[[_Search], Iterator[Meaning]]] = (
     lambda s: iter(s.times if len(s.times) == 1 else ()),
-    lambda s: _unique(s, _by_name_and_unit(s, _of_joints(s))),
+    lambda s: _unique(s, _by_unit(s, _of_joints(s))),
     lambda s: _unique(s, _by_words(s.named, _of_joints(s))),
     _floating,
-    lambda s: _unique(s, _by_name_and_unit(s, s.joints)),
+    lambda s: _unique(s, _by_unit(s, s.joints)),
     lambda s: _unique(s, _by_words(s.named, s.joints)),
     lambda s: _unique(s, _of_motors(s)),
     _by_width,
@@ -944,8 +923,9 @@ _RULES: Sequence[Callable[[_Search], Iterator[Meaning]]] = (
     lambda s: _unique(s, _sole(s)),
     _state_vectors,
     _clock,
-    lambda s: _unique(s, _by_unit(s)),
-    lambda s: _unique(s, _by_words(s.named, list(_aliases(s.names)), "guess")),
+    lambda s: _unique(s, _by_unit(s, s.joints, "guess")),
+    _floating_by_names,
+    lambda s: _unique(s, _by_words(s.named, _of_bodies(s), "guess")),
     _slips,
     _moving,
     _commands,

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.analysis.model import instants
 from deltac.arrays import Array
@@ -109,10 +110,10 @@ def inverse_dynamics(
         forces[name][:, place] = pushed[:, place]
     multipliers = solved[:, len(driven) :]
     constraints = {}
-    for name in dict.fromkeys(motion.rows.names):
-        rows = motion.rows.places(name)
+    for row in dict.fromkeys(motion.rows.names):
+        rows = motion.rows.places(row)
         pull = np.einsum("tcj,tc->tj", terms.G[:, rows], multipliers[:, rows])
-        constraints[ChannelName("constraint", name)] = pull
+        constraints[ChannelName("constraint", row)] = pull
     explained = pushed + sum(constraints.values(), start=np.zeros_like(needed))
     return InverseDynamics(
         speeds=mechanism.speeds.names,
@@ -147,7 +148,7 @@ def _channels(mechanism: Mechanism, drives: Sequence[str] | None) -> dict[Channe
     return named
 
 
-def _solved(columns: Array, needed: Array, drives: int) -> tuple[Array, Array]:
+def _solved(columns: Array, needed: Array, drives: int) -> tuple[Array, NDArray[np.intp]]:
     """Least solutions x (T, n) of A x = b, and samples at which the first entries are not determined."""
     left, values, right = np.linalg.svd(columns, full_matrices=False)
     largest = values.max(axis=1, initial=1e-300)[:, None]

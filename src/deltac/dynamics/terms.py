@@ -112,7 +112,7 @@ class Constrained:
     @property
     def determined(self) -> bool:
         """Whether the constraints leave no freedom: all speeds follow from what is prescribed."""
-        return len(self.rows) == self.rows.G.shape[1]
+        return bool(len(self.rows) == self.rows.G.shape[1])
 
     def multipliers_from(self, force: SX) -> SX:
         """λ whose Gᵀλ is nearest to a generalized force of the free speeds, in the metric M⁻¹."""

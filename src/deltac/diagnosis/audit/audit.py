@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -19,6 +20,15 @@ from deltac.diagnosis.audit.measures import measures_of, stored_energy
 from deltac.diagnosis.audit.reading import Known, Reference, read
 from deltac.diagnosis.audit.rules import judge
 from deltac.diagnosis.audit.steps import first_tests
+from deltac.diagnosis.inference.integrators import IntegratorEstimate
+from deltac.diagnosis.inference.posterior import (
+    Attribution,
+    CauseEstimate,
+    Inference,
+    Share,
+    causes_of,
+    infer,
+)
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.diagnosis.verdict import Finding, Judged, Verdict
@@ -99,6 +109,41 @@ class Audit(
     tolerance: float
     step: OneStep | None = None
     strict: bool = False
+
+    @cached_property
+    def inference(self) -> Inference | None:
+        """What the prediction errors of the rows say, inferred when it is first asked for."""
+        return infer(self.mechanism, self.run, self.ledger.energy_exchanged)
+
+    @property
+    def attribution(self) -> Attribution | None:
+        """ΔC in joules of `integrator`, `equations` and `log`.
+
+        Each has its `energy` with a standard `error` at the end, `curve` and `curve_error` along `t`, J.
+
+        None where rows are too few, nothing is free to move, or not all rows of the log were looked at.
+        """
+        own = self.inference
+        if own is None or own.whole > WHOLE:
+            return None
+        parts, t = own.attribution, self.ledger.t
+        if self.method != "in-loop" or len(t) != len(parts.t) + 1:
+            return parts
+        # ΔC in the loop has no error of sampling: what mistakes did not do of it is the integrator's.
+        bar = self.ledger.error_bar[self.function][1:]
+        curve = self.energy_error[1:] - parts.equations.curve
+        integrator = Share(curve, np.hypot(bar, parts.equations.curve_error))
+        return replace(parts, integrator=integrator, log=Share(np.zeros_like(bar), bar))
+
+    @property
+    def integrator(self) -> IntegratorEstimate | None:
+        """The integrator as its error tells it: `names`, `coefficients` and their `errors`."""
+        return None if self.inference is None else IntegratorEstimate.of(self.inference)
+
+    @property
+    def causes(self) -> tuple[CauseEstimate, ...]:
+        """Causes by the odds of the prediction errors, each with its size and joules."""
+        return () if self.inference is None else causes_of(self.mechanism, self.inference)
 
     @property
     def one_step(self) -> dict[str, Any] | None:
@@ -220,6 +265,9 @@ class Audit(
         if self.import_report is not None:
             yield from self.import_report.sections()
 
+
+WHOLE = 1.02
+"""Time of a log over that of the rows that were looked at, up to which these are the whole log."""
 
 _BEYOND_TOLERANCE = (
     "channel-differs",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from deltac.diagnosis.inputs.logs import Log, balanced
 from deltac.diagnosis.measurements.kinematics import unsteadiness
 from deltac.diagnosis.residuals.one_step import LEAST, OneStep, one_step
 from deltac.diagnosis.verdict import Finding
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -146,18 +148,34 @@ def _held(reference: Reference, log: Log, step: OneStep) -> Log:
         return log
     order = 2
     if step.closes and scheme is not None:
-        order = scheme.order
+        order = scheme.order if scheme.name else 2
         if scheme.forces == "smooth" or not scheme.explicit:
             return log
     elif not _resting_until_told(step) and not (step.steps is not None and step.steps.held):
         return log
     width = float(np.median(np.diff(run.t)))
     held = tuple(n for n in run.forces if n.kind not in ("prescribed", "constraint"))
-    told = replace(run.provenance, step=width, held=held)
-    way = "discrete" if order < 2 else "samples"
-    return balanced(
-        reference.mechanism, replace(run, provenance=told), way, log.findings, log.comparisons
-    )
+    provenance = replace(run.provenance, step=width, held=held)
+    acting = replace(run, provenance=provenance)
+    if order < 2:
+        return balanced(reference.mechanism, acting, "discrete", log.findings, log.comparisons)
+    acting = replace(acting, works=held_works(run, held))
+    return balanced(reference.mechanism, acting, None, log.findings, log.comparisons)
+
+
+def held_works(run: Trajectory, held: Sequence[ChannelName]) -> dict[ChannelName, Array]:
+    """The work (T,) of forces held from each row to the next, J: F Δq, without an error of quadrature.
+
+    Of forces on speeds that are rates of coordinates; of others by the trapezoid of the speeds.
+    """
+    h = np.diff(run.t)[:, None]
+    moved = 0.5 * h * (run.u[1:] + run.u[:-1])
+    for i, j in Kinematics.of(run.coordinates, run.speeds).rates:
+        moved[:, j] = np.diff(run.q[:, i])
+    return {
+        name: np.concatenate([[0.0], np.cumsum(np.sum(run.forces[name][:-1] * moved, axis=1))])
+        for name in held
+    }
 
 
 def _resting_until_told(step: OneStep) -> bool:

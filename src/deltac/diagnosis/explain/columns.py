@@ -77,6 +77,11 @@ class ColumnKernels:
     def _function(self) -> ca.Function:
         return ca.Function("columns", list(self.inputs), [ca.densify(self.expression)])
 
+    @property
+    def cost(self) -> int:
+        """Instructions of all columns at one sample."""
+        return int(self._function.n_instructions())
+
     def __call__(self, *samples: Array) -> Array:
         """F_r + F*_r and the columns (T, n, 1 + P)."""
         (values,) = at_rows(self._function, samples)

@@ -95,9 +95,7 @@ class Model:
         names = Kinematics.of(run.coordinates, run.speeds)
         free_q = {int(k): i for i, k in enumerate(free.q)}
         free_u = {int(k): i for i, k in enumerate(free.u)}
-        self._rates = [
-            (free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u
-        ]
+        self.rates = [(free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u]
         self.quaternions = [
             (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
         ]
@@ -165,7 +163,7 @@ class Model:
     def moved(self, q: Array, u: Array, h: Array) -> Array:
         """Coordinates moved along constant speeds for a time h (T, 1), on the group of rotations."""
         made = np.array(q)
-        for i, j in self._rates:
+        for i, j in self.rates:
             made[:, i] += h[:, 0] * u[:, j]
         for i, j in self.quaternions:
             turn = h * u[:, j : j + 3]

@@ -87,7 +87,8 @@ class Scheme:
     @property
     def explicit(self) -> bool:
         """Whether the force of a row moves the state from there on."""
-        return bool(self.name) and METHODS[self.name].explicit
+        names = (self.name,) if self.name else self.among
+        return bool(names) and all(METHODS[name].explicit for name in names)
 
     @property
     def late_forces(self) -> bool:

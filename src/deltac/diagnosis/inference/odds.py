@@ -1,0 +1,337 @@
+"""Hypotheses as factorisations of one Gram matrix, and their odds.
+
+[r D]ᵀ[r D] is formed once; every hypothesis, nuisance columns with any set of causes, is a small
+least-squares
+problem in its entries. What no column models is correlated from row to row, so that N numbers count as
+N/τ, with
+τ = 1 + 2Σρ the integrated autocorrelation time of what is left (Sokal 1997):
+
+    log odds = ½ (N/τ) ln(RSS_without/RSS_with) − ½ d ln(N/τ) − ln(number of alternatives)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.explain.causes import Candidate
+
+SINGULAR = 1e-9
+"""Share of a column that others must leave of it for it to be told from them."""
+
+CANCELLED = 1e-13
+"""Share of a sum of squares below which differences of Gram matrices have no digits: fits to that are
+equal."""
+
+LAGS = 200
+"""Rows over which correlations are summed at most; to where they fall below `QUIET`."""
+
+QUIET = 0.05
+
+ITERATIONS = 6
+"""Gauss–Newton steps of causes with squares of their numbers, and of the noise of several blocks."""
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Whitened equations of one kind: r (K, d) = D (K, d, p) x + noise of an unknown size of its own.
+
+    nuisance  places of columns that every hypothesis has
+    prior     standard deviation of their coefficients
+    causes    places of the columns of causes, the same causes in all blocks
+    """
+
+    r: Array
+    D: Array
+    nuisance: NDArray[np.intp]
+    prior: Array
+    causes: NDArray[np.intp]
+
+    @cached_property
+    def gram(self) -> tuple[Array, Array, float]:
+        """DᵀD, Dᵀr, rᵀr."""
+        D = self.D.reshape(-1, self.D.shape[-1])
+        r = self.r.ravel()
+        return D.T @ D, D.T @ r, float(r @ r)
+
+    @cached_property
+    def count(self) -> int:
+        """How many numbers tell of the noise."""
+        return max(self.r.size - len(self.nuisance), 1)
+
+    @cached_property
+    def floor(self) -> float:
+        """Variance of the noise: what all columns together leave."""
+        A, b, rr = self.gram
+        some = np.concatenate([self.nuisance, self.causes])
+        d = _inverse_sizes(np.diag(A)[some])
+        scaled = d[:, None] * A[np.ix_(some, some)] * d
+        scaled[np.diag_indices(len(some))] += 1e-10
+        x = d * np.linalg.solve(scaled, d * b[some])
+        rss = rr - 2.0 * float(b[some] @ x) + float(x @ A[np.ix_(some, some)] @ x)
+        return max(rss, CANCELLED * rr, 1e-300) / max(self.r.size - len(some), 1)
+
+    @cached_property
+    def projected(self) -> Projected:
+        """What the nuisance columns leave of the causes' Gram matrix, with their prior."""
+        A, b, rr = self.gram
+        n, c = self.nuisance, self.causes
+        s = _inverse_sizes(np.diag(A)[n])
+        N = A[np.ix_(n, n)] + np.diag(self.floor / self.prior**2)
+        inverse = s[:, None] * np.linalg.pinv(s[:, None] * N * s, rcond=1e-14, hermitian=True) * s
+        x = inverse @ b[n]
+        rss = max(rr - float(b[n] @ x), CANCELLED * rr, 1e-300)
+        to = inverse @ A[np.ix_(n, c)]
+        left = A[np.ix_(c, c)] - A[np.ix_(c, n)] @ to
+        return Projected(left, b[c] - A[np.ix_(c, n)] @ x, rss, np.diag(A)[c], x, inverse, to, rr)
+
+    def residual(self, coefficients: Array) -> Array:
+        """What is left of r (K, d) with coefficients of the causes' columns, nuisance fitted beside."""
+        p = self.projected
+        x = p.nuisance - p.to @ coefficients
+        acting = np.flatnonzero(coefficients)
+        columns = np.concatenate([self.nuisance, self.causes[acting]])
+        return np.asarray(
+            self.r - self.D[:, :, columns] @ np.concatenate([x, coefficients[acting]])
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Projected:
+    """The Gram matrix of the causes' columns after the nuisance columns, with Dᵀr and RSS of these alone."""
+
+    A: Array
+    b: Array
+    rss: float
+    raw: Array
+    nuisance: Array
+    inverse: Array
+    to: Array
+    total: float
+
+    def left(self, coefficients: Array) -> float:
+        """RSS with coefficients of causes."""
+        gain = 2.0 * float(self.b @ coefficients) - float(coefficients @ self.A @ coefficients)
+        return max(self.rss - gain, CANCELLED * self.total)
+
+
+def _inverse_sizes(squares: Array) -> Array:
+    """1/√ of sums of squares; 0 for columns in which nothing is."""
+    return np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=squares > 0.0)
+
+
+def autocorrelation_time(r: Array) -> float:
+    """τ = 1 + 2Σρ of residuals (K, d), K in the order of time; at least 1."""
+    power = float((r * r).sum())
+    if not power > 0.0:
+        return 1.0
+    total = 0.0
+    for lag in range(1, min(LAGS, len(r) // 4)):
+        rho = float((r[lag:] * r[:-lag]).sum()) / power
+        if rho < QUIET:
+            break
+        total += rho
+    return 1.0 + 2.0 * total
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A set of causes with their numbers.
+
+    chosen        the causes
+    theta         their numbers, one array a cause
+    coefficients  of all causes' columns (P,)
+    log_odds      against the hypothesis without the last of them
+    covariance    of all numbers
+    """
+
+    chosen: tuple[Candidate, ...]
+    theta: tuple[Array, ...]
+    coefficients: Array
+    log_odds: float
+    covariance: Array
+    tangent: Array = field(repr=False)
+    each: tuple[float, ...] = ()
+
+    def deviation(self, place: int) -> Array:
+        """Standard errors of the numbers of a cause."""
+        start = sum(c.size for c in self.chosen[:place])
+        some = slice(start, start + self.chosen[place].size)
+        return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance)[some], 0.0)))
+
+
+def nothing(columns: int) -> Fit:
+    """No cause."""
+    return Fit((), (), np.zeros(columns), 0.0, np.zeros((0, 0)), np.zeros((columns, 0)))
+
+
+def fitted(
+    blocks: Sequence[Block], chosen: Sequence[Candidate], start: Sequence[Array] = ()
+) -> Fit | None:
+    """The numbers of causes together by maximum likelihood; None where they are not told apart."""
+    P = len(blocks[0].causes)
+    sizes = [c.size for c in chosen]
+    theta = [np.array(x) for x in start] + [np.zeros(c.size) for c in chosen[len(start) :]]
+    variance = [b.projected.rss / b.count for b in blocks]
+
+    def coefficients(theta: Sequence[Array]) -> Array:
+        made = np.zeros(P)
+        for c, x in zip(chosen, theta):
+            np.add.at(made, list(c.columns), c.coefficients(x))
+        return made
+
+    def normal() -> tuple[Array, Array, Array]:
+        """Tangent, normal matrix and right side at the numbers as they are."""
+        T = np.zeros((P, sum(sizes)))
+        at = 0
+        for c, x in zip(chosen, theta):
+            T[list(c.columns), at : at + c.size] += c.tangent(x)
+            at += c.size
+        acting = np.flatnonzero(T.any(axis=1))
+        few, now = T[acting], coefficients(theta)
+        X, y = np.zeros((at, at)), np.zeros(at)
+        for b, s in zip(blocks, variance):
+            p = b.projected
+            X += few.T @ p.A[np.ix_(acting, acting)] @ few / s
+            y += few.T @ (p.b - p.A @ now)[acting] / s
+        return T, X, y
+
+    def inverted(T: Array, X: Array) -> Array | None:
+        acting = np.flatnonzero(T.any(axis=1))
+        raw = np.zeros(len(X))
+        for b, s in zip(blocks, variance):
+            c = b.causes[acting]
+            raw += np.einsum("ij,ik,kj->j", T[acting], b.gram[0][np.ix_(c, c)], T[acting]) / s
+        if not np.all(raw > 0.0):
+            return None
+        d = _inverse_sizes(raw)
+        values, vectors = np.linalg.eigh(d[:, None] * X * d)
+        if not values[0] >= SINGULAR:
+            return None
+        return np.asarray(d[:, None] * ((vectors / values) @ vectors.T) * d)
+
+    curved = len(blocks) > 1 or any(c.quadratic is not None for c in chosen)
+    for _ in range(ITERATIONS if curved else 1):
+        T, X, y = normal()
+        inverse = inverted(T, X)
+        if inverse is None:
+            return None
+        step, at = inverse @ y, 0
+        for k, c in enumerate(chosen):
+            theta[k] = theta[k] + step[at : at + c.size]
+            at += c.size
+        made = coefficients(theta)
+        variance = [b.projected.left(made) / b.count for b in blocks]
+    T, X, _ = normal()
+    inverse = inverted(T, X)
+    if inverse is None:
+        return None
+    return Fit(tuple(chosen), tuple(theta), coefficients(theta), 0.0, inverse, T)
+
+
+def evidence(
+    blocks: Sequence[Block], without: Fit, fit: Fit, alternatives: int, exact: bool
+) -> float:
+    """Log odds of a fit against one with fewer causes; τ of what it leaves where `exact`, else 1."""
+    numbers = sum(c.size for c in fit.chosen) - sum(c.size for c in without.chosen)
+    total, independent = 0.0, 0.0
+    for b in blocks:
+        tau = autocorrelation_time(b.residual(fit.coefficients)) if exact else 1.0
+        rows = b.count / tau
+        before, after = b.projected.left(without.coefficients), b.projected.left(fit.coefficients)
+        total += 0.5 * rows * float(np.log(before / after))
+        independent += rows
+    return (
+        total
+        - 0.5 * numbers * float(np.log(max(independent, 2.0)))
+        - float(np.log(max(alternatives, 1)))
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What the log says of the causes.
+
+    best          the set of causes that is preferred; none where no cause has odds
+    alternatives  sets with another last cause, within odds of 100 : 1
+    scores        log odds of single causes, the best first, with the joules that they exchange
+    """
+
+    best: Fit
+    alternatives: tuple[Fit, ...]
+    scores: tuple[tuple[float, Candidate, float], ...]
+
+
+CERTAIN = float(np.log(99.0))
+"""Log odds from which on a cause is told."""
+
+EQUAL = float(np.log(100.0))
+"""Log odds within which causes are not told apart."""
+
+SHORTLIST = 12
+"""Causes of which the correlation of what they leave is looked at."""
+
+TOGETHER = 3
+"""Maximum number of simultaneous causes."""
+
+
+BESIDE = 0.02
+"""Joules that a further cause must exchange as a share of the largest: what a cause is off a straight line by
+its own size looks like a small one of another kind."""
+
+
+def search(
+    blocks: Sequence[Block],
+    candidates: Sequence[Candidate],
+    exchanged: Callable[[Fit], Array],
+    least: float,
+) -> Posterior:
+    """The causes with the best odds, one after the other, each beside all before.
+
+    `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told.
+    """
+    best = nothing(len(blocks[0].causes))
+    alternatives: tuple[Fit, ...] = ()
+    scores: list[tuple[float, Candidate, float]] = []
+    for _ in range(TOGETHER):
+        fits: list[tuple[float, Fit]] = []
+        for c in candidates:
+            if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):
+                continue
+            fit = fitted(blocks, (*best.chosen, c), best.theta)
+            if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
+                continue
+            joules = exchanged(fit)
+            if joules.min() < max(least, BESIDE * joules.max()):
+                continue
+            fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
+        fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))
+        exact = [
+            (evidence(blocks, best, fit, len(candidates), True), fit) for _, fit in fits[:SHORTLIST]
+        ]
+        if not exact:
+            break
+        top = fits[0][0]
+        near = [(e, f) for (rough, _), (e, f) in zip(fits, exact) if rough >= top - EQUAL]
+        if not scores:
+            scores = [(e, f.chosen[-1], float(exchanged(f)[0])) for e, f in exact]
+        odds, fit = min(near, key=lambda item: item[1].chosen[-1].rank(item[1].theta[-1]))
+        odds = max(e for e, _ in near)
+        if odds < CERTAIN:
+            break
+        best = Fit(
+            fit.chosen,
+            fit.theta,
+            fit.coefficients,
+            odds,
+            fit.covariance,
+            fit.tangent,
+            (*best.each, odds),
+        )
+        alternatives = tuple(f for e, f in near if f is not fit)
+    return Posterior(best, alternatives, tuple(scores))

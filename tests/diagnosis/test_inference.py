@@ -1,0 +1,288 @@
+"""The inference from prediction errors: each part against another route, the whole against reruns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import deltac as dc
+from deltac.arrays import Array
+from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
+from deltac.diagnosis.inference.flow import Intervals, LoggedForce, difference, predicted
+from deltac.diagnosis.inference.innovations import innovations
+from deltac.diagnosis.inference.posterior import infer
+from deltac.diagnosis.residuals.rows import Model, Rows
+
+G, L1, L2 = 9.81, 0.6, 0.4
+VALUES = {"m1": 1.0, "m2": 0.7, "c1": 0.02, "c2": 0.01, "g": G}
+
+MECHANISM = dc.Mechanism(
+    [dc.point_mass("a", 1.0), dc.point_mass("b", 0.7)],
+    [
+        dc.revolute("j1", "ground", "a", child_position=(0, L1, 0), damping=0.02),
+        dc.revolute("j2", "a", "b", child_position=(0, L2, 0), damping=0.01),
+    ],
+    gravity=(0, -G, 0),
+)
+
+
+def accelerations(x: Array, p: dict[str, float]) -> Array:
+    """Of absolute angles (a, b) and their rates, from the textbook."""
+    a, b, w, v = x
+    m1, m2, c1, c2, g = (p[n] for n in VALUES)
+    s, c = np.sin(a - b), np.cos(a - b)
+    M = np.array([[(m1 + m2) * L1**2, m2 * L1 * L2 * c], [m2 * L1 * L2 * c, m2 * L2**2]])
+    f = [
+        -m2 * L1 * L2 * s * v * v - (m1 + m2) * g * L1 * np.sin(a) - c1 * w + c2 * (v - w),
+        m2 * L1 * L2 * s * w * w - m2 * g * L2 * np.sin(b) - c2 * (v - w),
+    ]
+    return np.linalg.solve(M, np.array(f))
+
+
+def explicit_euler(x: Array, h: float, p: dict[str, float]) -> Array:
+    return x + h * np.r_[x[2:], accelerations(x, p)]
+
+
+def semi_implicit_euler(x: Array, h: float, p: dict[str, float]) -> Array:
+    u = x[2:] + h * accelerations(x, p)
+    return np.r_[x[:2] + h * u, u]
+
+
+def rk4(x: Array, h: float, p: dict[str, float]) -> Array:
+    def rate(x: Array) -> Array:
+        return np.r_[x[2:], accelerations(x, p)]
+
+    k1 = rate(x)
+    k2 = rate(x + h / 2 * k1)
+    k3 = rate(x + h / 2 * k2)
+    return x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3))
+
+
+Step = Callable[[Array, float, dict[str, float]], Array]
+
+
+def log(
+    step: Step, h: float, noise: float = 0.0, duration: float = 4.0, **wrong: float
+) -> dc.Trajectory:
+    rows = [np.array([1.2, 0.8, 0.0, 1.0])]
+    for _ in range(round(duration / h)):
+        rows.append(step(rows[-1], h, VALUES | wrong))
+    y = np.array(rows)
+    y = y + noise * y.std(axis=0) * np.random.default_rng(0).standard_normal(y.shape)
+    return dc.Trajectory(
+        t=np.arange(len(y)) * h,
+        q=np.c_[y[:, 0], y[:, 1] - y[:, 0]],
+        u=np.c_[y[:, 2], y[:, 3] - y[:, 2]],
+        coordinates=("j1", "j2"),
+        speeds=("j1", "j2"),
+        provenance=dc.Provenance(simulator="hand", step=h),
+    )
+
+
+def rows_of(run: dc.Trajectory, some: slice) -> Rows:
+    nothing = np.zeros((len(run.t[some]), 0))
+    return Rows(run.t[some], run.q[some], run.u[some], nothing)
+
+
+def test_the_flow_is_that_of_an_adaptive_solver() -> None:
+    run = log(semi_implicit_euler, 5e-3, duration=0.5)
+    model = Model(MECHANISM, run)
+    intervals = Intervals(rows_of(run, slice(0, -1)), rows_of(run, slice(1, None)))
+    none = np.zeros((len(intervals), 4))
+    flow = predicted(model, intervals, LoggedForce.of(intervals, [(0, len(intervals))])(()), none)
+    end = np.c_[flow.end.q, flow.end.u]
+    for k in (0, 40, 80):
+        q, u = run.q[k], run.u[k]
+        start = np.r_[q[0], q[0] + q[1], u[0], u[0] + u[1]]
+        exact = solve_ivp(
+            lambda _, x: np.r_[x[2:], accelerations(x, VALUES)], (0.0, 5e-3), start, "DOP853",
+            rtol=1e-13, atol=1e-14,
+        ).y[:, -1]  # fmt: skip
+        a, b, w, v = exact
+        assert end[k] == pytest.approx(
+            [a, b - a, w, v - w], abs=1e-12
+        )  # rounding of some ten steps
+
+
+def test_elementary_differentials_are_the_derivatives_of_the_accelerations() -> None:
+    run = log(rk4, 5e-3, duration=0.2)
+    model = Model(MECHANISM, run)
+    at = rows_of(run, slice(3, 6))
+    fields = elementary_differentials(model, at, np.ones((3, 1)))
+    place = {f.name: k for k, f in enumerate(FIELDS)}
+
+    def a_of(q: Array, u: Array) -> Array:
+        x = np.r_[q[0], q[0] + q[1], u[0], u[0] + u[1]]
+        made = accelerations(x, VALUES)
+        return np.array([made[0], made[1] - made[0]])
+
+    for k in range(3):
+        q, u = at.q[k], at.u[k]
+        a, d = a_of(q, u), 1e-5
+        aq_u = (a_of(q + d * u, u) - a_of(q - d * u, u)) / (2 * d)
+        au_a = (a_of(q, u + d * a) - a_of(q, u - d * a)) / (2 * d)
+        assert fields[k, :2, place["q: a"]] == pytest.approx(a, rel=1e-12)
+        assert fields[k, 2:, place["u: a_q u"]] == pytest.approx(
+            aq_u, rel=1e-6
+        )  # both by differences
+        assert fields[k, 2:, place["u: a_u a"]] == pytest.approx(au_a, rel=1e-6)
+
+
+def test_whitening_has_the_likelihood_of_the_whole_covariance() -> None:
+    rng = np.random.default_rng(1)
+    N, m = 12, 2
+    Phi = np.eye(m) + 0.3 * rng.standard_normal((N, m, m))
+    sigma, w = np.full((N, m), 0.4), rng.standard_normal((N, m))
+    R = 0.4**2 * np.eye(m)
+    none = np.zeros((N, m, 0))
+    white = innovations(
+        [(0, N)], w, Phi, none, (sigma, sigma), np.zeros((N, m, m)), (none, none), np.arange(m),
+        np.ones(m), N,
+    )  # fmt: skip
+    # w_k = e_{k+1} − Φ_k e_k: the covariance of all of them, written out.
+    S = np.zeros((N * m, N * m))
+    for k in range(N):
+        here = slice(k * m, (k + 1) * m)
+        S[here, here] = R + Phi[k] @ R @ Phi[k].T
+        if k:
+            before = slice((k - 1) * m, k * m)
+            S[here, before] = -Phi[k] @ R
+            S[before, here] = S[here, before].T
+    dense = w.ravel() @ np.linalg.solve(S, w.ravel())
+    assert float((white.r**2).sum()) == pytest.approx(
+        float(dense), rel=1e-7
+    )  # ROUNDING of the recursion
+    spread = 2.0 * np.log(np.einsum("kii->ki", white.factor)).sum()
+    assert spread == pytest.approx(np.linalg.slogdet(S)[1], rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("step", "numbers", "name"),
+    [
+        (explicit_euler, (-0.5, -0.5, -0.5), "explicit-euler"),
+        (semi_implicit_euler, (0.5, -0.5, -0.5), "semi-implicit-euler"),
+        (rk4, (0.0, 0.0, 0.0), "higher-order"),
+    ],
+)
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_an_integrator_is_named_by_its_modified_equation(
+    step: Step, numbers: tuple[float, ...], name: str, noise: float
+) -> None:
+    found = dc.audit(MECHANISM, log(step, 2e-3, noise)).integrator
+    assert found is not None
+    c = [found.coefficients[n] for n in ("q: a", "u: a_q u", "u: a_u a")]
+    # The terms of second order are fitted beside; what is left is h² of the third.
+    assert c == pytest.approx(numbers, abs=0.03)
+    assert name in found.names
+
+
+@pytest.mark.parametrize(
+    ("wrong", "kind", "element", "true"),
+    [
+        ({"c2": 0.012}, "damping", "j2", 0.012),
+        ({"m2": 0.707}, "body-inertia", "b", 1.01),
+        ({"g": 9.85}, "gravity", "gravity", 9.85 / 9.81),
+    ],
+)
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_a_mistake_is_named_with_its_size_beside_an_unknown_integrator(
+    wrong: dict[str, float], kind: str, element: str, true: float, noise: float
+) -> None:
+    cause = dc.audit(MECHANISM, log(semi_implicit_euler, 2e-3, noise, **wrong)).causes[0]
+    # Gravity of another size is gravity of another direction, too, as far as a planar motion tells.
+    assert (cause.kind.removesuffix("-vector"), cause.element) == (kind, element)
+    assert cause.log_odds > np.log(99.0)
+    # Products of the mistake with itself are left out, of one percent of it here.
+    if cause.kind == kind:
+        off = abs(true - (0.01 if kind == "damping" else 1.0))
+        assert cause.size == pytest.approx(true, abs=4.0 * cause.size_error + 0.02 * off)
+
+
+def energies(run: dc.Trajectory) -> Array:
+    ledger = dc.balance(MECHANISM, run, "samples")
+    return ledger.kinetic + ledger.potential_energy
+
+
+@pytest.mark.parametrize("h", [1e-3, 2e-3])
+def test_joules_of_integrator_and_mistake_add_up_and_agree_with_reruns(h: float) -> None:
+    parts = dc.audit(MECHANISM, log(semi_implicit_euler, h, c2=0.015)).attribution
+    right = dc.audit(MECHANISM, log(semi_implicit_euler, h)).attribution
+    assert parts is not None and right is not None
+    # The integrator does the same to right equations, but for motions that drift apart.
+    assert parts.integrator.energy == pytest.approx(right.integrator.energy, rel=0.2)
+    # What a damper that is stronger by half takes: −∫ Δc u² dt along the rows.
+    run = log(semi_implicit_euler, h, c2=0.015)
+    taken = -np.trapezoid(0.005 * run.u[:, 1] ** 2, run.t)
+    assert parts.equations.energy == pytest.approx(taken, rel=0.02)
+    ledger = dc.balance(MECHANISM, run, "samples")
+    total = parts.integrator.energy + parts.equations.energy + parts.log.energy
+    # Works are taken along the flow of each interval here, and along the rows there: h of the motion.
+    assert total == pytest.approx(float(ledger.delta_c["wang"][-1]), rel=5e-3)
+    assert abs(parts.log.energy) < 0.02 * abs(parts.equations.energy)
+
+
+def held(noise: float = 0.0) -> tuple[dc.Mechanism, dc.Trajectory]:
+    """A damped pendulum under a torque that a controller computes once a step and holds, by RK4 at 1 ms."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("bob", 1.0)],
+        [dc.revolute("j", "ground", "bob", child_position=(0, 0.8, 0), damping=0.1)],
+        gravity=(0, -9.81, 0),
+    )
+    x, h, rows, torques = np.array([0.5, 0.0]), 1e-3, list[Array](), list[float]()
+    for k in range(3001):
+        torque = 6.0 * np.sin(11.0 * k * h) - 1.5 * x[1]
+        rows.append(x)
+        torques.append(torque)
+
+        def rate(x: Array, torque: float = torque) -> Array:
+            return np.array([x[1], (torque - 0.1 * x[1] - 9.81 * 0.8 * np.sin(x[0])) / 0.64])
+
+        k1 = rate(x)
+        k2 = rate(x + h / 2 * k1)
+        k3 = rate(x + h / 2 * k2)
+        x = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3))
+    y = np.array(rows)
+    y = y + noise * np.random.default_rng(0).standard_normal(y.shape)
+    run = dc.Trajectory(
+        t=np.arange(len(y)) * h, q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
+        forces={"actuator motor": np.array(torques)[:, None]},
+    )  # fmt: skip
+    return mechanism, run
+
+
+def test_a_torque_that_was_held_is_not_the_integrators_error() -> None:
+    mechanism, run = held()
+    audit = dc.audit(mechanism, run)
+    assert audit.verdict.kind == "consistent"
+    inference = infer(mechanism, run)
+    assert inference is not None and inference.forces == ("start",)
+    # RK4's own error is h⁴ of the energy: 1e-10 J here.
+    assert abs(inference.attribution.integrator.energy) < 1e-9
+
+
+def test_held_torques_are_recognised_under_noise() -> None:
+    mechanism, run = held(noise=1e-4)
+    inference = infer(mechanism, run)
+    assert inference is not None and inference.forces == ("start",)
+    assert abs(inference.attribution.integrator.energy) < 0.01
+    assert not inference.posterior.best.chosen
+
+
+def test_few_rows_have_no_attribution() -> None:
+    audit = dc.audit(MECHANISM, log(rk4, 2e-3, duration=0.01))
+    assert audit.attribution is None and audit.causes == () and audit.integrator is None
+
+
+def test_quaternions_differ_by_rotation_vectors() -> None:
+    mechanism = dc.Mechanism([dc.body("box", 1.0, (1.0, 2.0, 2.5))], [dc.free("f", "box")])
+    run = dc.simulate(mechanism, mechanism.state({}, {"f.wx": 1.0, "f.wy": 0.3}), 0.1, step=1e-2)
+    model = Model(mechanism, run)
+    here, turn = rows_of(run, slice(4, 5)), np.array([[0.0, 0.0, 0.0, 0.01, -0.02, 0.005]])
+    there = Rows(here.t, model.moved(here.q, turn, np.ones((1, 1))), here.u, here.F)
+    moved = difference(model, here, there)
+    # sin of half the angle in place of the angle: a cube of it.
+    assert moved[0, :6] == pytest.approx(turn[0], abs=1e-6)
+    assert moved[0, 6:] == pytest.approx(np.zeros(6))

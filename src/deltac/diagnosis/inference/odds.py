@@ -81,8 +81,8 @@ class Block:
         """What the nuisance columns leave of the causes' Gram matrix, with their prior."""
         A, b, rr = self.gram
         n, c = self.nuisance, self.causes
-        s = _inverse_sizes(np.diag(A)[n])
         N = A[np.ix_(n, n)] + np.diag(self.floor / self.prior**2)
+        s = _inverse_sizes(np.diag(N))  # of columns that are rounding, the prior's
         inverse = s[:, None] * np.linalg.pinv(s[:, None] * N * s, rcond=1e-14, hermitian=True) * s
         x = inverse @ b[n]
         rss = max(rr - float(b[n] @ x), CANCELLED * rr, 1e-300)

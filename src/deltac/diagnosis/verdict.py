@@ -30,6 +30,9 @@ EXIT_CODES: dict[Kind, int] = {
     "unresolved": 3,
 }
 
+NOTHING = 1e-12
+"""Energy exchanged below this share of the energies themselves is their rounding."""
+
 LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
     "a wrong force that does no work, unless the log has accelerations",

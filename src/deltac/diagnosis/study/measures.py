@@ -15,7 +15,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.audit import conventions
-from deltac.diagnosis.audit.samples import stale_stage
+from deltac.diagnosis.residuals.at_samples import stale_stage
 from deltac.diagnosis.residuals.at_samples import (
     CLEAR,
     LEAST,

@@ -12,7 +12,7 @@ N/τ, with
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +44,7 @@ class Block:
     nuisance  places of columns that every hypothesis has
     prior     standard deviation of their coefficients
     causes    places of the columns of causes, the same causes in all blocks
+    rounding  least variance of the noise: what digits alone make of it
     """
 
     r: Array
@@ -51,6 +52,7 @@ class Block:
     nuisance: NDArray[np.intp]
     prior: Array
     causes: NDArray[np.intp]
+    rounding: float = 0.0
 
     @cached_property
     def gram(self) -> tuple[Array, Array, float]:
@@ -77,6 +79,26 @@ class Block:
         return max(rss, CANCELLED * rr, 1e-300) / max(self.r.size - len(some), 1)
 
     @cached_property
+    def _spectrum(self) -> tuple[Array, Array, Array]:
+        """Eigenvalues and vectors of the causes' Gram matrix beside the nuisance, in units of raw columns."""
+        p = self.projected
+        d = _inverse_sizes(p.raw)
+        values, vectors = np.linalg.eigh(d[:, None] * p.A * d)
+        return values, vectors, d
+
+    @property
+    def rank(self) -> int:
+        """Directions of all causes that the log tells from the nuisance."""
+        return int(np.count_nonzero(self._spectrum[0] > SINGULAR))
+
+    @property
+    def optimum(self) -> Array:
+        """Coefficients (P,) of all columns of causes together, by least squares."""
+        values, vectors, d = self._spectrum
+        inverse = np.where(values > SINGULAR, 1.0 / np.maximum(values, SINGULAR), 0.0)
+        return np.asarray(d * (vectors @ (inverse * (vectors.T @ (d * self.projected.b)))))
+
+    @cached_property
     def projected(self) -> Projected:
         """What the nuisance columns leave of the causes' Gram matrix, with their prior."""
         A, b, rr = self.gram
@@ -89,6 +111,13 @@ class Block:
         to = inverse @ A[np.ix_(n, c)]
         left = A[np.ix_(c, c)] - A[np.ix_(c, n)] @ to
         return Projected(left, b[c] - A[np.ix_(c, n)] @ x, rss, np.diag(A)[c], x, inverse, to, rr)
+
+    def misfit(self, coefficients: Array) -> float:
+        """RSS with coefficients of causes, at least what the digits of the rows alone make of it.
+
+        They are known: what fits better than they allow is fitted to their rounding.
+        """
+        return max(self.projected.left(coefficients), self.rounding * self.count)
 
     def residual(self, coefficients: Array) -> Array:
         """What is left of r (K, d) with coefficients of the causes' columns, nuisance fitted beside."""
@@ -243,7 +272,7 @@ def evidence(
     for b in blocks:
         tau = autocorrelation_time(b.residual(fit.coefficients)) if exact else 1.0
         rows = b.count / tau
-        before, after = b.projected.left(without.coefficients), b.projected.left(fit.coefficients)
+        before, after = b.misfit(without.coefficients), b.misfit(fit.coefficients)
         total += 0.5 * rows * float(np.log(before / after))
         independent += rows
     return (
@@ -265,6 +294,11 @@ class Posterior:
     best: Fit
     alternatives: tuple[Fit, ...]
     scores: tuple[tuple[float, Candidate, float], ...]
+
+    def with_fit(self, fit: Fit) -> Posterior:
+        """The same with the numbers of the best set fitted anew."""
+        best = replace(fit, log_odds=self.best.log_odds, each=self.best.each)
+        return replace(self, best=best)
 
 
 CERTAIN = float(np.log(99.0))

@@ -1,0 +1,379 @@
+"""From the inference to a verdict: probabilities of joules against the tolerance.
+
+A mistake in the equations counts where more energy flows through it than the tolerance allows, the integrator where
+its joules exceed it. Both have error bars, so that each verdict has a probability; one that is not probable enough
+is `unresolved`, with what would decide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.special import expit, ndtr
+
+from deltac.diagnosis.explain.causes import PREFERENCE
+from deltac.diagnosis.explain.result import Explanation
+from deltac.diagnosis.inference.attribution import Attribution
+from deltac.diagnosis.inference.flow import FORCES
+from deltac.diagnosis.inference.hypotheses import CERTAIN
+from deltac.diagnosis.inference.inference import Inference
+from deltac.diagnosis.verdict import NOTHING, Confidence, Finding, Kind, Verdict, percent
+from deltac.energy import Ledger
+from deltac.results import HEADINGS
+from deltac.trajectories import Trajectory
+
+PROBABLE = {"high": 0.99, "medium": 0.9}
+"""Probability from which on a verdict is told with that confidence; below the last it is `unresolved`."""
+
+OF_THE_LOG = ("actuator-delay", "zero-offset")
+"""Causes that leave the equations as they are."""
+
+OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
+"""Causes that no controlled actuator looks like whose force is not in the log."""
+
+LIKELY = 3.0
+"""Standard errors within which a value may lie: one in a thousand lies beyond."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What a verdict rests on.
+
+    Attributes:
+        run, ledger: the log and its balance; `function` is the testing function.
+        inference: what its rows say; None where nothing was inferred.
+        attribution: ΔC in joules; None likewise.
+        explanation: the causes in words.
+        findings: what was noticed besides.
+        tolerance: accepted error as a fraction of the energy exchanged, or stored, if less.
+        guessed: whether the reading of the log was guessed.
+    """
+
+    run: Trajectory
+    ledger: Ledger
+    function: str
+    inference: Inference | None
+    attribution: Attribution | None
+    explanation: Explanation | None
+    findings: tuple[Finding, ...]
+    tolerance: float
+    guessed: bool = False
+
+    # --- energies ---
+
+    @property
+    def beside(self) -> float:
+        """The energy that errors are compared with: exchanged, which grows with time, or stored if less; J."""
+        return min(self.ledger.energy_exchanged, stored_energy(self.ledger))
+
+    @property
+    def allowed(self) -> float:
+        """The accepted energy error, J."""
+        return self.tolerance * self.beside
+
+    @cached_property
+    def energy_error(self) -> tuple[float, float]:
+        """Largest |ΔC|, corrections included, and its error bar, J."""
+        error = np.abs(self.ledger.uncorrected(self.function))
+        return float(error.max()), float(self.ledger.error_bar[self.function].max())
+
+    @property
+    def rests(self) -> bool:
+        """Whether the energy exchanged is rounding."""
+        ledger = self.ledger
+        size = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max(initial=0.0))
+        return ledger.energy_exchanged <= NOTHING * max(size, NOTHING)
+
+    # --- probabilities ---
+
+    @cached_property
+    def mistake(self) -> tuple[float, float]:
+        """Probabilities of a mistake at all, and of one through which more flows than is allowed."""
+        inference = self.inference
+        if inference is None:
+            return 0.0, 0.0
+        allowed = self.tolerance * self.ledger.energy_exchanged
+        there, beyond = 0.0, 0.0
+        best = inference.posterior.best
+        for c, odds, joules, error in zip(
+            best.chosen, best.each, inference.exchanged, inference.exchanged_error, strict=True
+        ):
+            if c.kind not in OF_THE_LOG:
+                p = float(expit(odds))
+                there = max(there, p)
+                beyond = max(beyond, p * float(ndtr((joules - allowed) / max(error, 1e-300))))
+        if inference.generic[0] > CERTAIN and inference.generic[1] > allowed:
+            p = float(expit(inference.generic[0] - CERTAIN))
+            there, beyond = max(there, p), max(beyond, p)
+        if self.intermittent:
+            there = beyond = max(beyond, float(expit(inference.intermittent[0])))
+        return there, beyond
+
+    @cached_property
+    def intermittent(self) -> bool:
+        """Whether something acts from time to time that exchanges more than is allowed."""
+        inference = self.inference
+        if inference is None or not inference.intermittent[0] > CERTAIN:
+            return False
+        active = inference.intermittent[1]
+        joules = np.abs(inference.gradient * inference.residual)[active].sum() * inference.whole
+        return bool(joules > self.tolerance * self.ledger.energy_exchanged)
+
+    @cached_property
+    def integrator(self) -> float:
+        """Probability that the integrator's joules exceed what is allowed."""
+        share = self.attribution.integrator if self.attribution is not None else None
+        if share is None:
+            return 0.0
+        excess = (np.abs(share.curve) - self.allowed) / np.maximum(share.curve_error, 1e-300)
+        return float(ndtr(excess.max(initial=-np.inf)))
+
+    @cached_property
+    def hidden(self) -> float:
+        """Probability that a mistake beyond what is allowed is hidden in what the log cannot tell."""
+        if self.inference is None:
+            return 1.0
+        deviation = 0.5 * self.inference.hidden[0]
+        return float(2.0 * ndtr(-self.allowed / max(deviation, 1e-300)))
+
+    @cached_property
+    def unexplained(self) -> float:
+        """Probability that what nothing explains matters."""
+        if self.inference is None:
+            left, bar = self.energy_error
+            return 1.0 if left > self.allowed else float(bar > self.allowed)
+        return float(self.inference.unexplained > self.allowed)
+
+    @cached_property
+    def odds(self) -> dict[str, float]:
+        """Probabilities of the four verdicts; they add up to one."""
+        if self.rests or self.doubts:
+            return {"consistent": 0.0, "integration-error": 0.0, "equation-error": 0.0, "unresolved": 1.0}
+        wrong = max(self.mistake[1], 1.0 if self.certain else 0.0)
+        unknown = max(self.unexplained, self.hidden)
+        if self.lacking and wrong > 0.0 and not self.certain:
+            unknown, wrong = wrong, 0.0
+        right = (1.0 - wrong) * (1.0 - unknown)
+        return {
+            "consistent": right * (1.0 - self.integrator),
+            "integration-error": right * self.integrator,
+            "equation-error": wrong,
+            "unresolved": (1.0 - wrong) * unknown,
+        }
+
+    # --- what else is known ---
+
+    @property
+    def doubts(self) -> list[Finding]:
+        """What the log contradicts itself in."""
+        return [f for f in self.findings if f.weight == "doubt"]
+
+    @property
+    def certain(self) -> list[Finding]:
+        """Causes that are known without an inference: channels, laws of joints, constraints."""
+        return [f for f in self.findings if f.weight == "cause" and f.kind != "constraint-drift"]
+
+    @property
+    def lacking(self) -> Finding | None:
+        """Forces of the model's file that the log lacks, where these may be what is wrong."""
+        found = next((f for f in self.findings if f.kind == "assumed-zero" and f.element), None)
+        chosen = self.inference.posterior.best.chosen if self.inference is not None else ()
+        of_inertia = chosen and all(c.kind in OF_INERTIA for c in chosen)
+        return None if of_inertia else found
+
+    @property
+    def explained_by_causes(self) -> bool:
+        """Whether a cause that acts all the time explains what is wrong."""
+        return self.inference is not None and bool(self.inference.posterior.best.chosen)
+
+    @property
+    def impacts(self) -> Finding | None:
+        """Impacts of the model of which the run does not tell."""
+        return next((f for f in self.findings if f.kind == "impacts"), None)
+
+
+def stored_energy(ledger: Ledger) -> float:
+    """The energy that a system has at a time, as far as it changes: max K and the range of V, J."""
+    return float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
+
+
+def of_model(finding: Finding) -> bool:
+    """Whether it names a change of the model, not of the log."""
+    return finding.kind in PREFERENCE and finding.kind not in OF_THE_LOG
+
+
+def judge(e: Evidence) -> Verdict:
+    """The verdict on one log."""
+    odds = e.odds
+    kind: Kind = max(odds, key=lambda k: odds[k])  # type: ignore[assignment, arg-type]
+    if kind == "equation-error" and e.impacts and not e.certain and not e.explained_by_causes:
+        kind = "unresolved"
+    if odds[kind] < PROBABLE["medium"]:
+        kind = "unresolved"
+    confidence: Confidence = next(
+        (c for c, p in PROBABLE.items() if odds[kind] >= p),
+        "low",  # type: ignore[arg-type]
+    )
+    if e.guessed and confidence == "high":
+        confidence = "medium"
+    findings = _findings(e, kind)
+    return Verdict(kind, confidence, tuple(_evidence(e, kind)), findings)
+
+
+def _findings(e: Evidence, kind: Kind) -> tuple[Finding, ...]:
+    """All findings, causes first: those of the posterior weigh as the verdict says."""
+    named = list(e.explanation.findings) if e.explanation is not None else []
+    doubted = bool(named) and named[0].kind in OF_THE_LOG
+    own = list[Finding]()
+    for f in named:
+        if f.kind in OF_THE_LOG:
+            own.append(replace(f, weight="doubt" if kind == "unresolved" and doubted else "note"))
+        else:
+            own.append(replace(f, weight="cause" if kind == "equation-error" else "note"))
+    if e.intermittent and e.inference is not None:
+        own.append(_missing_contact(e, e.inference, kind))
+    if kind != "equation-error" and e.mistake[0] > PROBABLE["high"] and any(map(of_model, named)):
+        own.append(_small(e, next(filter(of_model, named))))
+    weights = list(HEADINGS)
+    everything = [*own, *e.findings]
+    return tuple(sorted(everything, key=lambda f: (weights.index(f.weight), f.kind == "constraint-drift")))
+
+
+def _small(e: Evidence, cause: Finding) -> Finding:
+    assert e.inference is not None
+    joules = float(e.inference.exchanged.max(initial=0.0))
+    share = joules / e.ledger.energy_exchanged if e.ledger.energy_exchanged > 0.0 else 0.0
+    return Finding(
+        "small-but-real",
+        f"a mistake in the equations is real, though only {percent(share)} of the energy exchanged flows "
+        "through it",
+        f"{joules:.3g} J; log odds {max(e.inference.posterior.best.each):.3g}",
+        "See the notes for its cause; strict=True makes it count",
+        element=cause.element,
+    )
+
+
+def _missing_contact(e: Evidence, inference: Inference, kind: Kind) -> Finding:
+    active, n = inference.intermittent[1], inference.model.n
+    size = np.abs(inference.residual[:, n:] / inference.log.intervals.h)
+    k = int(np.argmax(size[active].max(axis=0)))
+    speed = inference.model.mechanism.speeds[int(inference.model.mechanism.free.u[k])].name
+    times = ", ".join(f"{t:.4g}" for t in inference.log.intervals.end.t[active][:3])
+    return Finding(
+        "missing-contact",
+        "something acts from time to time that is neither in the model nor in the log",
+        f"in {percent(float(active.mean()))} of the steps the next row does not follow from the previous one (near "
+        f"t = {times} s), most of all {speed!r}",
+        "Log the forces of all contacts and limits",
+        "cause" if kind == "equation-error" else "note",
+        speed,
+    )
+
+
+# --- the evidence in sentences -------------------------------------------------------------------
+
+
+def _evidence(e: Evidence, kind: Kind) -> list[str]:
+    if e.doubts:
+        named = ", ".join(dict.fromkeys(f.kind for f in e.doubts))
+        return [f"The log contradicts itself ({named}); correct it first"]
+    if e.rests:
+        return [
+            f"Almost nothing moves: the energy exchanged, {e.ledger.energy_exchanged:.3g} J, is at rounding "
+            "level. Use a run in which energy flows"
+        ]
+    said = [_balance(e)]
+    if e.inference is None:
+        said.append(
+            "The equations of motion were not tested: too few rows follow each other, or the model's motion "
+            "leaves all bounds between them"
+        )
+    else:
+        said += [_shares(e), *_rows(e, e.inference)]
+    if kind == "integration-error":
+        step = e.run.provenance.step
+        at = f"The step was {step:g} s: use" if step else "Use"
+        said.append(f"{at} a smaller one, or a method of higher order")
+    if kind == "unresolved":
+        said.append(_undecided(e))
+    return said
+
+
+def _balance(e: Evidence) -> str:
+    left, bar = e.energy_error
+    share = left / e.beside if e.beside > 0.0 else 0.0
+    what = f"{e.ledger.energy_exchanged:.4g} J exchanged"
+    if e.beside < e.ledger.energy_exchanged:
+        what = f"{e.beside:.4g} J stored ({what})"
+    return (
+        f"Largest |ΔC| {left:.3g} J ± {bar:.2g} J ({e.ledger.method}), {percent(share)} of the {what}; the "
+        f"tolerance is {100 * e.tolerance:g} %"
+    )
+
+
+def _shares(e: Evidence) -> str:
+    a = e.attribution
+    assert a is not None
+    parts = ((a.integrator, "the integrator"), (a.equations, "mistakes in the equations"), (a.log, "the log"))
+    return "ΔC at the end: " + ", ".join(
+        f"{s.energy:.3g} ± {s.error:.2g} J of {name}" for s, name in parts
+    )
+
+
+def _rows(e: Evidence, inference: Inference) -> list[str]:
+    said = []
+    best, integrator = inference.posterior.best, inference.integrator
+    error, noise = inference.relative
+    worst = int(np.argmax(error))
+    speed = inference.model.mechanism.speeds[int(inference.model.mechanism.free.u[worst])].name
+    rows = f"Over {len(inference.w)} intervals"
+    if inference.methods:
+        said.append(f"{rows}, each row follows from the one before by a known step; {integrator.sentence}")
+    else:
+        said.append(
+            f"{rows}, rows depart from the model's motion by {percent(float(error[worst]))} of the changes of "
+            f"{speed!r}; noise accounts for {percent(float(noise[worst]))}; {integrator.sentence}"
+        )
+    if best.chosen:
+        odds = ", ".join(f"{c.kind} {c.element}: {x:.3g}" for c, x in zip(best.chosen, best.each, strict=True))
+        said.append(f"Log odds of causes against none: {odds}")
+    elif inference.generic[0] > CERTAIN and inference.generic[1] > e.tolerance * e.ledger.energy_exchanged:
+        said.append(
+            "What is left depends on the state as terms of a model do (log odds "
+            f"{inference.generic[0]:.3g}), and no few causes explain it"
+        )
+    held = [kind for kind in dict.fromkeys(inference.forces) if FORCES[kind][1] == 0.0]
+    if held:
+        said.append(f"Logged forces act from row to row as {' or '.join(held)} values, by likelihood")
+    return said
+
+
+def _undecided(e: Evidence) -> str:
+    """What would decide."""
+    inference = e.inference
+    if e.lacking is not None and e.mistake[1] > 0.0:
+        return f"What is missing may be forces that the log lacks: {e.lacking.evidence}"
+    if e.impacts is not None and e.mistake[1] > 0.0:
+        return str(e.impacts)
+    if inference is None:
+        return "Log more rows, or smaller steps, with speeds and all forces"
+    if e.unexplained > 0.5:
+        return (
+            f"{inference.unexplained:.3g} J are of no integrator, no known cause and no noise: log every step with "
+            "all forces, and accelerations at the same instants"
+        )
+    if e.hidden > 1.0 - PROBABLE["medium"]:
+        times = inference.hidden[0] / max(e.allowed, 1e-300)
+        rows = int(np.ceil(times**2))
+        return (
+            f"{inference.hidden[1]} may hide {inference.hidden[0]:.2g} J, {times:.2g} times what is allowed: log with "
+            f"{np.log10(max(times, 1.01)):.1f} more digits, {rows} times as many rows, or accelerations, or excite it"
+        )
+    bar = e.attribution.integrator.largest[1] if e.attribution is not None else 0.0
+    return (
+        f"The integrator's share is known to ± {bar:.2g} J beside {e.allowed:.2g} J that are allowed: log every step, "
+        "with more digits"
+    )

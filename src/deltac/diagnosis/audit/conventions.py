@@ -224,7 +224,7 @@ def _left(model: Model, run: Trajectory) -> float:
     sizes: Sequence[float] = (np.inf, 1.0, 0.0)  # where accelerations are not finite
     with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
         a = model.acceleration(run.t, q, u, F)
-        M = model.inertia(run.t[:-1], q[:-1])[next_to]
+        M = model.matrices(run.t[:-1], q[:-1])[0][next_to]
         D = (np.diff(u, axis=0) / h[:, None])[next_to]
         mean = 0.5 * (a[:-1] + a[1:])[next_to]
         sizes = [np.sqrt(np.mean(np.einsum("ti,tij,tj->t", x, M, x))) for x in (D - mean, D, mean)]

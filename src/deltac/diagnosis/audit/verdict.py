@@ -19,7 +19,7 @@ from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.inference.attribution import Attribution
 from deltac.diagnosis.inference.flow import FORCES
 from deltac.diagnosis.inference.hypotheses import CERTAIN
-from deltac.diagnosis.inference.inference import Inference
+from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference
 from deltac.diagnosis.verdict import NOTHING, Confidence, Finding, Kind, Verdict, percent
 from deltac.energy import Ledger
 from deltac.results import HEADINGS
@@ -27,9 +27,6 @@ from deltac.trajectories import Trajectory
 
 PROBABLE = {"high": 0.99, "medium": 0.9}
 """Probability from which on a verdict is told with that confidence; below the last it is `unresolved`."""
-
-OF_THE_LOG = ("actuator-delay", "zero-offset")
-"""Causes that leave the equations as they are."""
 
 OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
 """Causes that no controlled actuator looks like whose force is not in the log."""

@@ -29,6 +29,7 @@ from deltac.diagnosis.inference.fields import (
 from deltac.diagnosis.inference.flow import FORCES, Intervals, LoggedForce, predict, transported
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
+    EQUAL,
     Block,
     Fit,
     Posterior,
@@ -77,6 +78,10 @@ NEGLIGIBLE = 1e-6
 
 RELINEARISATIONS = 1
 """Times that columns are taken anew with the accelerations that the causes make."""
+
+
+OF_THE_LOG = ("actuator-delay", "zero-offset")
+"""Causes that leave the equations as they are."""
 
 
 class FlowError(ArithmeticError):
@@ -349,9 +354,13 @@ class _Inferring:
         if closings:
             best = min(closings, key=lambda k: closings[k].floor)
             closing = closings[best]
-            gain = 0.5 * series.count * np.log(series.floor / closing.floor)
-            if gain / autocorrelation_time(closing.residual(closing.optimum)) > CERTAIN:
-                alike = [k for k, b in closings.items() if b.floor <= ALIKE * closing.floor]
+            rows = closing.count / autocorrelation_time(closing.residual(closing.optimum))
+            odds = {
+                k: 0.5 * rows * float(np.log(max(b.floor, b.rounding) / closing.floor))
+                for k, b in closings.items()
+            }
+            if 0.5 * rows * np.log(series.floor / closing.floor) > CERTAIN:
+                alike = [k for k in closings if odds[k] < EQUAL]
                 self.methods = tuple(ends[k][0] for k in alike)
                 order = [best, *(k for k in alike if k != best)]
                 self.defects = [model.difference(self.flow.end, ends[k][1]) for k in order]
@@ -492,11 +501,7 @@ class _Inferring:
             beyond = self._remainder(rows) / self.whole * np.linspace(0.0, 1.0, len(self.w))
             integrator = Share(curves @ c, np.sqrt(spread + beyond**2))
             left = self.w - self.B[:, :, :ni] @ c - self.B[:, :, ni:] @ best.coefficients
-        T = np.cumsum(power[:, ni:] @ best.tangent, axis=0)
-        spread = np.einsum("ki,ij,kj->k", T, best.covariance * tau, T)
-        mistake = Share(
-            np.cumsum(power[:, ni:] @ best.coefficients), np.sqrt(np.maximum(spread, 0.0))
-        )
+        mistake = self._mistake(best, power[:, ni:], tau)
         attribution, unexplained = joules(
             log, self.Q, self.gradient, jump, integrator, mistake, variance, tau
         )
@@ -535,6 +540,19 @@ class _Inferring:
             gradient=self.gradient,
         )
 
+    def _mistake(self, best: Fit, power: Array, tau: float) -> Share:
+        """ΔC's share of the causes that are of the equations; delays and zeros are of the log."""
+        sizes = [c.size for c in best.chosen]
+        of_equations = np.repeat([c.kind not in OF_THE_LOG for c in best.chosen], sizes).astype(bool)
+        T = np.cumsum(power @ best.tangent, axis=0)[:, of_equations]
+        C = best.covariance[np.ix_(of_equations, of_equations)] * tau
+        spread = np.maximum(np.einsum("ki,ij,kj->k", T, C, T), 0.0)
+        coefficients = np.zeros_like(best.coefficients)
+        for c, theta in zip(best.chosen, best.theta, strict=True):
+            if c.kind not in OF_THE_LOG:
+                np.add.at(coefficients, list(c.columns), c.coefficients(theta))
+        return Share(np.cumsum(power @ coefficients), np.sqrt(spread))
+
     def _hidden(self, best: Fit, tau: float) -> tuple[float, str]:
         """Energy (J) that a mistake of one number may add to ΔC unseen, at two standard errors; which it is."""
         ni, most, name = self.fields[0].shape[2], 0.0, ""
@@ -550,10 +568,6 @@ class _Inferring:
                 if curve.max() > most:
                     most, name = float(curve.max()), f"{c.kind} {c.element}".strip()
         return most, name
-
-
-ALIKE = 4.0
-"""Ratio of what two methods leave up to which both close the rows."""
 
 
 def _generic(block: Block, best: Fit) -> tuple[float, Array]:

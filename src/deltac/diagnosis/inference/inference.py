@@ -355,10 +355,9 @@ class _Inferring:
             best = min(closings, key=lambda k: closings[k].floor)
             closing = closings[best]
             rows = closing.count / autocorrelation_time(closing.residual(closing.optimum))
-            odds = {
-                k: 0.5 * rows * float(np.log(max(b.floor, b.rounding) / closing.floor))
-                for k, b in closings.items()
-            }
+            # What closes better than the digits of the rows allow closes alike.
+            seen = {k: max(b.floor, b.rounding) for k, b in closings.items()}
+            odds = {k: 0.5 * rows * float(np.log(x / seen[best])) for k, x in seen.items()}
             if 0.5 * rows * np.log(series.floor / closing.floor) > CERTAIN:
                 alike = [k for k in closings if odds[k] < EQUAL]
                 self.methods = tuple(ends[k][0] for k in alike)

@@ -124,7 +124,9 @@ def test_the_variational_equation_is_that_of_reruns() -> None:
     J, damper = [], []
     for at in flow.nodes:
         J.append(model.jacobian(at))
-        force = np.c_[np.zeros(len(at.t)), -at.u[:, 1]]  # of a damper of one N·m·s at the second joint
+        force = np.c_[
+            np.zeros(len(at.t)), -at.u[:, 1]
+        ]  # of a damper of one N·m·s at the second joint
         response = model.response(at.t, at.q, force)
         damper.append(np.concatenate([np.zeros_like(response), response], axis=1)[:, :, None])
     Phi, B = transported(intervals.h, J, damper)

@@ -23,7 +23,7 @@ from deltac.diagnosis.inference.inference import Inference, infer
 from deltac.diagnosis.inference.integrators import IntegratorEstimate
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.logs import Log, read_log
-from deltac.diagnosis.verdict import Finding, Judged, Verdict
+from deltac.diagnosis.verdict import Finding, Judged, Kind, Verdict
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import KEPT
 from deltac.errors import InputError
@@ -85,10 +85,11 @@ class Audit(
         energy_error: ΔC with the work of corrections that the simulator applied (T,), J.
         tolerance: accepted |energy_error| as a fraction of the energy exchanged, or of the energy that the
             system has, where that is less.
-        inference: what the rows say of integrator and equations; None where nothing is free to move, or too few
-            rows follow each other.
-        attribution: ΔC in joules of `integrator`, `equations` and `log`: each has its `energy` with a standard
-            `error` at the end, and `curve` and `curve_error` along `t`, J. None where there is no inference.
+        inference: what the rows say of integrator and equations; None where nothing is free to move, or too
+            few rows follow each other.
+        attribution: ΔC in joules of `integrator`, `equations` and `log`: each has its `energy` with a
+            standard `error` at the end, and `curve` and `curve_error` along `t`, J. None where there is no
+            inference.
         causes: what is wrong with the equations or the log, by odds, each with its size and joules.
         odds: probabilities of the four verdicts.
         strict: whether a mistake within the tolerance sets the exit code.
@@ -105,7 +106,7 @@ class Audit(
     inference: Inference | None = None
     attribution: Attribution | None = None
     causes: tuple[Cause, ...] = ()
-    odds: dict[str, float] = field(default_factory=dict)
+    odds: dict[Kind, float] = field(default_factory=dict)
     strict: bool = False
 
     @property
@@ -416,9 +417,7 @@ def function_of(ledger: Ledger) -> str:
     return next(name for name in known if name in ledger.delta_c)
 
 
-def _attributed(
-    inference: Inference, ledger: Ledger, function: str, in_loop: bool
-) -> Attribution:
+def _attributed(inference: Inference, ledger: Ledger, function: str, in_loop: bool) -> Attribution:
     """ΔC of the ledger by its causes, at the ledger's times; of a log in stretches by their rates.
 
     What integrator and mistakes do not make of it is the log's. ΔC in the loop has no error of sampling: what
@@ -439,7 +438,7 @@ def _attributed(
         return Attribution(t, integrator, equations, Share(np.zeros_like(bar), bar))
     integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))
     rest = delta_c - integrator.curve - equations.curve
-    # The works of the ledger are quadratures of the rows, those of the flow are not: they tell each other's error.
+    # Works of the ledger are quadratures of the rows, the flow's are not: each bounds the other's error.
     quadrature = np.abs(rest - along(own.log.curve))
     error = np.hypot(along(own.log.curve_error, True), quadrature)
     return Attribution(t, integrator, equations, Share(rest, error))
@@ -461,7 +460,7 @@ def _with_held_works(reference: _Reference, log: Log, inference: Inference | Non
 
 
 def _works_between_rows(inference: Inference, run: Trajectory) -> dict[ChannelName, Array]:
-    """The work (T,) of every logged channel, J; empty where a force is not held, or acts on prescribed speeds."""
+    """The work (T,) of every logged channel, J; empty where one is not held, or acts on prescribed speeds."""
     if not inference.forces or any(FORCES[kind][1] for kind in inference.forces):
         return {}
     model = inference.model

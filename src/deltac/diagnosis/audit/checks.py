@@ -331,7 +331,7 @@ def missing_equalities(
 ) -> list[Finding]:
     """Equality constraints left to the log whose forces would explain the residual.
 
-    A force of constraint is Gᵀλ. Where the rows G span all speeds anything is such a force, and nothing is told.
+    A force of constraint is Gᵀλ. Where the rows G span all speeds anything is such a force: nothing is told.
     """
     absent = (
         [c for c in report.equalities if f"constraint {c.name}" not in run.forces] if report else []

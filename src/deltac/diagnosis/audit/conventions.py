@@ -2,8 +2,8 @@
 
 None of these shows in coordinates and speeds alone, which agree with each other in any of them; the equations
 tell. Each is tried on some rows: one that is right takes nearly all away of what the equations leave. The
-inference of the log, read so, must then leave less without any cause than that of the log as it is does with its
-best causes.
+inference of the log, read so, must then leave less without any cause than that of the log as it is does with
+its best causes.
 """
 
 from __future__ import annotations

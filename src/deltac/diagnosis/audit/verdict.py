@@ -1,13 +1,12 @@
 """From the inference to a verdict: probabilities of joules against the tolerance.
 
-A mistake in the equations counts where more energy flows through it than the tolerance allows, the integrator where
-its joules exceed it. Both have error bars, so that each verdict has a probability; one that is not probable enough
-is `unresolved`, with what would decide.
+A mistake in the equations counts where more energy flows through it than the tolerance allows, the
+integrator where its joules exceed it. Both have error bars, so that each verdict has a probability; one that
+is not probable enough is `unresolved`, with what would decide.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,7 +24,7 @@ from deltac.energy import Ledger
 from deltac.results import HEADINGS
 from deltac.trajectories import Trajectory
 
-PROBABLE = {"high": 0.99, "medium": 0.9}
+PROBABLE: dict[Confidence, float] = {"high": 0.99, "medium": 0.9}
 """Probability from which on a verdict is told with that confidence; below the last it is `unresolved`."""
 
 OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
@@ -63,7 +62,7 @@ class Evidence:
 
     @property
     def beside(self) -> float:
-        """The energy that errors are compared with: exchanged, which grows with time, or stored if less; J."""
+        """The energy that errors are compared with, J: exchanged, or stored where that is less."""
         return min(self.ledger.energy_exchanged, stored_energy(self.ledger))
 
     @property
@@ -145,10 +144,15 @@ class Evidence:
         return float(self.inference.unexplained > self.allowed)
 
     @cached_property
-    def odds(self) -> dict[str, float]:
+    def odds(self) -> dict[Kind, float]:
         """Probabilities of the four verdicts; they add up to one."""
         if self.rests or self.doubts:
-            return {"consistent": 0.0, "integration-error": 0.0, "equation-error": 0.0, "unresolved": 1.0}
+            return {
+                "consistent": 0.0,
+                "integration-error": 0.0,
+                "equation-error": 0.0,
+                "unresolved": 1.0,
+            }
         wrong = max(self.mistake[1], 1.0 if self.certain else 0.0)
         unknown = max(self.unexplained, self.hidden)
         if self.lacking and wrong > 0.0 and not self.certain:
@@ -205,15 +209,12 @@ def of_model(finding: Finding) -> bool:
 def judge(e: Evidence) -> Verdict:
     """The verdict on one log."""
     odds = e.odds
-    kind: Kind = max(odds, key=lambda k: odds[k])  # type: ignore[assignment, arg-type]
+    kind = max(odds, key=lambda k: odds[k])
     if kind == "equation-error" and e.impacts and not e.certain and not e.explained_by_causes:
         kind = "unresolved"
     if odds[kind] < PROBABLE["medium"]:
         kind = "unresolved"
-    confidence: Confidence = next(
-        (c for c, p in PROBABLE.items() if odds[kind] >= p),
-        "low",  # type: ignore[arg-type]
-    )
+    confidence = next((c for c, p in PROBABLE.items() if odds[kind] >= p), "low")
     if e.guessed and confidence == "high":
         confidence = "medium"
     findings = _findings(e, kind)
@@ -236,7 +237,9 @@ def _findings(e: Evidence, kind: Kind) -> tuple[Finding, ...]:
         own.append(_small(e, next(filter(of_model, named))))
     weights = list(HEADINGS)
     everything = [*own, *e.findings]
-    return tuple(sorted(everything, key=lambda f: (weights.index(f.weight), f.kind == "constraint-drift")))
+    return tuple(
+        sorted(everything, key=lambda f: (weights.index(f.weight), f.kind == "constraint-drift"))
+    )
 
 
 def _small(e: Evidence, cause: Finding) -> Finding:
@@ -262,8 +265,8 @@ def _missing_contact(e: Evidence, inference: Inference, kind: Kind) -> Finding:
     return Finding(
         "missing-contact",
         "something acts from time to time that is neither in the model nor in the log",
-        f"in {percent(float(active.mean()))} of the steps the next row does not follow from the previous one (near "
-        f"t = {times} s), most of all {speed!r}",
+        f"in {percent(float(active.mean()))} of the steps the next row does not follow from the previous one "
+        f"(near t = {times} s), most of all {speed!r}",
         "Log the forces of all contacts and limits",
         "cause" if kind == "equation-error" else "note",
         speed,
@@ -314,7 +317,11 @@ def _balance(e: Evidence) -> str:
 def _shares(e: Evidence) -> str:
     a = e.attribution
     assert a is not None
-    parts = ((a.integrator, "the integrator"), (a.equations, "mistakes in the equations"), (a.log, "the log"))
+    parts = (
+        (a.integrator, "the integrator"),
+        (a.equations, "mistakes in the equations"),
+        (a.log, "the log"),
+    )
     return "ΔC at the end: " + ", ".join(
         f"{s.energy:.3g} ± {s.error:.2g} J of {name}" for s, name in parts
     )
@@ -328,23 +335,31 @@ def _rows(e: Evidence, inference: Inference) -> list[str]:
     speed = inference.model.mechanism.speeds[int(inference.model.mechanism.free.u[worst])].name
     rows = f"Over {len(inference.w)} intervals"
     if inference.methods:
-        said.append(f"{rows}, each row follows from the one before by a known step; {integrator.sentence}")
+        said.append(
+            f"{rows}, each row follows from the one before by a known step; {integrator.sentence}"
+        )
     else:
         said.append(
-            f"{rows}, rows depart from the model's motion by {percent(float(error[worst]))} of the changes of "
-            f"{speed!r}; noise accounts for {percent(float(noise[worst]))}; {integrator.sentence}"
+            f"{rows}, rows depart from the model's motion by {percent(float(error[worst]))} of the changes "
+            f"of {speed!r}; noise accounts for {percent(float(noise[worst]))}; {integrator.sentence}"
         )
     if best.chosen:
-        odds = ", ".join(f"{c.kind} {c.element}: {x:.3g}" for c, x in zip(best.chosen, best.each, strict=True))
+        each = zip(best.chosen, best.each, strict=True)
+        odds = ", ".join(f"{c.kind} {c.element}: {x:.3g}" for c, x in each)
         said.append(f"Log odds of causes against none: {odds}")
-    elif inference.generic[0] > CERTAIN and inference.generic[1] > e.tolerance * e.ledger.energy_exchanged:
+    elif (
+        inference.generic[0] > CERTAIN
+        and inference.generic[1] > e.tolerance * e.ledger.energy_exchanged
+    ):
         said.append(
             "What is left depends on the state as terms of a model do (log odds "
             f"{inference.generic[0]:.3g}), and no few causes explain it"
         )
     held = [kind for kind in dict.fromkeys(inference.forces) if FORCES[kind][1] == 0.0]
     if held:
-        said.append(f"Logged forces act from row to row as {' or '.join(held)} values, by likelihood")
+        said.append(
+            f"Logged forces act from row to row as {' or '.join(held)} values, by likelihood"
+        )
     return said
 
 
@@ -359,18 +374,19 @@ def _undecided(e: Evidence) -> str:
         return "Log more rows, or smaller steps, with speeds and all forces"
     if e.unexplained > 0.5:
         return (
-            f"{inference.unexplained:.3g} J are of no integrator, no known cause and no noise: log every step with "
-            "all forces, and accelerations at the same instants"
+            f"{inference.unexplained:.3g} J are of no integrator, no known cause and no noise: log every step "
+            "with all forces, and accelerations at the same instants"
         )
     if e.hidden > 1.0 - PROBABLE["medium"]:
         times = inference.hidden[0] / max(e.allowed, 1e-300)
         rows = int(np.ceil(times**2))
         return (
-            f"{inference.hidden[1]} may hide {inference.hidden[0]:.2g} J, {times:.2g} times what is allowed: log with "
-            f"{np.log10(max(times, 1.01)):.1f} more digits, {rows} times as many rows, or accelerations, or excite it"
+            f"{inference.hidden[1]} may hide {inference.hidden[0]:.2g} J, {times:.2g} times what is allowed: "
+            f"log with {np.log10(max(times, 1.01)):.1f} more digits, {rows} times as many rows, or "
+            "accelerations, or excite it"
         )
     bar = e.attribution.integrator.largest[1] if e.attribution is not None else 0.0
     return (
-        f"The integrator's share is known to ± {bar:.2g} J beside {e.allowed:.2g} J that are allowed: log every step, "
+        f"The integrator's share is known to ± {bar:.2g} J; {e.allowed:.2g} J are allowed: log every step, "
         "with more digits"
     )

@@ -1,7 +1,7 @@
 """ΔC in joules of the integrator, of mistakes in the equations, and of the log.
 
-Along the rows each field does the work ∫(∂E/∂x)·F dt. What the integrator's fields and the mistakes' do not make
-of ΔC is of the log: noise and digits of its rows, and what forces did between them.
+Along the rows each field does the work ∫(∂E/∂x)·F dt. What the integrator's fields and the mistakes' do not
+make of ΔC is of the log: noise and digits of its rows, and what forces did between them.
 """
 
 from __future__ import annotations
@@ -72,8 +72,10 @@ def joules(
         Q: covariance (N, 2n, 2n) of what the flow does not know.
         gradient: ∂E/∂x (N, 2n) at the ends of the intervals.
         jump: energy (N,) of each row beyond that of its prediction, J.
-        integrator, equations: their shares.
-        variance, tau: of what is left, whitened.
+        integrator: its share.
+        equations: theirs.
+        variance: of what is left, whitened.
+        tau: autocorrelation time of that, intervals.
     """
     of_rows = np.einsum("km,km->k", gradient**2, log.noise[1] ** 2)
     rows = np.sqrt(of_rows + of_rows[0])

@@ -120,8 +120,8 @@ def predict(
 ) -> Prediction:
     """The flow of every interval, with as many steps as bring its error below the noise (N, 2n) of the rows.
 
-    Or with so many `steps`, where they are known. Intervals in which that is not enough, such as those in which
-    a contact begins, are refined on their own; what error remains is told.
+    Or with so many `steps`, where they are known. Intervals in which that is not enough, such as those in
+    which a contact begins, are refined on their own; what error remains is told.
     """
     allowed = 0.03 * noise + 100.0 * EPS * _sizes(intervals)
     if not steps:
@@ -175,7 +175,7 @@ def runge_kutta(
     force: Callable[[float], Array],
     on_group: bool = False,
 ) -> tuple[Array, Array]:
-    """q and u after a step of length h (N, 1) by an explicit method; `force` at a fraction of the step.
+    """Coordinates and speeds after a step h (N, 1) by an explicit method; `force` at a fraction of the step.
 
     The stages' rates of rotations are added as quaternions, or `on_group` as rotation vectors.
     """
@@ -207,9 +207,11 @@ def _flow(
     nodes = [Rows(start.t, start.q, start.u, force(0.0))]
     at = nodes[0]
     for k in range(count * each):
-        q, u = runge_kutta(
-            model, tableau, at, h, lambda c, k=k: force((k + c) / (count * each))  # type: ignore[misc]
-        )
+
+        def within(c: float, k: int = k) -> Array:
+            return force((k + c) / (count * each))
+
+        q, u = runge_kutta(model, tableau, at, h, within)
         at = Rows(start.t + (k + 1) * h[:, 0], q, u, force((k + 1) / (count * each)))
         if (k + 1) % each == 0:
             nodes.append(at)

@@ -2,9 +2,9 @@
 
 What a step of length h adds to the exact flow is told in terms of the fields of `fields.FIELDS`. With
 f′f = (a, a_q u + a_u a), a method whose expansion has the fraction φ of h² f′f differs from the flow by
-c = φ − ½ (Hairer, Lubich, Wanner, ch. IX). MuJoCo's implicit methods treat the dampers, or all of ∂a/∂u, at the
-end of the step. Where a log holds every step, or every so many, a method's own map takes the place of the flow:
-the prediction errors of the right one are rounding.
+c = φ − ½ (Hairer, Lubich, Wanner, ch. IX). MuJoCo's implicit methods treat the dampers, or all of ∂a/∂u, at
+the end of the step. Where a log holds every step, or every so many, a method's own map takes the place of
+the flow: the prediction errors of the right one are rounding.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.inference.fields import FIELDS
@@ -152,9 +153,7 @@ INTEGRATORS = (
     Integrator("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), _explicit(MIDPOINT)),
     Integrator("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), defect=_implicit_midpoint),
     Integrator("trapezoidal", 2, _second(1 / 12, 1 / 12), defect=_trapezoidal),
-    Integrator(
-        "verlet", 2, {"u: a_q a": 1 / 12, "u: a_qq u u": 1 / 12, "q: a_q u": -1 / 6}, None
-    ),
+    Integrator("verlet", 2, {"u: a_q a": 1 / 12, "u: a_qq u u": 1 / 12, "q: a_q u": -1 / 6}, None),
     Integrator("leapfrog", 2, _first(0.0, 0.0, -0.25), _kick_drift_kick),
     Integrator("position-verlet", 2, _first(0.0, 0.0, -0.5), _drift_kick_drift),
     Integrator("bogacki-shampine", 3, {}, _explicit("ode3")),
@@ -176,7 +175,7 @@ MOST_STEPS = 12
 def maps(
     model: Model, intervals: Intervals, force: ForceBetween, step: float
 ) -> Iterator[tuple[Integrator, Rows]]:
-    """Each method with the rows that it makes of those before, where rows lie a whole number of steps apart."""
+    """Each method with the rows that it makes of those before, if rows lie a whole number of steps apart."""
     ratio = intervals.h[:, 0] / step
     counts = np.rint(ratio).astype(np.intp)
     if np.any(np.abs(ratio - counts) > 1e-3) or counts.max() > MOST_STEPS or counts.min() < 1:
@@ -224,7 +223,7 @@ MOST_SPEEDS = 12
 
 
 def _repeated(
-    model: Model, step: Step, intervals: Intervals, force: ForceBetween, counts: Array
+    model: Model, step: Step, intervals: Intervals, force: ForceBetween, counts: NDArray[np.intp]
 ) -> Rows:
     at, h = intervals.start, intervals.h / counts[:, None]
     for k in range(int(counts.max())):

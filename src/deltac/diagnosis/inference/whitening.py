@@ -1,7 +1,7 @@
 """Prediction errors, whitened by the Cholesky factor of their covariance.
 
-The prediction errors w_k = y_{k+1} − φ_k(y_k) = e_{k+1} − Φ_k e_k + B_k θ + v_k of a log are a moving average of
-order one in the noise e of its rows, with what the flow does not know, v, added. Their covariance
+The prediction errors w_k = y_{k+1} − φ_k(y_k) = e_{k+1} − Φ_k e_k + B_k θ + v_k of a log are a moving
+average of order one in the noise e of its rows, with what the flow does not know, v, added. Their covariance
 
     E w_k w_kᵀ = R_{k+1} + Φ_k R_k Φ_kᵀ + Q_k ,        E w_{k+1} w_kᵀ = −Φ_{k+1} R_{k+1}
 
@@ -20,8 +20,8 @@ from scipy.linalg import lapack
 from deltac.arrays import Array
 
 ROUNDING = 1e-10
-"""Relative variance that keeps the covariance positive definite in double precision; it is not seen in the noise
-of ten million rows."""
+"""Relative variance that keeps the covariance positive definite in double precision; it is not seen in the
+noise of ten million rows."""
 
 
 def whitened(
@@ -56,7 +56,9 @@ def whitened(
         band[m - j : 2 * m - j, :, j] += C[:, :, j].T
     factor, info = lapack.dpbtrf(band.reshape(2 * m, N * m), lower=1, overwrite_ab=1)
     if info:
-        raise np.linalg.LinAlgError("the covariance of the prediction errors is not positive definite")
+        raise np.linalg.LinAlgError(
+            "the covariance of the prediction errors is not positive definite"
+        )
     factor = factor.reshape(2 * m, N, m)
     diagonal, below = np.zeros((N, m, m)), np.zeros((N, m, m))
     for j in range(m):

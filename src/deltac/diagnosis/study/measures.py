@@ -15,13 +15,13 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.audit import conventions
-from deltac.diagnosis.residuals.at_samples import stale_stage
 from deltac.diagnosis.residuals.at_samples import (
     CLEAR,
     LEAST,
     EquationTerms,
     constraint_rates,
     equation_terms,
+    stale_stage,
 )
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import states_along

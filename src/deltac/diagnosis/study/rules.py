@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 
-from deltac.diagnosis.verdict import NOTHING
 from deltac.diagnosis.study.convergence import order_text
 from deltac.diagnosis.study.measures import StudyMeasures
-from deltac.diagnosis.verdict import Confidence, Kind, Verdict, percent
+from deltac.diagnosis.verdict import NOTHING, Confidence, Kind, Verdict, percent
 
 IDLE = 2.0
 """Energy exchanged that is less than so many times the energy error is that error: nothing was exchanged."""
 
 DOMINATES, BEYOND = 4.0, 30.0
-"""ΔC counts from this many error bars on, once the bar is above the tolerance; and where bars do not converge."""
+"""Error bars from which on ΔC counts, once the bar is above the tolerance; and where bars do not converge."""
 
 BELOW = 0.6
 """An observed order that is off by more than this and its error is a finding: what is not smooth costs a

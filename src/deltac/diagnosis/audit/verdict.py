@@ -387,6 +387,6 @@ def _undecided(e: Evidence) -> str:
         )
     bar = e.attribution.integrator.largest[1] if e.attribution is not None else 0.0
     return (
-        f"The integrator's share is known to ± {bar:.2g} J; {e.allowed:.2g} J are allowed: log every step, "
+        f"The integrator's share is known to ± {bar:.2g} J, {e.allowed:.2g} J are allowed; log every step "
         "with more digits"
     )

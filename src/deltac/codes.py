@@ -35,6 +35,7 @@ FINDINGS: dict[str, str] = {
     "body-tensor": "the central inertia tensor of a body differs",
     "actuator-gear": "an actuator delivers a multiple or fraction of its logged force",
     "actuator-delay": "an actuator's force acted later than logged",
+    "late-forces": "all forces acted later than logged, or smoother, as beside states that were filtered",
     "channel-factor": "a force element acts with a multiple or fraction of its force",
     "damping": "the damping of a joint differs",
     "stiffness": "the stiffness of a joint differs",

@@ -449,7 +449,7 @@ WHOLE = 1.02
 
 
 def _with_held_works(reference: _Reference, log: Log, inference: Inference | None) -> Log:
-    """The log with the works of forces that were held over each step: F Δq, known without quadrature."""
+    """The log with the works of forces that were held over each step, known without quadrature."""
     run = log.run
     if inference is None or log.consecutive is not run or reference.work is not None:
         return log
@@ -466,8 +466,11 @@ def _works_between_rows(inference: Inference, run: Trajectory) -> dict[ChannelNa
     model = inference.model
     if run.works or run.integrals or set(run.forces) != set(model.log.places):
         return {}
-    rows = model.rows(run)
-    moved = model.difference(rows.take(slice(0, -1)), rows.take(slice(1, None)))[:, : model.n]
+    if len(inference.w) != len(run) - 1:
+        return {}
+    # The work along the model's flow: what the integrator does besides is its error, and in ΔC.
+    intervals = inference.log.intervals
+    moved = (model.difference(intervals.start, intervals.end) - inference.w)[:, : model.n]
     place = {int(k): row for row, k in enumerate(model.mechanism.free.u)}
     works: dict[ChannelName, Array] = {}
     for name, speeds in model.log.places.items():

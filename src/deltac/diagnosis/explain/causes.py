@@ -155,6 +155,13 @@ KINDS = {
         "delay",
         "s",
     ),
+    "late-forces": Kind(
+        "the forces act {numbers[0]} s later than logged, smoothed by {numbers[1]} s²: states that were filtered are "
+        "late beside forces that were not",
+        "Log states and forces of the same instant, both filtered or neither",
+        "delay",
+        "s",
+    ),
     "constant-force": Kind(
         "a constant force of {shown} {unit} acts on joint {element}", ADD, "force", "{F}"
     ),
@@ -741,6 +748,10 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         yield from cause(kind, name, at, [1.0], 1.0, origin=origin)
         delay = places(*(Column("delay", name, k) for k in range(2)))
         yield from cause("actuator-delay", name, delay, _FIRST, quadratic=_SQUARE, origin=origin)
+    late = [places.of[c] for c in places.of if c.what == "delay"]
+    if late:  # states that were filtered are late, and smooth, beside forces that were not
+        both = np.array([[1.0 - c.index, c.index] for c in places.of if c.what == "delay"])
+        yield from cause("late-forces", "", tuple(late), both, names=("delay", "smoothing"), units=("s", "s²"))
 
 
 def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:

@@ -45,6 +45,7 @@ class Block:
     prior     standard deviation of their coefficients
     causes    places of the columns of causes, the same causes in all blocks
     rounding  least variance of the noise: what digits alone make of it
+    noise     variance beside which the prior of nuisance columns counts; 0: what all columns together leave
     """
 
     r: Array
@@ -53,6 +54,7 @@ class Block:
     prior: Array
     causes: NDArray[np.intp]
     rounding: float = 0.0
+    noise: float = 0.0
 
     @cached_property
     def gram(self) -> tuple[Array, Array, float]:
@@ -77,6 +79,11 @@ class Block:
         x = d * np.linalg.solve(scaled, d * b[some])
         rss = rr - 2.0 * float(b[some] @ x) + float(x @ A[np.ix_(some, some)] @ x)
         return max(rss, CANCELLED * rr, 1e-300) / max(self.r.size - len(some), 1)
+
+    @property
+    def variance(self) -> float:
+        """Of the noise, beside which the prior counts."""
+        return self.noise or self.floor
 
     @cached_property
     def _spectrum(self) -> tuple[Array, Array, Array]:
@@ -103,7 +110,7 @@ class Block:
         """What the nuisance columns leave of the causes' Gram matrix, with their prior."""
         A, b, rr = self.gram
         n, c = self.nuisance, self.causes
-        N = A[np.ix_(n, n)] + np.diag(self.floor / self.prior**2)
+        N = A[np.ix_(n, n)] + np.diag(self.variance / self.prior**2)
         s = _inverse_sizes(np.diag(N))  # of columns that are rounding, the prior's
         inverse = s[:, None] * np.linalg.pinv(s[:, None] * N * s, rcond=1e-14, hermitian=True) * s
         x = inverse @ b[n]

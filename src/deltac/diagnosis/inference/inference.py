@@ -7,7 +7,7 @@ maps of known ones, and on the columns of every cause. All hypotheses are factor
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -51,6 +51,7 @@ from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.inference.observations import (
     Observations,
     observations,
+    remainder,
     unit_responses,
     unknown,
 )
@@ -73,14 +74,17 @@ EVERY_STEP = 1.01
 SHARES = (0.0, 0.01, 0.1, 1.0)
 """Shares of what forces may have done between the rows of a thinned log that are compared by likelihood."""
 
-NEGLIGIBLE = 1e-6
+NEGLIGIBLE = 1e-5
 """Share of the energy exchanged below which a cause is not told: iterations of constraint solvers stop there."""
 
 RELINEARISATIONS = 1
 """Times that columns are taken anew with the accelerations that the causes make."""
 
 
-OF_THE_LOG = ("actuator-delay", "zero-offset")
+LOST = 0.3
+"""Share of the intervals that may be lost where the model has no finite motion."""
+
+OF_THE_LOG = ("actuator-delay", "late-forces", "zero-offset")
 """Causes that leave the equations as they are."""
 
 
@@ -205,10 +209,20 @@ class _Inferring:
         self.kinds = tuple(kind or "smooth" for kind in self.declared)
         self.steps, self.log = 0, log
         self._predict()
-        self.log = log.with_noise(self.w)
-        if not np.isfinite(self.w).all():
-            raise FlowError("the flow of the model leaves all bounds between some rows")
         self.fields, self.J = self._integrator_columns()
+        lost = ~np.all(
+            [np.isfinite(x).reshape(len(x), -1).all(axis=1) for x in (self.w, *self.J, *self.fields)],
+            axis=0,
+        )
+        if lost.any():  # the flow leaves all bounds there, as in singular positions
+            if lost.mean() > LOST:
+                raise FlowError("the flow of the model leaves all bounds between many rows")
+            self.log = log.without(lost)
+            self.force = LoggedForce.of(self.log.intervals, self.log.pieces)
+            self.whole = float(run.t[-1] - run.t[0]) / float(self.log.intervals.h.sum())
+            self._predict()
+            self.fields, self.J = self._integrator_columns()
+        self.log = self.log.with_noise(self.w)
         count = self.fields[0].shape[2] - len(FIELDS)
         self.prior = np.array([PRIOR[f.order] for f in FIELDS] + [PRIOR[3]] * count)
         self.Q = self._unknown()
@@ -255,44 +269,55 @@ class _Inferring:
         """G_j = M⁻¹x_j (N, 2n, P) at the nodes; `beside` are coefficients of causes that act already."""
         intervals = self.log.intervals
         rate = (intervals.end.F - intervals.start.F) / intervals.h
+        curve = np.zeros_like(rate)
+        for a, b in self.log.pieces:
+            if b - a > 2:
+                curve[a:b] = np.gradient(rate[a:b], intervals.start.t[a:b], axis=0)
 
-        def columns(at: Rows, rate: Array, known: Array | None) -> Array:
+        def columns(at: Rows, rate: Array, curve: Array, known: Array | None) -> Array:
             a = self.model.at(at)
             if known is not None and beside is not None:
                 a = a + known[:, self.model.n :] @ beside
-            x = self.kernels(at.t, at.q, at.u, a, at.F, rate, np.zeros_like(rate))[:, :, 1:]
+            x = self.kernels(at.t, at.q, at.u, a, at.F, rate, curve)[:, :, 1:]
             u = self.model.response(at.t, at.q, x)
             return np.concatenate([np.zeros_like(u), u], axis=1)
 
         before = self.causes if beside is not None else [None] * len(self.flow.nodes)
         last = np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
         own = [
-            columns(at, rate, known)
+            columns(at, rate, curve, known)
             for at, known in zip(self.flow.nodes[:-1], before[:-1], strict=True)
         ]
         known = before[-1]
-        end = columns(self._ends, rate[last], None if known is None else known[last])
+        end = columns(self._ends, rate[last], curve[last], None if known is None else known[last])
         return self._at_nodes(own, end)
 
     def _unknown(self) -> Array:
         """The covariance of what the flow does not know, of forces between rows by likelihood."""
-        Q, between = unknown(self.model, self.log, self.flow, self.force, self.w, self.thinned)
+        Q, between, across = unknown(
+            self.model, self.log, self.flow, self.force, self.w, self.thinned
+        )
+        h = self.log.intervals.h
+        beyond = remainder(
+            self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, np.minimum(self.step, h)
+        )
+        diagonal = np.arange(beyond.shape[1])
+        Q[:, diagonal, diagonal] += beyond**2
         if between.any():
             Phi, B = transported(self.log.intervals.h, self.J, self.fields)
             columns = np.concatenate([self.w[:, :, None], B], axis=2)
 
             def likelihood(share: float) -> float:
                 white, spread = whitened(
-                    self.log.pieces, Phi, self.log.noise, Q + share**2 * between, columns
+                    self.log.pieces, Phi, self.log.noise, Q + share**2 * between + across, columns
                 )
                 r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, B.shape[2])
                 r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
                 return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
 
             Q = Q + max(SHARES, key=likelihood) ** 2 * between
-        if not all(np.isfinite(x).all() for x in (*self.J, *self.fields, Q)):
-            raise FlowError("the fields of the model leave all bounds at some rows")
-        return Q
+        self.uncertain = Q
+        return Q + across
 
     # --- hypotheses ---
 
@@ -355,9 +380,12 @@ class _Inferring:
             best = min(closings, key=lambda k: closings[k].floor)
             closing = closings[best]
             rows = closing.count / autocorrelation_time(closing.residual(closing.optimum))
-            # What closes better than the digits of the rows allow closes alike.
-            seen = {k: max(b.floor, b.rounding) for k, b in closings.items()}
-            odds = {k: 0.5 * rows * float(np.log(x / seen[best])) for k, x in seen.items()}
+            odds = {
+                k: 0.5 * rows * float(np.log(max(b.floor / closing.floor, 1.0)))
+                if b.floor > b.rounding
+                else 0.0
+                for k, b in closings.items()
+            }
             if 0.5 * rows * np.log(series.floor / closing.floor) > CERTAIN:
                 alike = [k for k in closings if odds[k] < EQUAL]
                 self.methods = tuple(ends[k][0] for k in alike)
@@ -370,9 +398,19 @@ class _Inferring:
             self.blocks = (self._measured(),)
         self.of_rows = chosen
         if before is None:
-            return search(self.blocks, self.candidates, lambda fit: self._exchanged(fit)[0], self.least)
+            posterior = self._search()
+            variance = chosen.projected.left(posterior.best.coefficients) / chosen.count
+            if len(self.blocks) == 1 and len(chosen.nuisance) and variance > 2.0 * chosen.variance:
+                # The numbers of an integrator are of the size of their prior beside the noise that there is.
+                self.of_rows = replace(chosen, noise=variance)
+                self.blocks = (self.of_rows,)
+                posterior = self._search()
+            return posterior
         refitted = fitted(self.blocks, before.best.chosen, before.best.theta)
         return before if refitted is None else before.with_fit(refitted)
+
+    def _search(self) -> Posterior:
+        return search(self.blocks, self.candidates, lambda fit: self._exchanged(fit)[0], self.least)
 
     def _of_method(self, end: tuple[Integrator, Rows], w: Array, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
@@ -502,7 +540,7 @@ class _Inferring:
             left = self.w - self.B[:, :, :ni] @ c - self.B[:, :, ni:] @ best.coefficients
         mistake = self._mistake(best, power[:, ni:], tau)
         attribution, unexplained = joules(
-            log, self.Q, self.gradient, jump, integrator, mistake, variance, tau
+            log, self.uncertain, self.gradient, jump, integrator, mistake, variance, tau
         )
         exchanged, errors, energy = self._exchanged(best)
         odds, coefficients = _generic(self.blocks[0], best)

@@ -190,7 +190,7 @@ class Model:
             d = JACOBIAN_DIFFERENCE
             q = self.moved(at.q, np.broadcast_to(e, at.u.shape), d * one)
             J[:, n:, k] = (self.acceleration(at.t, q, at.u, at.F) - here) / d
-            d *= 1.0 + float(np.abs(at.u[:, k]).max(initial=0.0))
+            d *= 1.0 + float(np.nanmax(np.abs(at.u[:, k]), initial=0.0))
             J[:, n:, n + k] = (self.acceleration(at.t, at.q, at.u + d * e, at.F) - here) / d
         return J
 

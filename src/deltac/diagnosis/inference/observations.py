@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, Prediction
@@ -31,6 +32,23 @@ class Observations:
     noise: tuple[Array, Array]
     digits: tuple[Array, Array]
     force_noise: Array
+
+    def without(self, lost: NDArray[np.bool_]) -> Observations:
+        """Without some of the intervals; stretches are cut there."""
+        kept = np.flatnonzero(~lost)
+        pieces, at = [], 0
+        for first, last in self.pieces:
+            edges = np.flatnonzero(np.diff(np.concatenate([[1], lost[first:last], [1]]).astype(int)))
+            for a, b in zip(edges[::2], edges[1::2], strict=True):
+                pieces.append((at, at + int(b - a)))
+                at += int(b - a)
+        starts = [np.arange(a, b - 1) for a, b in self.rows]
+        rows = np.concatenate(starts)[kept]
+        edges = [(int(rows[a]), int(rows[b - 1]) + 2) for a, b in pieces]
+        start, end = ((x[0][kept], x[1][kept]) for x in (self.noise, self.digits))
+        return Observations(
+            self.intervals.take(kept), pieces, edges, start, end, self.force_noise[kept]
+        )
 
     @property
     def rounding(self) -> float:
@@ -104,17 +122,16 @@ def _alike(values: Array, half: Array) -> Array:
 
     White noise of the variance times that has the spectrum of such errors where it is slow.
     """
-    rows = min(NEIGHBOURS, (len(values) - 1) // 2)
-    if rows < 1:
-        return np.ones_like(values)
-    k = np.arange(len(values))
-    change = values[np.minimum(k + rows, len(k) - 1)] - values[np.maximum(k - rows, 0)]
-    slowest = np.maximum(np.abs(change) / (2 * rows), half / rows)
-    return np.maximum(2.0 * half / np.maximum(slowest, 1e-300), 1.0)
+    shared = np.ones_like(values)
+    for k, x in enumerate(values.T):
+        edges = np.flatnonzero(np.concatenate([[True], np.diff(x) != 0.0, [True]]))
+        runs = np.diff(edges)
+        shared[:, k] = np.where(half[:, k] > COARSE * np.abs(x), np.repeat(runs, runs), 1.0)
+    return shared
 
 
-NEIGHBOURS = 8
-"""Rows to either side by which the change of a number from row to row is told."""
+COARSE = 1e-12
+"""Half of a last digit, as a share of the number, from which on it is one that was rounded."""
 
 LEAST_INTERVALS = 4
 """Intervals from which on anything is inferred."""
@@ -160,11 +177,11 @@ def unit_responses(model: Model, at: Rows) -> Iterator[Array]:
 
 def unknown(
     model: Model, log: Observations, flow: Prediction, force: LoggedForce, w: Array, thinned: bool
-) -> tuple[Array, Array]:
-    """Covariances (N, 2n, 2n) of what the flow does not know, and of forces between `thinned` rows.
+) -> tuple[Array, Array, Array]:
+    """Covariances (N, 2n, 2n) of what the flow does not know: own, of forces between rows, across constraints.
 
-    The first: its own error; digits and noise of logged forces; along constraints, what a solver does to keep
-    them. Where steps were not all logged a force may have taken any way from one row to the next: by its change,
+    Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep them. Where
+    steps were not all logged a force may have taken any way from one row to the next: by its change,
     uniformly.
     """
     n, h, at = model.n, log.intervals.h, flow.nodes[0]
@@ -184,14 +201,24 @@ def unknown(
             both = np.concatenate([0.5 * h * du, du], axis=1)
             early = np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1)
             between += both[:, :, None] * both[:, None, :] + early[:, :, None] * early[:, None, :]
+    across = np.zeros_like(Q)
     if model.rows_of_G:
         M, G = model.matrices(at.t, at.q)
-        across, _ = np.linalg.qr(np.linalg.solve(M, G.transpose(0, 2, 1)))
+        directions, _ = np.linalg.qr(np.linalg.solve(M, G.transpose(0, 2, 1)))
         size = ACROSS * np.sqrt(np.mean(w**2, axis=0) + np.mean(log.noise[0] ** 2, axis=0)).max()
-        normal = size**2 * across @ across.transpose(0, 2, 1)
-        Q[:, :n, :n] += normal
-        Q[:, n:, n:] += normal
-    return Q, between
+        across[:, :n, :n] = across[:, n:, n:] = size**2 * directions @ directions.transpose(0, 2, 1)
+    return Q, between, across
+
+
+def remainder(J: Array, first: Array, h: Array, step: Array) -> Array:
+    """Standard deviations (N, 2n) of what the series in the step leaves out, interval by interval.
+
+    Where ρ, the step times the spectral radius of ∂f/∂x, is not small the series does not converge, and the fields of
+    first order, (N, 2n, k), say ρ³ of themselves about what follows: an onset of friction or contact tells little.
+    """
+    J2 = J @ J
+    rho = step * (np.linalg.norm(J2 @ J2, axis=(1, 2)) ** 0.25)[:, None]
+    return np.asarray(np.minimum(rho, 1.0) ** 3 * h * np.abs(first).max(axis=2))
 
 
 ACROSS = 1e3

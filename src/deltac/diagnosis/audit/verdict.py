@@ -374,7 +374,7 @@ def _undecided(e: Evidence) -> str:
         return "Log more rows, or smaller steps, with speeds and all forces"
     if e.unexplained > 0.5:
         return (
-            f"{inference.unexplained:.3g} J are of no integrator, no known cause and no noise: log every step "
+            f"{inference.unexplained:.3g} J are of no integrator, no known cause, no noise: log every step "
             "with all forces, and accelerations at the same instants"
         )
     if e.hidden > 1.0 - PROBABLE["medium"]:

@@ -156,8 +156,8 @@ KINDS = {
         "s",
     ),
     "late-forces": Kind(
-        "the forces act {numbers[0]} s later than logged, smoothed by {numbers[1]} s²: states that were filtered are "
-        "late beside forces that were not",
+        "the forces act {numbers[0]} s later than logged, smoothed by {numbers[1]} s²: states that were filtered "
+        "are late beside forces that were not",
         "Log states and forces of the same instant, both filtered or neither",
         "delay",
         "s",
@@ -751,7 +751,9 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
     late = [places.of[c] for c in places.of if c.what == "delay"]
     if late:  # states that were filtered are late, and smooth, beside forces that were not
         both = np.array([[1.0 - c.index, c.index] for c in places.of if c.what == "delay"])
-        yield from cause("late-forces", "", tuple(late), both, names=("delay", "smoothing"), units=("s", "s²"))
+        yield from cause(
+            "late-forces", "", tuple(late), both, names=("delay", "smoothing"), units=("s", "s²")
+        )
 
 
 def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:

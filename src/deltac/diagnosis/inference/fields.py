@@ -125,7 +125,7 @@ def elementary_differentials(model: Model, at: Rows, h: Array) -> Array:
 
 
 def first_order_jacobian(model: Model, at: Rows, h: Array, c: Array) -> Array:
-    """∂/∂x (N, 2n, 2n) of Σ c_i h F_i over the fields of first order: what the integrator makes of errors of a row."""
+    """∂/∂x (N, 2n, 2n) of Σ c_i h F_i, of first order: what the integrator makes of errors of a row."""
     n = model.n
 
     def total(q: Array, u: Array) -> Array:
@@ -136,7 +136,9 @@ def first_order_jacobian(model: Model, at: Rows, h: Array, c: Array) -> Array:
     for k in range(2 * n):
         e = np.zeros((1, n))
         e[0, k % n] = 1.0
-        d = FIRST * (1.0 + (0.0 if k < n else float(np.nanmax(np.abs(at.u[:, k - n]), initial=0.0))))
+        d = FIRST * (
+            1.0 + (0.0 if k < n else float(np.nanmax(np.abs(at.u[:, k - n]), initial=0.0)))
+        )
         along = np.broadcast_to(e, at.u.shape)
         q = model.moved(at.q, along, np.full((len(at.t), 1), d)) if k < n else at.q
         columns.append((total(q, at.u if k < n else at.u + d * e) - here) / d)

@@ -1,7 +1,8 @@
 """What a log says: its integrator, the causes of what its rows do not follow from each other, ΔC in joules.
 
-The prediction errors of a log, whitened, are regressed on the fields of an unknown integrator or compared with the
-maps of known ones, and on the columns of every cause. All hypotheses are factorisations of one Gram matrix.
+The prediction errors of a log, whitened, are regressed on the fields of an unknown integrator or compared
+with the maps of known ones, and on the columns of every cause. All hypotheses are factorisations of one Gram
+matrix.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import simpson
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import Array
 from deltac.diagnosis.explain.causes import Candidate, candidates
 from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels
 from deltac.diagnosis.inference.attribution import Attribution, Share, joules
@@ -26,7 +27,7 @@ from deltac.diagnosis.inference.fields import (
     first_order_jacobian,
     next_order,
 )
-from deltac.diagnosis.inference.flow import FORCES, Intervals, LoggedForce, predict, transported
+from deltac.diagnosis.inference.flow import FORCES, LoggedForce, predict, transported
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     EQUAL,
@@ -34,7 +35,6 @@ from deltac.diagnosis.inference.hypotheses import (
     Fit,
     Posterior,
     autocorrelation_time,
-    evidence,
     fitted,
     nothing,
     search,
@@ -75,7 +75,8 @@ SHARES = (0.0, 0.01, 0.1, 1.0)
 """Shares of what forces may have done between the rows of a thinned log that are compared by likelihood."""
 
 NEGLIGIBLE = 1e-5
-"""Share of the energy exchanged below which a cause is not told: iterations of constraint solvers stop there."""
+"""Share of the energy exchanged below which a cause is not told: iterations of constraint solvers stop
+there."""
 
 RELINEARISATIONS = 1
 """Times that columns are taken anew with the accelerations that the causes make."""
@@ -111,8 +112,8 @@ class Inference:
         whole: time of the log over that of the intervals.
         exchanged: energy (J) that each cause of the best set exchanges; `exchanged_error` its standard error.
         energy: what each adds to ΔC by the end, J.
-        generic: log odds that what is left depends on the state as terms of a model do, whichever these are, and
-            the energy (J) that they exchange.
+        generic: log odds that what is left depends on the state as terms of a model do, whichever these are,
+            and the energy (J) that they exchange.
         unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
         hidden: energy (J) that a mistake of one number may add to ΔC without being seen, and its name.
@@ -211,7 +212,10 @@ class _Inferring:
         self._predict()
         self.fields, self.J = self._integrator_columns()
         lost = ~np.all(
-            [np.isfinite(x).reshape(len(x), -1).all(axis=1) for x in (self.w, *self.J, *self.fields)],
+            [
+                np.isfinite(x).reshape(len(x), -1).all(axis=1)
+                for x in (self.w, *self.J, *self.fields)
+            ],
             axis=0,
         )
         if lost.any():  # the flow leaves all bounds there, as in singular positions
@@ -247,7 +251,9 @@ class _Inferring:
     @property
     def _ends(self) -> Rows:
         """The predicted ends of the pieces."""
-        return self.flow.nodes[-1].take(np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp))
+        return self.flow.nodes[-1].take(
+            np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
+        )
 
     def _integrator_columns(self) -> tuple[list[Array], list[Array]]:
         h = np.minimum(self.step, self.log.intervals.h)
@@ -335,7 +341,8 @@ class _Inferring:
                 self._predict()
                 posterior = self._compare()
         if posterior.best.chosen and len(self.blocks) == 1:
-            # Columns are linear in θ with the accelerations that the motion has, those of the causes included.
+            # Columns are linear in θ with the accelerations that the motion has, those of the causes
+            # included.
             for _ in range(RELINEARISATIONS):
                 self.causes = self._cause_columns(posterior.best.coefficients)
                 posterior = self._compare(posterior)
@@ -360,7 +367,8 @@ class _Inferring:
 
         series = block(0, ni)
         if log.rounding < 1.0:
-            # The integrator moves the noise of a row otherwise than the flow does, by its fields of first order.
+            # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
+            # order.
             c = np.clip(series.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
             h = np.minimum(self.step, log.intervals.h)
             change = first_order_jacobian(model, log.intervals.start, h, c)
@@ -417,7 +425,9 @@ class _Inferring:
         log, model = self.log, self.model
         Phi = transition(model, end, log.intervals, self.force(self.kinds), self.step)
         columns = np.concatenate([w[:, :, None], self.B], axis=2)
-        white, _ = whitened(log.pieces, self.Phi if Phi is None else Phi, log.noise, self.Q, columns)
+        white, _ = whitened(
+            log.pieces, self.Phi if Phi is None else Phi, log.noise, self.Q, columns
+        )
         return self._block(white[:, :, 0], white[:, :, 1:], 0, places)
 
     def _block(self, r: Array, D: Array, nuisance: int, places: NDArray[np.intp]) -> Block:
@@ -470,7 +480,12 @@ class _Inferring:
         sigma = np.sqrt(np.mean(sigma**2, axis=0))
         none = np.zeros(0, dtype=np.intp)
         return Block(
-            (udot - a) / sigma, columns / sigma[:, None], none, np.zeros(0), np.arange(x.shape[2]), 1.0
+            (udot - a) / sigma,
+            columns / sigma[:, None],
+            none,
+            np.zeros(0),
+            np.arange(x.shape[2]),
+            1.0,
         )
 
     def _kinds_of_forces(self, best: Fit) -> tuple[str, ...]:
@@ -503,7 +518,11 @@ class _Inferring:
         count = B.shape[2]
         prior = np.concatenate([self.prior, np.full(count - len(self.prior), 1e6)])
         trial = Block(
-            white[:, :, 0], white[:, :, 1:], np.arange(count), prior, count + np.arange(len(columns))
+            white[:, :, 0],
+            white[:, :, 1:],
+            np.arange(count),
+            prior,
+            count + np.arange(len(columns)),
         )
         p = trial.projected
         gram = np.block([[np.array([[p.rss]]), p.b[None]], [p.b[:, None], p.A]])
@@ -558,7 +577,9 @@ class _Inferring:
             integrator=(
                 identified(self.methods, self.step)
                 if self.methods
-                else estimate(c[: len(FIELDS)], covariance[: len(FIELDS), : len(FIELDS)], damped, self.step)
+                else estimate(
+                    c[: len(FIELDS)], covariance[: len(FIELDS), : len(FIELDS)], damped, self.step
+                )
             ),
             attribution=attribution,
             tau=tau,
@@ -580,7 +601,9 @@ class _Inferring:
     def _mistake(self, best: Fit, power: Array, tau: float) -> Share:
         """ΔC's share of the causes that are of the equations; delays and zeros are of the log."""
         sizes = [c.size for c in best.chosen]
-        of_equations = np.repeat([c.kind not in OF_THE_LOG for c in best.chosen], sizes).astype(bool)
+        of_equations = np.repeat([c.kind not in OF_THE_LOG for c in best.chosen], sizes).astype(
+            bool
+        )
         T = np.cumsum(power @ best.tangent, axis=0)[:, of_equations]
         C = best.covariance[np.ix_(of_equations, of_equations)] * tau
         spread = np.maximum(np.einsum("ki,ij,kj->k", T, C, T), 0.0)
@@ -591,7 +614,7 @@ class _Inferring:
         return Share(np.cumsum(power @ coefficients), np.sqrt(spread))
 
     def _hidden(self, best: Fit, tau: float) -> tuple[float, str]:
-        """Energy (J) that a mistake of one number may add to ΔC unseen, at two standard errors; which it is."""
+        """Energy (J) that a mistake of one number may add to ΔC unseen, at two standard errors; its name."""
         ni, most, name = self.fields[0].shape[2], 0.0, ""
         curves = np.cumsum(np.einsum("km,kmp->kp", self.gradient, self.B[:, :, ni:]), axis=0)
         for c in self.candidates:
@@ -610,7 +633,8 @@ class _Inferring:
 def _generic(block: Block, best: Fit) -> tuple[float, Array]:
     """Log odds of all columns of causes together against the best set, and their coefficients.
 
-    Where they have odds, and no few causes explain as much, the equations are wrong in a way that has no name here.
+    Where they have odds, and no few causes explain as much, the equations are wrong in a way that has no
+    name here.
     """
     coefficients = block.optimum
     rows = block.count / autocorrelation_time(block.residual(coefficients))
@@ -632,8 +656,8 @@ def _deviation(blocks: Sequence[Block], c: Candidate, best: Fit, tau: float) -> 
 def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:
     """Log odds that what is left comes in intervals of their own, and these intervals (N,).
 
-    Two variances, of quiet and of active intervals, against the one of the best causes; each spell of activity
-    costs its two ends.
+    Two variances, of quiet and of active intervals, against the one of the best causes; each spell of
+    activity costs its two ends.
     """
     r = block.residual(np.zeros(len(block.causes)))
     n, d = r.shape
@@ -644,7 +668,8 @@ def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:
     active = size > ACTIVE * quiet
     if not 2 < active.sum() < 0.7 * n:
         return -np.inf, none
-    # What acts begins and ends from one interval to the next: a remainder of the series comes and goes smoothly.
+    # What acts begins and ends from one interval to the next: a remainder of the series comes and goes
+    # smoothly.
     edges = np.flatnonzero(np.diff(active.astype(int)))
     ratio = np.abs(np.log(size[edges + 1] / size[edges]))
     if not np.median(ratio) > np.log(ACTIVE):
@@ -667,7 +692,8 @@ def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:
 
 
 ACTIVE = 100.0
-"""Variance of an interval beside that of quiet ones from which on something acts in it that does not in those."""
+"""Variance of an interval beside that of quiet ones from which on something acts in it that does not in
+those."""
 
 
 def _likeliest(

@@ -78,8 +78,8 @@ class _Expressions:
 class Model:
     """A mechanism with a log's forces: accelerations, mass matrix, constraints and energy at rows.
 
-    Displacements and directions of the state have 2n components: along the n free speeds (of a quaternion, the
-    three of its rotation vector), then of the speeds themselves.
+    Displacements and directions of the state have 2n components: along the n free speeds (of a quaternion,
+    the three of its rotation vector), then of the speeds themselves.
     """
 
     def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:

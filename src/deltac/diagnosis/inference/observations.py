@@ -38,7 +38,9 @@ class Observations:
         kept = np.flatnonzero(~lost)
         pieces, at = [], 0
         for first, last in self.pieces:
-            edges = np.flatnonzero(np.diff(np.concatenate([[1], lost[first:last], [1]]).astype(int)))
+            edges = np.flatnonzero(
+                np.diff(np.concatenate([[1], lost[first:last], [1]]).astype(int))
+            )
             for a, b in zip(edges[::2], edges[1::2], strict=True):
                 pieces.append((at, at + int(b - a)))
                 at += int(b - a)
@@ -59,8 +61,8 @@ class Observations:
     def with_noise(self, w: Array) -> Observations:
         """With the white noise that prediction errors w (N, 2n) show beside the digits.
 
-        Summed up they are the noise of the rows beside what is smooth, w_k ≈ e_{k+1} − e_k, however unevenly or
-        coarsely the motion is sampled.
+        Summed up they are the noise of the rows beside what is smooth, w_k ≈ e_{k+1} − e_k, however unevenly
+        or coarsely the motion is sampled.
         """
         first, last = max(self.pieces, key=lambda piece: piece[1] - piece[0])
         noise = white_noise(np.cumsum(w[first:last], axis=0))
@@ -69,8 +71,8 @@ class Observations:
 
 
 FINEST = 1e-6
-"""Least noise of a column as a share of its prediction errors: what is finer is not needed, and covariances keep
-their digits."""
+"""Least noise of a column as a share of its prediction errors: what is finer is not needed, and covariances
+keep their digits."""
 
 
 def observations(model: Model, run: Trajectory, most: int) -> Observations | None:
@@ -178,11 +180,11 @@ def unit_responses(model: Model, at: Rows) -> Iterator[Array]:
 def unknown(
     model: Model, log: Observations, flow: Prediction, force: LoggedForce, w: Array, thinned: bool
 ) -> tuple[Array, Array, Array]:
-    """Covariances (N, 2n, 2n) of what the flow does not know: own, of forces between rows, across constraints.
+    """Covariances (N, 2n, 2n) of what the flow does not know: own, between rows, across constraints.
 
-    Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep them. Where
-    steps were not all logged a force may have taken any way from one row to the next: by its change,
-    uniformly.
+    Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep
+    them. Where steps were not all logged a force may have taken any way from one row to the next: by its
+    change, uniformly.
     """
     n, h, at = model.n, log.intervals.h, flow.nodes[0]
     Q = np.zeros((len(h), 2 * n, 2 * n))
@@ -213,8 +215,9 @@ def unknown(
 def remainder(J: Array, first: Array, h: Array, step: Array) -> Array:
     """Standard deviations (N, 2n) of what the series in the step leaves out, interval by interval.
 
-    Where ρ, the step times the spectral radius of ∂f/∂x, is not small the series does not converge, and the fields of
-    first order, (N, 2n, k), say ρ³ of themselves about what follows: an onset of friction or contact tells little.
+    Where ρ, the step times the spectral radius of ∂f/∂x, is not small the series does not converge, and the
+    fields of first order, (N, 2n, k), say ρ³ of themselves about what follows: an onset of friction or
+    contact tells little.
     """
     J2 = J @ J
     rho = step * (np.linalg.norm(J2 @ J2, axis=(1, 2)) ** 0.25)[:, None]
@@ -222,4 +225,5 @@ def remainder(J: Array, first: Array, h: Array, step: Array) -> Array:
 
 
 ACROSS = 1e3
-"""How much more than the prediction errors a solver may do across the constraints: nothing is told by these."""
+"""How much more than the prediction errors a solver may do across the constraints: nothing is told by
+these."""

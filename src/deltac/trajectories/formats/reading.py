@@ -659,8 +659,8 @@ def _complete(
 ) -> tuple[dict[str, FloatArray], dict[str, str]]:
     """The columns without rows in which a value is missing, and a note that says which.
 
-    Accelerations in which values are missing are left out themselves: the rows tell more than they do. What is
-    missing up to the end stays, and is refused: so ends a simulation that diverged.
+    Accelerations in which values are missing are left out themselves: the rows tell more than they do. What
+    is missing up to the end stays, and is refused: so ends a simulation that diverged.
     """
     rows = len(next(iter(columns.values()), ()))
     gaps = {n: int(np.isnan(x).sum()) for n, x in columns.items() if n.startswith("udot.")}

@@ -105,7 +105,7 @@ def audit(
             "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
         )
     if fleet:
-        if values or audit.keywords["replay"]:
+        if values or audit.keywords.get("replay"):
             raise ArgumentsError(
                 "--set and --replay are of logs that are audited at once; with --out, --workers, --scheduler,"
                 " folders or patterns write the values into the model, and leave out --replay"

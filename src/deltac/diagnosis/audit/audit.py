@@ -297,7 +297,7 @@ def audit(
     work: str | None = None,
     mapping: Any = None,
     strict: bool = False,
-    replay: bool = False,
+    replay: bool | None = None,
     progress: Progress | None = None,
 ) -> Audit:
     """Judge a log against a model.
@@ -314,7 +314,8 @@ def audit(
         mapping: path of a mapping file, for logs whose columns have other names or units.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
         replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
-            every step: tells whether the log is this model's, and audits every step.
+            every step: tells whether the log is this model's, and audits every step. By default where the log
+            has controls, lacks forces that the model's file has, and is reproduced; the findings say so.
         progress: called with the fraction done.
 
     Returns:
@@ -325,12 +326,14 @@ def audit(
     """
     reference = _reference(model, tolerance, work)
     deadline, parts = Deadline(SECONDS), Parts(progress, SHARES)
-    of_replay: list[Finding] = []
-    if replay:
-        from deltac.diagnosis.audit.replayed import replayed
+    of_replay: tuple[Finding, ...] = ()
+    if replay is not False and (replay or reference.import_report is not None):
+        from deltac.diagnosis.audit import replayed
 
-        log, of_replay = replayed(model, reference.mechanism, log, mapping)
-        mapping = None
+        again = replayed.replayed(model, reference, log, mapping, required=bool(replay))
+        of_replay = again.findings
+        if again.run is not None:
+            log, mapping = again.run, None
     known = read(reference, log, mapping, of_replay, parts.part("read"))
     (step,) = first_tests(reference.mechanism, [known])
     return _judged(reference, known, step, strict, deadline, parts.part("evidence"))

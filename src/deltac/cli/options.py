@@ -113,7 +113,10 @@ StartState = Annotated[
 
 Tolerance = Annotated[
     float,
-    typer.Option(metavar="FRACTION", help="Accepted |ΔC| as a fraction of the energy exchanged."),
+    typer.Option(
+        metavar="FRACTION",
+        help="Accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).",
+    ),
 ]
 
 Duration = Annotated[

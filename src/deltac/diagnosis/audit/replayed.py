@@ -30,7 +30,7 @@ CONTROLS = ("ctrl", "control", "controls", "action", "actions", "act", "u", "a")
 ACTIVATIONS = ("act", "activation", "activations")
 
 MOST_STEPS = 20_000
-"""Steps of a replay that nobody asked for: each takes some milliseconds, as all of its forces are recorded."""
+"""Steps of a replay that nobody asked for: each takes milliseconds, as all of its forces are recorded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,8 @@ def _unasked(
         return _not_replayed(
             "the log has neither controls nor forces: most of what moved the model is unknown",
             f"missing: ctrl (T, {program.nu}), or the forces of {listed(map(repr, missing))}",
-            "Log data.ctrl at each row: MuJoCo is then stepped between the rows, and every force is known. Of "
-            "this log can be judged whether coordinates move as their speeds say and, in free flight, the "
+            "Log data.ctrl at each row: MuJoCo is then stepped between the rows, and every force is known. "
+            "Of this log can be judged whether coordinates move as their speeds say and, in free flight, the "
             "momentum of the whole",
         )
     try:
@@ -159,8 +159,9 @@ def _of(replay: Replay) -> Finding:
     return Finding(
         "replay-departs",
         f"the model does not reproduce the log: stepping from row {first - 1} misses row {first}",
-        f"t = {replay.t[first]:.6g} s, by {percent(float(replay.missed[first - 1]))} of what changes from row "
-        f"to row; {len(departures)} of {intervals} rows are missed, the worst by {percent(worst)}; {steps}",
+        f"t = {replay.t[first]:.6g} s, by {percent(float(replay.missed[first - 1]))} of what changes from "
+        f"row to row; {len(departures)} of {intervals} rows are missed, the worst by "
+        f"{percent(worst)}; {steps}",
         "The log was made with another model, step or controls, or something acted that is not in it (a "
         "push, a reset, noise on the action); compare the parameters, or use the rows before that",
         "cause",

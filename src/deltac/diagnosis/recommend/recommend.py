@@ -32,11 +32,9 @@ from deltac.diagnosis.study.simulators import (
     handed_on,
     starting,
 )
+from deltac.diagnosis.verdict import REFINED_TOLERANCE
 from deltac.errors import NO_NUMBER, InputError, SolverError
 from deltac.models import ModelLike, StateLike, load_model
-
-TOLERANCE = 1e-6
-"""Accepted by default: |ΔC| as a share of the energy exchanged, q and u as shares of their ranges."""
 
 TOO_DEAR = 8.0
 """A solver is given up when it needs this many times the best one's time."""
@@ -54,7 +52,7 @@ def recommend(
     model: ModelLike,
     state: StateLike = None,
     duration: float | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = REFINED_TOLERANCE,
     *,
     motion_tolerance: float | None = None,
     solvers: Sequence[str] | None = None,
@@ -74,7 +72,8 @@ def recommend(
             file is run by MuJoCo's integrators, unless `solvers` names ours.
         state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long it is, s; by default the problem's.
-        tolerance: of the largest |ΔC| (Wang's), as a share of the energy exchanged.
+        tolerance: of the largest |ΔC| (Wang's), as a fraction of the energy that the system has (max K +
+            range of V).
         motion_tolerance: accepted error of q and u, each as a share of the range of what has its unit; by
             default `tolerance`. `inf` leaves the motion out, as for chaotic motions over long times.
         solvers: names of the solvers to try; by default all that suit the model.
@@ -123,8 +122,6 @@ def recommend(
         if trials.still:
             break
     deadline.lift()
-    if trials.idle and not trials.still:
-        search.notes.append("no energy is exchanged: |ΔC| is judged beside the kinetic energy")
     if len(search.refused) == len(found):
         raise SolverError(f"recommend: no solver can be used. {'. '.join(search.refused)}")
     found_advice = search.advice(duration, notes)
@@ -246,7 +243,7 @@ class _Search:
             tolerance=self._asked[0],
             motion_tolerance=self._asked[1],
             duration=duration,
-            energy_exchanged=self._trials.energy_exchanged,
+            reference_energy=self._trials.reference_energy,
             still=self._trials.still,
             notes=(*notes, *self.refused, *self.notes),
         )

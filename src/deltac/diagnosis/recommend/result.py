@@ -41,8 +41,7 @@ class Recommendation(
             far its motion is from the recommended one, as a share of the ranges (NaN without runner-up).
         trials: all that was tried.
         tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
-        energy_exchanged: energy exchanged in it, J, or its kinetic energy where none is exchanged (a
-            body that turns freely); `still`: neither, so that nothing moves.
+        reference_energy: the energy that the system has, J; `still`: none, so that nothing moves.
         notes: why some solvers were left out.
         import_report: what the model's file held that the model does not, None for other models.
     """
@@ -56,7 +55,7 @@ class Recommendation(
     tolerance: float
     motion_tolerance: float
     duration: float
-    energy_exchanged: float
+    reference_energy: float
     still: bool = False
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
@@ -147,10 +146,9 @@ def _explained(advice: Recommendation) -> list[str]:
     best, asked = advice.best, (advice.tolerance, advice.motion_tolerance)
     if advice.still:
         return [
-            f"Unresolved: {advice.energy_exchanged:.2g} J are exchanged in {advice.duration:g} s, which "
-            f"is at rounding level. "
-            "Almost nothing moves, so any solver and step would do. Give a start, a drive or a duration "
-            "in which energy flows."
+            f"Unresolved: the system has {advice.reference_energy:.2g} J in {advice.duration:g} s, which is "
+            "at rounding level. Almost nothing moves, so any solver and step would do. Give a start, a drive "
+            "or a duration in which something moves."
         ]
     if best is None:
         tried = [t for t in advice.trials if math.isfinite(t.energy)]
@@ -165,7 +163,7 @@ def _explained(advice: Recommendation) -> list[str]:
         ]
     lines = [
         f"Use {best.solver} with {best.knob} {_value(best)}: |ΔC| stays within {_share(best.energy)} of the "
-        f"{advice.energy_exchanged:.4g} J exchanged in {advice.duration:g} s"
+        f"{advice.reference_energy:.4g} J that the system has, in {advice.duration:g} s"
         + (
             ""
             if math.isinf(asked[1])
@@ -178,7 +176,7 @@ def _explained(advice: Recommendation) -> list[str]:
         half = "half the step" if best.knob == "step" else "a tenth of the tolerance"
         found = "confirms it" if advice.verified else "does not confirm it"
         lines.append(
-            f"- A run at {half} {found}: |ΔC| {_share(advice.finer.energy)} of the energy exchanged."
+            f"- A run at {half} {found}: |ΔC| {_share(advice.finer.energy)} of that energy."
         )
     if advice.coarser is not None:
         lines.append(

@@ -33,7 +33,7 @@ BRIEF = 0.25
 """A run that takes longer than this (s) is timed once."""
 
 ROUNDING = 1e-13
-"""No run in double precision keeps the energy better than this, as a share of the energy exchanged.
+"""No run in double precision keeps the energy better than this, as a share of the energy that the system has.
 What moves with less than this share of it does not move: its range is rounding."""
 
 
@@ -173,25 +173,24 @@ class Trials:
         self._inertia = _inertia_by_unit(mechanism, state)
         self._wants_motion = math.isfinite(motion_tolerance)
         self._runs: dict[tuple[str, float], _Judged | str] = {}
-        self.energy_exchanged = 0.0
-        self.idle = False
+        self.reference_energy = 0.0
         self._scale = math.nan  # of a run's energies, J; NaN until one was judged
 
     @property
     def still(self) -> bool:
-        """Whether so little energy was exchanged that the motion is rounding."""
-        return self.energy_exchanged <= NOTHING * self._scale
+        """Whether the system has so little energy that the motion is rounding."""
+        return self.reference_energy <= NOTHING * self._scale
 
     def distance(self, run: Rows, other: Rows) -> float:
         """As `distance`, what does not move measured beside what could."""
         return distance(self.mechanism, run, other, self._spans(other))
 
     def _spans(self, run: Rows) -> Array:
-        """Ranges by unit; at least what a share `ROUNDING` of the energy exchanged would make of them.
+        """Ranges by unit; at least what a share `ROUNDING` of that energy would make of them.
 
         A body in free fall does not turn: angles of 1e-34 rad have no range to be right within.
         """
-        energy = ROUNDING * self.energy_exchanged
+        energy = ROUNDING * self.reference_energy
         speed = {unit: math.sqrt(2.0 * energy / m) for unit, m in self._inertia.items() if m > 0.0}
         lasting = float(run.t[-1] - run.t[0])
         rates = [f"{'rad' if e.unit == '1' else e.unit}/s" for e in self.mechanism.coordinates]
@@ -230,15 +229,15 @@ class Trials:
 
     def verified(self, family: Family, trial: Trial) -> Trial:
         """The trial measured anew: at every row that its user may have, against much smaller steps."""
-        energy, motion, energy_exchanged = 0.0, 0.0, 0.0
+        energy, motion, reference_energy = 0.0, 0.0, 0.0
         spans: Array | None = None
         for piece in family.pieces(trial.setting):
             run = _made(piece.run)
             left = run if isinstance(run, str) else _energy_left(self.mechanism, run)
             if isinstance(run, str) or isinstance(left, str):
                 return self._failed(family, trial.setting, str(left))
-            energy_exchanged = energy_exchanged or left.energy_exchanged
-            energy = max(energy, _share(left.error, energy_exchanged))
+            reference_energy = reference_energy or left.reference_energy
+            energy = max(energy, _share(left.error, reference_energy))
             if not self._wants_motion:
                 continue
             reference = _made(piece.reference)
@@ -247,7 +246,7 @@ class Trials:
             spans = self._spans(reference) if spans is None else spans
             off = distance(self.mechanism, run, reference, spans)
             motion = max(motion, off * piece.gain / (piece.gain - 1.0))
-        self.energy_exchanged = energy_exchanged
+        self.reference_energy = reference_energy
         return replace(trial, energy=energy, motion=motion, verified=True)
 
     def run(self, family: Family, setting: float) -> Motion | None:
@@ -268,9 +267,8 @@ class Trials:
         left = run if isinstance(run, str) else _energy_left(self.mechanism, run)
         if isinstance(run, str) or isinstance(left, str):
             return str(left)
-        self.energy_exchanged, self._scale = left.energy_exchanged, left.scale
-        self.idle = left.idle
-        return _Judged(Motion(run.t, run.q, run.u), _share(left.error, left.energy_exchanged))
+        self.reference_energy, self._scale = left.reference_energy, left.scale
+        return _Judged(Motion(run.t, run.q, run.u), _share(left.error, left.reference_energy))
 
     def _seconds(self, family: Family, setting: float) -> tuple[float, float]:
         """The least time of a few runs, and how far their median is above it, s.
@@ -291,7 +289,7 @@ class Trials:
 
 @dataclass(frozen=True, eq=False)
 class _Judged:
-    """What is kept of a run: its rows, and the largest |ΔC| as a share of the energy exchanged."""
+    """What is kept of a run: its rows, and the largest |ΔC| as a share of the energy that the system has."""
 
     motion: Motion
     energy: float
@@ -315,15 +313,11 @@ def _made(make: Callable[[], Made]) -> Made | str:
 
 @dataclass(frozen=True)
 class _Energies:
-    """Of a run, J: its largest |ΔC|, the energy exchanged, and the scale of all its energies.
-
-    Where none is exchanged (`idle`) the kinetic energy takes its place.
-    """
+    """Of a run, J: its largest |ΔC|, the energy that the system has, and the scale of all its energies."""
 
     error: float
-    energy_exchanged: float
+    reference_energy: float
     scale: float
-    idle: bool
 
 
 def _energy_left(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
@@ -336,14 +330,11 @@ def _energy_left(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
     if not np.isfinite(left).all():
         return "the energies are not finite"
     held = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
-    exchanged, scale = ledger.energy_exchanged, held + ledger.energy_exchanged
-    idle = exchanged <= NOTHING * scale  # a body that turns freely moves, and exchanges nothing
-    beside = float(ledger.kinetic.max()) if idle else exchanged
-    return _Energies(float(np.abs(left).max()), beside, scale, idle)
+    return _Energies(float(np.abs(left).max()), ledger.reference_energy, held)
 
 
-def _share(energy: float, energy_exchanged: float) -> float:
-    return energy / energy_exchanged if energy_exchanged else 0.0
+def _share(energy: float, reference_energy: float) -> float:
+    return energy / reference_energy if reference_energy else 0.0
 
 
 def distance(mechanism: Mechanism, run: Rows, other: Rows, spans: Array | None = None) -> float:

@@ -21,8 +21,8 @@ from deltac.errors import InputError, SourceError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair import sandbox
-from deltac.repair.edits.by_running import found_by_running, text_edits
 from deltac.repair.edits.candidates import Candidate, apply, unified_diff
+from deltac.repair.edits.running import right_edits, text_edits
 from deltac.repair.edits.search import Search, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, suspects, terms, undefined
 from deltac.repair.tracing.library import flatten
@@ -214,7 +214,7 @@ def _by_running(
     if isinstance(answer, str) or not every.fits(answer):
         return None
     wrong = every.wrong(answer)
-    found = [] if wrong < RIGHT else found_by_running(source, samples, deadline)
+    found = [] if wrong < RIGHT else right_edits(source, samples, deadline)
     tasks = [sandbox.task(changed) for _, changed in found]
     answers = sandbox.run([t for t in tasks if t is not None], every, time_limit) if found else []
     found = [
@@ -281,8 +281,7 @@ def _failing(
     found: list[tuple[tuple[Candidate, ...], Source]] = []
     end = time.process_time() + FAILING_TIME
     innermost_ones = [covering[-1] for covering in within.values() if covering]
-    tried = sorted(text_edits(source, innermost_ones), key=lambda c: (c.cost, c.place))
-    for candidate in tried:
+    for candidate in text_edits(source, innermost_ones):
         late = time.monotonic() > deadline or time.process_time() > end
         if late or (found and candidate.cost > found[0][0][0].cost):
             break

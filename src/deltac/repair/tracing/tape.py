@@ -7,7 +7,8 @@ from it is computed again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, TypeAlias
 
@@ -174,6 +175,40 @@ class Tape:
         self.exact.append(exact)
         self.varying.append(varying)
         return Slot(self, len(self.operations) - 1)
+
+    # --- operations put in place of others ---------------------------------------------------------
+
+    @contextlib.contextmanager
+    def aside(self) -> Iterator[int]:
+        """What is computed within is taken off the tape afterwards; gives the first slot of it."""
+        first, noted, node = len(self.operations), self._known, self.node
+        self._known, self.node = {}, None
+        try:
+            yield first
+        finally:
+            self._known, self.node = noted, node
+            for entries in (
+                self.operations, self.inputs, self.nodes, self.values, self.exact, self.varying
+            ):  # fmt: skip
+                del entries[first:]
+
+    def spliced(self, slot: Slot, first: int, own: int) -> Change:
+        """A number computed `aside`, to stand for operation `own`: one operation on earlier slots."""
+        if slot.index < first:
+            return Change(identity, (slot.index,))
+        steps = [k for k in sorted(self.before((slot.index,))) if k >= first or k == own]
+        self._before.pop((slot.index,))
+        program = [(k, self.operations[k], self.inputs[k], self.values[k]) for k in steps]
+        inputs = tuple(sorted({i for k in steps for i in self.inputs[k]} - set(steps)))
+        last = slot.index
+
+        def operation(*values: Any) -> Any:
+            held = dict(zip(inputs, values))
+            for k, step, of, value in program:
+                held[k] = value if step is None else step(*[held[i] for i in of])
+            return held[last]
+
+        return Change(operation, inputs)
 
     # --- running it again -------------------------------------------------------------------------
 

@@ -369,16 +369,15 @@ def _followed(search: Search, firsts: list[First]) -> Iterator[tuple[Candidate, 
     program, end = search.program, time.process_time() + FOLLOWED_TIME
     if len(program.original_residual) < 2:
         return  # one direction is all there is
-    places, along = _directions(program)
+    _, along = _directions(program)
     for first in sorted(firsts, key=lambda f: (f.candidate.cost, f.candidate.place)):
-        explained = places[_explained(along, program.original_residual + first.effect)]
-        if not len(explained):
+        if not _explained(along, program.original_residual + first.effect).any():
             continue
         then = Search(program.changed(first.changes), search.target, search.deadline)
-        for place in explained:
+        for place in _sole(then.program):
             if time.monotonic() > search.deadline or time.process_time() > end:
                 return
-            then.requirements.find(int(place))
+            then.requirements.find(place)
         for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plainness):
             yield first.candidate, second
 
@@ -412,6 +411,12 @@ def _explained(along: Array, left: Array) -> NDArray[np.bool_]:
     return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(left).max())
 
 
+def _sole(program: Program) -> list[int]:
+    """The places of the numbers along whose directions the residual lies."""
+    places, along = _directions(program)
+    return [int(place) for place in places[_explained(along, program.original_residual)]]
+
+
 def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
     """An edit that is tried by reading the text again, and a second one, found in that text."""
     program, target = search.program, search.target
@@ -430,10 +435,9 @@ def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
             again = at(changed, target, tuple(program.samples.parameters)).worst
         except InputError:
             continue
-        places, whole = _directions(again)
         then = Search(again, target, search.deadline)
-        for place in places[_explained(whole, again.original_residual)]:
-            then.requirements.find(int(place))
+        for place in _sole(again):
+            then.requirements.find(place)
         for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plainness):
             back = _before(program.source, first, changed, second.place)
             if back is not None:

@@ -200,17 +200,19 @@ class TracedNames:
                     new = self._value(candidate.new, k, len(instances), instance)
                     if np.shape(_array(new)) != np.shape(_array(instance.value)):
                         return {}
-                    made = {
-                        old.index: shared.spliced(shared.slot(entry), first, old.index)
-                        for old, entry in zip(flatten(instance.value), flatten(new))
+                    entries = [x for x in flatten(instance.value) if isinstance(x, Slot)]
+                    own = {entry.index for entry in entries}
+                    replacements = {
+                        entry.index: shared.spliced(shared.slot(value), first, own)
+                        for entry, value in zip(entries, flatten(new), strict=True)
                     }
                 except LookupError:
                     return None
                 except (Branch, InputError, TapeError, NotUnderstood, ArithmeticError, AttributeError,
                         TypeError, ValueError):  # fmt: skip
                     return {}
-            for index, change in made.items():
-                if tape.nodes[index] != place or max(change.inputs, default=-1) >= index:
+            for index, change in replacements.items():
+                if tape.nodes[index] != place or max(change.inputs, default=-1) > index:
                     return {}
                 if (index,) != change.inputs:
                     changes[index] = change

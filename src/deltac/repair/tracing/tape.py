@@ -8,7 +8,7 @@ from it is computed again.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, TypeAlias
 
@@ -192,14 +192,22 @@ class Tape:
             ):  # fmt: skip
                 del entries[first:]
 
-    def spliced(self, slot: Slot, first: int, own: int) -> Change:
-        """A number computed `aside`, to stand for operation `own`: one operation on earlier slots."""
-        if slot.index < first:
+    def spliced(self, slot: Slot, first: int, own: Container[int]) -> Change:
+        """What replaces one of the operations `own`: a number computed `aside`, of earlier slots."""
+        steps: set[int] = set()
+        outside: set[int] = set()
+        stack = [slot.index]
+        while stack:
+            k = stack.pop()
+            if k < first and k not in own:
+                outside.add(k)
+            elif k not in steps:
+                steps.add(k)
+                stack += self.inputs[k]
+        if not steps:
             return Change(identity, (slot.index,))
-        steps = [k for k in sorted(self.before((slot.index,))) if k >= first or k == own]
-        self._before.pop((slot.index,))
-        program = [(k, self.operations[k], self.inputs[k], self.values[k]) for k in steps]
-        inputs = tuple(sorted({i for k in steps for i in self.inputs[k]} - set(steps)))
+        inputs = tuple(sorted(outside))
+        program = [(k, self.operations[k], self.inputs[k], self.values[k]) for k in sorted(steps)]
         last = slot.index
 
         def operation(*values: Any) -> Any:

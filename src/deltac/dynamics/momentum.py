@@ -92,7 +92,8 @@ def _generalized_momenta(system: System, H: Sequence[SX]) -> SX:
     """Momenta p (nu,) of all speeds, rotors included."""
     p = armature(system) * system.u_all
     for link, carried in zip(system.links, H):
-        p[link.u] += ca.mtimes(link.S.T, carried)
+        if link.joint.speeds:  # CasADi adds no 1×0 to a 0×1
+            p[link.u] += ca.mtimes(link.S.T, carried)
     return p
 
 

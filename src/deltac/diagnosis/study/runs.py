@@ -21,6 +21,7 @@ from deltac.errors import NO_NUMBER, ArgumentsError, DeltacError, InputError, Wr
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.arguments import IllConditionedWarning
 from deltac.simulation.simulate import SimulationStoppedWarning
+from deltac.simulation.step_size.energy_error import EnergyErrorWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory
 
@@ -242,7 +243,7 @@ def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str, str]:
             stiff = stiff or str(warning.message)  # the first names the element
         elif issubclass(warning.category, IllConditionedWarning):
             ill = str(warning.message).rstrip(".")
-        elif not issubclass(warning.category, SimulationStoppedWarning):
+        elif not issubclass(warning.category, SimulationStoppedWarning | EnergyErrorWarning):
             warnings.warn_explicit(
                 warning.message, warning.category, warning.filename, warning.lineno
             )

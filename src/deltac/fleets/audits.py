@@ -159,7 +159,7 @@ def _told(found: Audit, seconds: float) -> dict[str, Any]:
         "confidence": found.verdict.confidence,
         "relative": found.relative,
         "energy_error": float(np.abs(found.energy_error).max()),
-        "energy": found.beside,
+        "energy": found.reference_energy,
         "error_bar": float(found.ledger.error_bar[found.function].max()),
         "samples": float(found.samples),
         "duration": found.run.duration,

@@ -75,6 +75,7 @@ def observer(flow: Flow) -> Kernel:
             "u": flow.u_all,
             "udot": flow.udot_all,
             "driving": flow.driving,
+            **({"energies": flow.energies} if flow.testing else {}),
             **{str(name): force for name, force in flow.reactions.items()},
             **({} if flow.bound is None else {"pivot": smallest_pivot(flow)}),
             **({"phi": flow.bound.rows.phi} if flow.bound is not None and flow.projecting else {}),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -56,6 +56,7 @@ from deltac.simulation.solvers import (
     find_solver,
     solver_options,
 )
+from deltac.simulation.step_size.energy_error import energy_error, refuted
 from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.adaptive import AdaptiveMethod, AdaptiveSteps
@@ -157,10 +158,7 @@ def simulate(
         motion = explained(flow, found, duration / steps, p, x0, motion)
     seen = observed(flow, made.observe, motion, p)
     motion = while_assembled(flow, motion, seen)
-    if motion.message:
-        warn_user(motion.message, SimulationStoppedWarning)
-    if flow.correcting:
-        check_correction_held(flow, motion.t, motion.x, p)
+    error = energy_error(flow, seen, motion) if flow.testing else None
     provenance = Provenance(
         simulator="deltac",
         solver=found.name,
@@ -169,9 +167,16 @@ def simulate(
         model=mechanism.name,
         model_hash=mechanism.hash,
         completed=not motion.message,
-        message=motion.message,
+        energy_error=None if error is None else float(error.error.max()),
         **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
     )
+    if error is not None:
+        motion = refuted(flow, found, error, motion, p, provenance)
+    if motion.message:
+        warn_user(motion.message, SimulationStoppedWarning)
+        provenance = replace(provenance, message=motion.message)
+    if flow.correcting:
+        check_correction_held(flow, motion.t, motion.x, p)
     run = recorded(mechanism, flow, seen, motion, p, provenance, guarded=careful is not None)
     if events is None:
         return run

@@ -32,6 +32,14 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 ROWS, INTERPOLATED = "rows", "interpolated"
 """The note of a provenance that rows lie between the steps of the solver, on its interpolant."""
 
+LEFT_OUT = "left out"
+"""The note of provenance that says which rows were left out."""
+
+FRAMES = "frames"
+"""The note of provenance that says in which components velocities are that were turned."""
+
+BY_LAW = "by the laws of prescribed joints"
+"""The note of provenance that names the columns which the log lacks and the mechanism tells."""
 
 MAPPINGS = ("coordinates", "strengths", "derived", "notes")
 """Fields of a provenance that are mappings."""
@@ -57,6 +65,8 @@ class Provenance:
     coordinates  own generalized speeds in which the integrals of Kane–Levinson's functions were taken, as
                `CoordinateMap(**…)` takes them; empty for the joints' own
     corrected  what the solver corrected after each step: "energy"
+    energy_error  largest |ΔC| of a run's own testing functions, with what corrections undid, J; None where
+               none was integrated with the motion
     singular   where the constraints were dependent, in words
     held       channels whose forces were constant over each step; None where nobody said
     inputs     "held" where controls and applied forces were set before each step and kept over it, so that
@@ -87,6 +97,7 @@ class Provenance:
     equations: str = ""
     coordinates: Mapping[str, Any] = field(default_factory=dict, hash=False)
     corrected: str = ""
+    energy_error: float | None = None
     singular: str = ""
     held: tuple[str, ...] | None = None
     inputs: str = ""
@@ -122,6 +133,7 @@ class Provenance:
         if self.order is not None and not (isinstance(self.order, int) and self.order >= 1):
             raise _unfit("order", self.order, "a whole number, 1 or more, or None")
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
+        _set(self, "energy_error", _positive("energy_error", self.energy_error, zero=True))
         for name in ("ended", "equations", "corrected", "singular", "inputs", "stage", "reading"):
             if not isinstance(getattr(self, name), str):
                 raise _unfit(name, getattr(self, name), "text")

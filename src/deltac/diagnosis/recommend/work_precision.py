@@ -21,6 +21,7 @@ from deltac.errors import DeltacError, InputError, SolverError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.simulate import SimulationStoppedWarning
+from deltac.simulation.step_size.energy_error import EnergyErrorWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory
 
@@ -174,10 +175,10 @@ class Refused(SolverError):
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Without warnings of runs that stop or step too far: that is what is being found out."""
+    """Without warnings of runs that stop or are inaccurate: that is what is being found out."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SimulationStoppedWarning)
-        warnings.simplefilter("ignore", StiffStepWarning)
+        for category in (SimulationStoppedWarning, StiffStepWarning, EnergyErrorWarning):
+            warnings.simplefilter("ignore", category)
         yield
 
 

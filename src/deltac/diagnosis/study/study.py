@@ -245,6 +245,11 @@ def studied(
     trusted = maker.trusted and maker.equations is None
     if trusted and finest.blown_up:  # what is left before that is no motion to have an order
         energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
+    if nominal is not None:
+        energy, state = (
+            {n: _possible(c, nominal) for n, c in energy.items()},
+            _possible(state, nominal),
+        )
     residuals = None
     if not trusted:
         by_step = [(entry.step, entry.run) for entry in kept]
@@ -359,6 +364,16 @@ def _kept(found: Convergence, scale: float) -> Convergence:
     if found.trend == "does not settle" and max(found.sizes) <= NOISE * scale:
         return replace(found, trend="at its floor", order=None, order_error=None, end_order=None)
     return found
+
+
+def _possible(found: Convergence, nominal: int) -> Convergence:
+    """Without an order that no method of that nominal one has: the coarse run was no approximation.
+
+    Errors that cancel over a period, or by symmetry, double an order at most.
+    """
+    if found.order is None or found.order - (found.order_error or 0.0) <= 2 * nominal + 1:
+        return found
+    return replace(found, order=None, order_error=None, end_order=None)
 
 
 def _none(found: Convergence) -> Convergence:

@@ -84,6 +84,7 @@ def is_log_folder(path: Path) -> bool:
     return any(is_one(path) for is_one, _ in FOLDERS)
 
 
+@checked
 def write_trajectory(run: Trajectory, path: str | Path) -> None:
     """Write a log in the format of its suffix (see `FORMATS`); reading it back is bitwise equal.
 

@@ -157,7 +157,7 @@ def recommend(
         notes = (f"{missing[0].what} ({missing[0].evidence}). {missing[0].remedy}", *notes)
     return Recommendation(
         best=None if best is None else best.trials[best.passing],
-        coarser=best.prospect(best.passing - 1) if best is not None and best.passing else None,
+        coarser=None if best is None else best.trials.get(best.passing - 1),
         prospects=search.prospects(best),
         trials=tuple(trial for c in search.candidates for trial in c.trials.values()),
         tolerance=accepted,
@@ -266,13 +266,11 @@ class Candidate:
         return overhead + work * float((settings[timed] / settings[place]) ** power)
 
     def prospect(self, place: int, overhead: float = 0.0) -> Prospect:
-        """What is expected of a setting; the best trial at hand says by how much it misses."""
+        """What is expected of a setting."""
         family, setting = self.family, self.family.settings[place]
-        nearest = min(self.trials, key=lambda k: abs(k - place))
-        excess = self._excess(nearest) * (setting / family.settings[nearest]) ** self.order
         evaluations = family.stages * round(self._steps(setting)) if family.stages else 0
         return Prospect(
-            family.name, family.knob, setting, self.seconds(place, overhead), evaluations, excess
+            family.name, family.knob, setting, self.seconds(place, overhead), evaluations
         )
 
 
@@ -298,8 +296,6 @@ class Search:
         try:
             while (candidate := self._next()) is not None:
                 place = candidate.place
-                if self._trials.still:
-                    return None
                 if place == len(candidate.family.settings):
                     finest = candidate.trials[max(candidate.trials)]
                     candidate.reason = (
@@ -310,11 +306,13 @@ class Search:
                     self._try(candidate, place)
                 elif not candidate.trials[place].verified:
                     self._verify(candidate, place)
+                elif place and place - 1 not in candidate.trials:
+                    self._try(candidate, place - 1)  # a longer step is to fail
                 else:
                     return candidate
         except OutOfTime:
             self.notes.append("the time limit passed before all solvers were tried to the end")
-        return self._at_hand()
+        return None if self._trials.still else self._at_hand()
 
     def _at_hand(self) -> Candidate | None:
         """The cheapest of those that a trial has found to keep the tolerances, verified."""

@@ -31,7 +31,6 @@ class Prospect:
     Attributes:
         solver: its name; `knob` is "step" (s) or "tolerance", `setting` its value.
         seconds: of a run; `evaluations`: of ẋ, 0 where they are not known beforehand.
-        excess: the error as a multiple of what is accepted.
     """
 
     solver: str
@@ -39,7 +38,6 @@ class Prospect:
     setting: float
     seconds: float
     evaluations: int
-    excess: float
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +51,7 @@ class Recommendation(
     Attributes:
         solver, step: what to use; `step` is None for a solver that takes a `setting` as its tolerance.
         best: the verified trial of the advice, None if nothing tried keeps the tolerance.
-        coarser: what is expected of the next coarser setting of that solver, None for the coarsest.
+        coarser: the trial of the next coarser setting of that solver, which fails; None for the coarsest.
         prospects: the setting at which each solver is expected to keep the tolerance, the best first, the
             others by their time.
         trials: all that was tried.
@@ -65,7 +63,7 @@ class Recommendation(
     """
 
     best: Trial | None
-    coarser: Prospect | None
+    coarser: Trial | None
     prospects: tuple[Prospect, ...]
     trials: tuple[Trial, ...]
     tolerance: float
@@ -200,8 +198,7 @@ def _explained(advice: Recommendation) -> list[str]:
     ]
     if advice.coarser is not None:
         lines.append(
-            f"- The next coarser {best.knob}, {_value(advice.coarser)}, is expected to leave "
-            f"{number(advice.coarser.excess, digits=2)} times the accepted error."
+            f"- The next coarser {best.knob}, {_value(advice.coarser)}, {failing(advice.coarser, *asked)}."
         )
     if (second := advice.runner_up) is not None:
         line = (

@@ -11,12 +11,16 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Collection, Iterator
+from contextvars import ContextVar
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, get_type_hints
 
 import typer
+
+COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")
+"""The command line that is being run, as a shell takes it."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print only JSON to standard output.")]
 

@@ -32,6 +32,14 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 ROWS, INTERPOLATED = "rows", "interpolated"
 """The note of a provenance that rows lie between the steps of the solver, on its interpolant."""
 
+LEFT_OUT = "left out"
+"""The note of provenance that says which rows were left out."""
+
+FRAMES = "frames"
+"""The note of provenance that says in which components velocities are that were turned."""
+
+BY_LAW = "by the laws of prescribed joints"
+"""The note of provenance that names the columns which the log lacks and the mechanism tells."""
 
 MAPPINGS = ("coordinates", "strengths", "derived", "notes")
 """Fields of a provenance that are mappings."""

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +14,13 @@ from deltac.arrays import Array
 from deltac.diagnosis.audit.reading import Reference
 from deltac.diagnosis.inputs.logs import Log, held_between_rows, work_of
 from deltac.diagnosis.measurements.digits import Digits, digits_of, least_of_forces
-from deltac.diagnosis.residuals.one_step import OneStep
 from deltac.energy import Ledger, balance
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.lint import gap_rows
+
+if TYPE_CHECKING:
+    from deltac.diagnosis.residuals.one_step import OneStep
 
 NOTHING = 1e-12
 """Energy exchanged below this share of the energies themselves is their rounding."""

@@ -14,8 +14,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit import conventions
-from deltac.diagnosis.audit.samples import stale_stage
 from deltac.diagnosis.residuals.at_samples import (
     CLEAR,
     LEAST,
@@ -135,6 +133,9 @@ def residuals_of(
         coarser = [_worst_of(mechanism, run) for _, run in known[:-1]]
         worst = [*coarser, worst[0]]
         if not trusted:
+            from deltac.diagnosis.audit import conventions
+            from deltac.diagnosis.audit.samples import stale_stage
+
             findings += stale_stage(mechanism, finest, terms)
             if not findings and terms.significant.any():
                 findings = [f for f in [conventions.units(mechanism, finest)] if f is not None]

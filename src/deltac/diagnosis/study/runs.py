@@ -23,7 +23,7 @@ from deltac.simulation.arguments import IllConditionedWarning
 from deltac.simulation.simulate import SimulationStoppedWarning
 from deltac.simulation.step_size.energy_error import EnergyErrorWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
-from deltac.trajectories import Trajectory, read_trajectory
+from deltac.trajectories import Trajectory
 
 FASTEST = 3e8
 """No speed of a mechanism reaches this (m/s: light's; rad/s): the integration has become unstable."""
@@ -161,6 +161,8 @@ def logged(mechanism: Mechanism, given: Sequence[Trajectory | str | Path]) -> li
         raise ArgumentsError("runs= is empty; give a run for each step, or a function of the step")
     for source in several:
         if isinstance(source, str | Path):
+            from deltac.trajectories import read_trajectory
+
             run = read_trajectory(Path(source), None, mechanism)
         elif isinstance(source, Trajectory):
             run = source

@@ -88,16 +88,16 @@ class FixedMethod:
     @cached_property
     def loop(self) -> StepLoop | None:
         """What takes many steps in one call; None where a step goes stage by stage from Python."""
-        flow, size = self.flow, int(self.single_step.n_instructions())
-        tableau = tableau_of(self.solver.name)
+        flow, tableau = self.flow, tableau_of(self.solver.name)
         if (
-            size > FUSED_INSTRUCTIONS
-            and tableau is not None
+            tableau is not None
             and flow.bound is None
             and not flow.correcting
+            # A step is as long as its stages, and need not be written out to know.
+            and len(tableau.b) * flow.rate.n_instructions() > FUSED_INSTRUCTIONS
         ):
             return _stages(flow, tableau)
-        return self._steps if size <= MOST_INSTRUCTIONS else None
+        return self._steps if self.single_step.n_instructions() <= MOST_INSTRUCTIONS else None
 
     @property
     def _steps(self) -> StepLoop:

@@ -31,16 +31,14 @@ from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
 from deltac.trajectories.formats.words import is_time
 from deltac.trajectories.rates import FEWEST, derived_speeds
-from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
-
-LEFT_OUT = "left out"
-"""The note of provenance that says which rows were left out."""
-
-FRAMES = "frames"
-"""The note of provenance that says in which components velocities are that were turned."""
-
-BY_LAW = "by the laws of prescribed joints"
-"""The note of provenance that names the columns which the log lacks and the mechanism tells."""
+from deltac.trajectories.trajectory import (
+    BY_LAW,
+    FRAMES,
+    LEFT_OUT,
+    FloatArray,
+    Provenance,
+    Trajectory,
+)
 
 _LAW = "the law of its prescribed joint"
 

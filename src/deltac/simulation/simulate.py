@@ -302,7 +302,14 @@ def _circumstances(
     held: tuple[ChannelName, ...] | None = None
     if controller is not None and controller.hold:
         held = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
+    notes = {}
+    if events is not None and events.simultaneous:
+        laws = (f"{law!r} at {n} instants" for law, n in events.simultaneous.items())
+        notes["simultaneous impacts"] = (
+            f"resolved by {', '.join(laws)}; rigid-body mechanics does not determine their outcome"
+        )
     return {
+        "notes": notes,
         "corrected": "energy" if flow.correcting else "",
         "ended": "" if events is None else events.ended,
         "equations": "" if equations is None else equations.name,

@@ -40,8 +40,9 @@ def test_the_tolerance_bounds_delta_c(method: str) -> None:
         assert max(np.abs(c[-1]) for c in ledger.delta_c.values()) < bound
         errors.append(np.abs(run.q - reference.q).max())
         assert run.provenance.tolerance == tolerance
-    # Errors follow the tolerance: two decades, to a factor.
-    assert 20.0 < errors[0] / errors[1] < 500.0
+        assert errors[-1] < 10.0 * tolerance
+    # Errors follow the tolerance: two decades, or more where few steps are taken.
+    assert errors[0] / errors[1] > 20.0
 
 
 def test_steps_follow_the_motion() -> None:

@@ -174,7 +174,8 @@ class Adaptive(Options):
 class Scipy(Options):
     """An adaptive solver of SciPy: RK23, RK45, DOP853, Radau, BDF or LSODA.
 
-    `tolerance` is relative; a thousandth of it is the absolute one.
+    `tolerance` is relative to each state; near zero, to a thousandth of its size, which is estimated at the
+    start in the state's own unit (energies by the kinetic energy that the motion reaches).
     """
 
     name: str = "DOP853"
@@ -190,7 +191,8 @@ class Scipy(Options):
 class Sundials(Options):
     """CVODES, of u̇ = f, or IDAS, of the equations of motion unsolved.
 
-    `tolerance` is relative; a thousandth of it is the absolute one.
+    `tolerance` is relative to each state; near zero, to a thousandth of its size, which is estimated at the
+    start in the state's own unit (energies by the kinetic energy that the motion reaches).
     """
 
     name: str = "CVODES"

@@ -20,15 +20,13 @@ from deltac.arrays import EPS, Array
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
+from deltac.simulation.step_size.sizes import NEAR_ZERO
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import Step, StepFailed, Stepper
 from deltac.simulation.stepping.runge_kutta import EMBEDDED, Rate, embedded_step
 
 SAFETY, LEAST, MOST = 0.9, 0.2, 5.0
 """Factors on the step that would just do, and between one step and the next (Hairer, Nørsett, Wanner)."""
-
-ABSOLUTE = 1e-3
-"""Absolute tolerance of a coordinate or speed near zero, as a share of the relative one."""
 
 ROUNDED = 64 * EPS
 """Change of ΔC, as a share of the energies, that rounding makes."""
@@ -51,13 +49,15 @@ class StepControl:
     """What is accepted of a step, by the energies that a run has shown so far.
 
     `tolerance` is that of `solvers.Adaptive`, `duration` the run's (s); `order` is the method's, `embedded`
-    that of the embedded one. `kinetic` is the largest K, `low` and `high` the range of V, J.
+    that of the embedded one; `sizes` are those of coordinates and speeds. `kinetic` is the largest K, `low`
+    and `high` the range of V, J.
     """
 
     tolerance: float
     duration: float
     order: int
     embedded: int
+    sizes: Array
     kinetic: float = 0.0
     low: float = np.inf
     high: float = -np.inf
@@ -67,11 +67,17 @@ class StepControl:
         self.kinetic = max(self.kinetic, K)
         self.low, self.high = min(self.low, V), max(self.high, V)
 
-    def local(self, x0: Array, x1: Array, error: Array) -> float:
-        """The local error of coordinates and speeds, 1 where it is just accepted."""
+    def local(self, x0: Array, x1: Array, errors: Array) -> float:
+        """The local error of coordinates and speeds by its estimates (m, n), 1 where it is just accepted.
+
+        Two estimates count together as in DOP853 (Hairer, Nørsett, Wanner, II.10).
+        """
         size = np.maximum(np.abs(x0), np.abs(x1))
-        allowed = self.tolerance * (ABSOLUTE + size)
-        return float(np.sqrt(np.mean((error / allowed) ** 2))) if error.size else 0.0
+        allowed = self.tolerance * (NEAR_ZERO * self.sizes + size)
+        sizes = [float(np.linalg.norm(error / allowed)) for error in errors]
+        if len(sizes) == 2 and sizes[0] > 0.0:
+            sizes[0] *= sizes[0] / math.hypot(sizes[0], 0.1 * sizes[1])
+        return sizes[0] / math.sqrt(max(len(x0), 1))
 
     def energy(self, change: float, K: float, V: float, h: float) -> float:
         """The change of ΔC in a step, 1 where it is just accepted."""
@@ -136,19 +142,21 @@ class AdaptiveSteps(Stepper):
         rate: StageRate,
         p: Array,
         tolerance: float,
+        sizes: Array,
         duration: float,
         *,
         compiled: bool,
     ) -> None:
-        """`compiled` unless users' functions are called in between."""
+        """`sizes` (n,) of the states; `compiled` unless users' functions are called in between."""
         self._method, self._p = method, p
         self._compiled = compiled and method.kernel.instructions <= MOST_INSTRUCTIONS
         self._rate: Rate = rate
         order = method.solver.order
         assert order is not None
-        self._control = StepControl(tolerance, duration, order, EMBEDDED[method.base].order)
+        self._moving = n = method.flow.parts[2].start
+        embedded = EMBEDDED[method.base].order
+        self._control = StepControl(tolerance, duration, order, embedded, sizes[:n])
         self._h = FIRST * duration
-        self._moving = method.flow.parts[2].start
         self._before: tuple[float, Array] | None = None
         self.tried = 0
 
@@ -170,7 +178,7 @@ class AdaptiveSteps(Stepper):
                 continue
             end = until if last else t + h
             after, K, V = self._delta_c(end, x1)
-            local = control.local(x[:n], x1[:n], _estimate(errors)[:n])
+            local = control.local(x[:n], x1[:n], errors[:, :n])
             change = float(np.abs(after - before).max(initial=0.0))
             energy = control.energy(change, K, V, h)
             following = control.next(h, local, energy)
@@ -223,12 +231,3 @@ class AdaptiveSteps(Stepper):
         kernel = self._method.kernel
         out = kernel.single(np.concatenate([[t], x, self._p, [h]]), np.empty(kernel.n_out))
         return out[: len(x)].copy(), out[len(x) :].reshape(-1, len(x))
-
-
-def _estimate(errors: Array) -> Array:
-    """The local error: one estimate as it is, two as in DOP853 (Hairer, Nørsett, Wanner, II.10)."""
-    if len(errors) == 1:
-        return np.asarray(np.abs(errors[0]))
-    fifth, third = (float(np.linalg.norm(e)) for e in errors)
-    size = math.hypot(fifth, 0.1 * third)
-    return np.asarray(np.abs(errors[0]) * (fifth / size if size > 0.0 else 1.0))

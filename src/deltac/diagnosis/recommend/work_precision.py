@@ -288,7 +288,7 @@ class Trials:
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """What a search needs of a run: its rows, and the largest |ΔC| as a share of the energy that the system has."""
+    """What a search needs of a run: its rows, and the largest |ΔC| as a share of the system's energy."""
 
     motion: Motion
     energy: float

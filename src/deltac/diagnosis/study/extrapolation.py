@@ -218,6 +218,4 @@ def _admissible(mechanism: Mechanism, t: Array, q: Array, u: Array) -> tuple[Arr
 
 
 def _refused(why: str) -> SolverError:
-    return SolverError(
-        f"extrapolate: {why}; there is nothing to extrapolate by. Study smaller steps, or a shorter motion"
-    )
+    return SolverError(f"extrapolate: {why}. Study smaller steps, or a shorter motion")

@@ -10,7 +10,6 @@ from deltac.simulation.solvers import Options
 
 SOLVERS: list[Options] = [
     *(dc.solvers.Scipy(name, 1e-6) for name in ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")),
-    *(dc.solvers.Adaptive(name, 1e-6) for name in ("ode3", "ode5", "ode8")),
     *(dc.solvers.Sundials(name, 1e-6) for name in ("CVODES", "IDAS")),
 ]
 GM = 3.986004418e14

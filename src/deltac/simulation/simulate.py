@@ -47,7 +47,6 @@ from deltac.simulation.recording import (
 )
 from deltac.simulation.solvers import (
     DEFAULT_RADIUS,
-    Adaptive,
     Options,
     Scipy,
     Solver,
@@ -60,7 +59,6 @@ from deltac.simulation.step_size.energy_error import energy_error, refuted
 from deltac.simulation.step_size.sizes import state_sizes
 from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
-from deltac.simulation.stepping.adaptive import AdaptiveMethod, AdaptiveSteps
 from deltac.simulation.stepping.explicit import FixedMethod, FixedSteps
 from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
 from deltac.simulation.stepping.interpreted import Finish, StageRate
@@ -186,12 +184,11 @@ def simulate(
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
 
-Method: TypeAlias = FixedMethod | ImplicitMethod | AdaptiveMethod
+Method: TypeAlias = FixedMethod | ImplicitMethod
 
 METHODS: dict[str, type[Method]] = {
     "fixed": FixedMethod,
     "implicit": ImplicitMethod,
-    "adaptive": AdaptiveMethod,
 }
 """Families whose steps are compiled ahead, on a flow; the others bring their own."""
 
@@ -280,9 +277,6 @@ def _stepper(
         return TaylorSteps(flow, p, options.tolerance, quad=options.quad)
     xdot = evaluate_at(flow.rate, t, x, p)[0] if compiled else rate(t, x)
     sizes = state_sizes(flow, t, x, xdot, p, duration)
-    if isinstance(method, AdaptiveMethod):
-        assert isinstance(options, Adaptive)
-        return AdaptiveSteps(method, rate, p, options.tolerance, sizes, duration, compiled=compiled)
     assert isinstance(options, Sundials | Scipy)
     if isinstance(options, Sundials):
         return SundialsSteps(flow, options.solver, p, options.tolerance, sizes)

@@ -179,7 +179,7 @@ def _own(
             for span in (duration / 10**k for k in range(DECADES))
         ]
 
-    if solver.family in ("adaptive", "scipy", "sundials"):
+    if solver.family in ("scipy", "sundials"):
         return Family(
             solver.name,
             solver.order,

@@ -26,7 +26,7 @@ from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.solvers import find_solver
 
 SEARCH = 20.0
-"""Of the seconds that a search for solver and step may take; `recommend` by itself takes more."""
+"""Of the seconds that a search for solver and step may take; `recommend` by itself may take more."""
 
 CANDIDATES = ("ode5", "ode4", "ode8", "generalized-alpha")
 """Solvers that are tried, explicit ones first; `recommend` tries all."""

@@ -315,9 +315,9 @@ def sample_grid(
 ) -> StepGrid | None:
     """Samples `step` apart, the end included; None for the own steps of a solver that tells them."""
     if step is None:
-        if solver.family in ("scipy", "adaptive"):
+        if solver.family == "scipy":
             return None
         step = duration / 200
-    looks = LOOKS if watching and solver.family not in ("scipy", "adaptive") else 1
+    looks = LOOKS if watching and solver.family != "scipy" else 1
     count = math.ceil(duration / step * looks * (1 - 1e-12))
     return StepGrid(start, step / looks, count, start + duration, looks)

@@ -119,16 +119,23 @@ class Study(
     def extrapolate(self) -> Extrapolation:
         """The motion that the runs tend to, by the observed order, with an error estimate at every sample.
 
-        Raises InputError (E-SOLVER) where the runs do not converge at an order, are fewer than three, or have
-        impacts.
+        Raises InputError (E-SOLVER) where the runs do not converge, are fewer than three, or have impacts,
+        and where ΔC shows that the solver would be as good at the cost of all runs.
         """
         runs = [
-            (entry.step, entry.run)
+            entry
             for entry in self.runs
-            if entry.run is not None and entry.step in self.measures.steps
+            if isinstance(entry, BalancedRun) and entry.step in self.measures.steps
         ]
-        state = self.observed_order["state"]
-        return extrapolated(self.mechanism, self.solver, runs, self.comparison, state, self.nominal)
+        return extrapolated(
+            self.mechanism,
+            self.solver,
+            runs,
+            self.comparison,
+            self.observed_order["state"],
+            self.nominal,
+            self.function,
+        )
 
     def rows(self) -> tuple[dict[str, Any], ...]:
         """A line for each step: largest |ΔC| of each function (J), difference of the state to the next."""

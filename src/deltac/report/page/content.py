@@ -409,7 +409,7 @@ def _(report: Recommendation, beside: Beside) -> Page:
 
 
 _RECOMMENDED = {
-    0: "The cheapest setting tried that keeps the tolerance; a finer run confirms it.",
+    0: "The cheapest setting that keeps the tolerance, verified at every row.",
     1: "The best that was tried; it is not confirmed.",
     3: "",
 }

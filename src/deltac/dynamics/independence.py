@@ -22,7 +22,7 @@ RANK_TOLERANCE = 1e-8
 
 @dataclass(frozen=True)
 class Independence:
-    """Independent and redundant rows, and the degrees of freedom left.
+    """Independent and redundant rows, and the degrees of freedom left, here and in general (nearby).
 
     `singular` tells that the position rows have a smaller rank than in the neighbourhood: motion may branch.
     Motion rows may depend on the others here alone (a car on four wheels whose body does not lean): then they
@@ -33,6 +33,7 @@ class Independence:
     independent: tuple[int, ...]
     redundant: tuple[int, ...]
     freedom: int
+    generic: int
     singular: bool
     margin: float = 1.0
 
@@ -61,7 +62,7 @@ def dependent_speeds(equations: EquationsOfMotion, t: float, q: Array) -> bool:
 def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> Independence:
     rows, n = equations.rows, len(equations.system.free_u)
     if not len(rows):
-        return Independence((), (), n, singular=False)
+        return Independence((), (), n, n, singular=False)
     still = np.zeros(n)
 
     def at(place: Array) -> tuple[Array, Array, Array]:
@@ -90,9 +91,9 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
                 continue  # without inertia, to rounding: it tells nothing of the rank
             singular |= len(level_there) > len(level)
             chosen = there if len(there) > len(chosen) else chosen
-    chosen = chosen if singular else here
+    generic, chosen = n - len(chosen), chosen if singular else here
     redundant = tuple(k for k in range(len(rows)) if k not in chosen)
-    return Independence(chosen, redundant, n - len(chosen), singular, margin)
+    return Independence(chosen, redundant, n - len(chosen), generic, singular, margin)
 
 
 def _independent(M: Array, G: Array) -> tuple[tuple[int, ...], float]:

@@ -31,7 +31,6 @@ from deltac.dynamics.terms import (
     Reactions,
     Terms,
     channel_powers,
-    forward,
     reaction_powers,
     reactions_from,
     terms,
@@ -285,7 +284,7 @@ def build_flow(
         damping = (constraints.alpha, constraints.beta)
     given, told = ca.SX(0, 1), None
     if written is None:
-        motion = forward(system, parts, bound, damping)
+        motion = mechanics.motion(rows, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
         q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u, :]
     else:

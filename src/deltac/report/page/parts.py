@@ -18,8 +18,8 @@ from deltac.arrays import Array
 from deltac.report.panels import Bars, Flows, HeatMap, LogPlot, Panel, TimePlot
 from deltac.results import Finding, Serialisable, Table, plain
 
-NUMBERS = 900_000
-"""Numbers of time histories that a page holds, about 5 MB; all plots together share them."""
+NUMBERS = 140_000
+"""Numbers of time histories that a page holds, 0.75 MB; all plots together share them."""
 
 STRETCHES = 4000
 """Stretches of which a history keeps the extremes: more than any screen has columns of pixels."""

@@ -18,6 +18,7 @@ from scipy.integrate import simpson
 from deltac.arrays import Array
 from deltac.diagnosis.explain.causes import Candidate, candidates
 from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels
+from deltac.diagnosis.explain.geometry import geometry_columns
 from deltac.diagnosis.inference.attribution import Attribution, Share, joules
 from deltac.diagnosis.inference.fields import (
     FIELDS,
@@ -173,10 +174,25 @@ def infer(mechanism: Mechanism, run: Trajectory, energy: float = 0.0) -> Inferen
     model = Model(mechanism, run)
     evaluator = Evaluator(mechanism, run)
     kernels = column_kernels(evaluator)
+    inference = _inferred(model, run, evaluator, kernels, energy)
+    if inference is None or not inference.generic[0] > CERTAIN:
+        return inference
+    # What no few of these causes explain may be the place or the axis of a joint, or a length.
+    kernels = kernels.with_those(geometry_columns(evaluator))
+    further = _inferred(model, run, evaluator, kernels, energy)
+    causes = len(inference.posterior.best.chosen)
+    fewer = further is not None and 0 < len(further.posterior.best.chosen) <= max(causes, 1)
+    return further if fewer else inference
+
+
+def _inferred(
+    model: Model, run: Trajectory, evaluator: Evaluator, kernels: ColumnKernels, energy: float
+) -> Inference | None:
+    """The inference with the causes that some columns make."""
     log = observations(model, run, int(np.clip(WORK / kernels.cost, LEAST_ROWS, MOST_ROWS)))
     if log is None:
         return None
-    causes = tuple(c for c in candidates(evaluator, kernels.columns) if c.kind != "late-rows")
+    causes = candidates(evaluator, kernels.columns)
     try:
         with np.errstate(all="ignore"), compiled():
             return _Inferring(model, run, log, kernels, causes, energy).result()

@@ -364,6 +364,7 @@ def _judged(
     doubted = any(f.weight == "doubt" for f in findings)
     inference = None if doubted else infer(mechanism, log.consecutive, ledger.energy_exchanged)
     progress(0.7)
+    reading = None
     if inference is not None and not any(f.weight == "cause" for f in findings):
         reading = convention(mechanism, log.consecutive, inference)
         findings += [] if reading is None else [reading]
@@ -381,7 +382,10 @@ def _judged(
     findings += motors.foreign_notes(
         motors.foreign_channels(mechanism, log.consecutive, report), ledger.energy_exchanged
     )
-    explanation = None if inference is None else explanation_of(inference, log.consecutive)
+    # A convention has no number that was fitted: it comes before causes that imitate it.
+    explanation = None
+    if inference is not None and reading is None:
+        explanation = explanation_of(inference, log.consecutive)
     evidence = Evidence(
         run, ledger, function, inference, attribution, explanation, tuple(findings), tolerance,
         bool(run.provenance.guessed),

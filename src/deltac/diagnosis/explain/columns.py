@@ -8,7 +8,7 @@ forces. So each has a column x with residual(θ) = residual(0) + Σ θ x, comput
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -85,14 +85,6 @@ class ColumnKernels:
         """F_r + F*_r and the columns (T, n, 1 + P)."""
         (values,) = at_rows(self._function, samples)
         return values.reshape(len(values), -1, self.speeds).transpose(0, 2, 1)
-
-    def with_those(self, other: ColumnKernels) -> ColumnKernels:
-        """These columns and those of another of the same evaluator; the residual of this one."""
-        return replace(
-            self,
-            columns=(*self.columns, *other.columns),
-            expression=ca.horzcat(self.expression, other.expression[:, 1:]),
-        )
 
 
 def column_kernels(evaluator: Evaluator) -> ColumnKernels:

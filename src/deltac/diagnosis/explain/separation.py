@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.columns import ColumnKernels
 from deltac.diagnosis.inference.hypotheses import Fit
 from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.residuals.at_samples import Sampled
@@ -23,7 +22,7 @@ def advice(run: Trajectory, inference: Inference) -> str:
     fits = [inference.posterior.best, *inference.posterior.alternatives]
     most, motion = 0, ""
     for name, samples in _experiments(run, inference):
-        first, *others = _effects(inference.kernels, samples, fits)
+        first, *others = _effects(inference, samples, fits)
         apart = sum(_difference(first, other) > APART for other in others)
         if apart > most:
             most, motion = apart, name
@@ -36,12 +35,14 @@ def advice(run: Trajectory, inference: Inference) -> str:
     return f"To tell {them} apart, log also {motion}"
 
 
-def _effects(kernels: ColumnKernels, samples: Sampled, fits: list[Fit]) -> list[Array]:
+def _effects(inference: Inference, samples: Sampled, fits: list[Fit]) -> list[Array]:
     """What each fit adds to the equations at the samples, scaled equation by equation."""
     rest = np.zeros_like(samples.logged)
     rng = np.random.default_rng(2)
     rates = [rng.standard_normal(rest.shape) * (np.abs(samples.logged) > 0) for _ in range(2)]
-    X = kernels(*samples.columns, *rates)[..., 1:]
+    X = np.concatenate(
+        [kernels(*samples.columns, *rates)[..., 1:] for kernels in inference.kernels], axis=2
+    )
     scale = np.sqrt(np.mean(np.sum(X**2, axis=2), axis=0))
     X = X / np.maximum(scale, 1e-300)[:, None]
     effects = []

@@ -62,6 +62,7 @@ def joules(
     jump: Array,
     integrator: Share,
     equations: Share,
+    of_log: Array,
     variance: float,
     tau: float,
 ) -> tuple[Attribution, float]:
@@ -82,6 +83,6 @@ def joules(
     unknown = np.einsum("km,kmn,kn->k", gradient, Q, gradient) * max(variance, 1.0)
     rest = np.cumsum(jump) - integrator.curve - equations.curve
     error = np.sqrt(rows**2 + np.cumsum(unknown) * tau)
-    unexplained = float(np.max(np.abs(rest) - UNEXPLAINED * error, initial=0.0))
+    unexplained = float(np.max(np.abs(rest - of_log) - UNEXPLAINED * error, initial=0.0))
     parts = Attribution(log.intervals.end.t, integrator, equations, Share(rest, error))
     return parts, max(unexplained, 0.0)

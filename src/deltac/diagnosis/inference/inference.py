@@ -69,6 +69,9 @@ WORK = 3e8
 
 MOST_ROWS, LEAST_ROWS = 4000, 150
 
+MOST_COST = 100_000
+"""Instructions of the columns at a row up to which the geometry is asked as well."""
+
 EVERY_STEP = 1.01
 """Rows further apart than so many steps of the integrator are not all of its steps."""
 
@@ -126,7 +129,7 @@ class Inference:
 
     model: Model
     log: Observations
-    kernels: ColumnKernels
+    kernels: tuple[ColumnKernels, ...]
     forces: tuple[str, ...]
     methods: tuple[Integrator, ...]
     blocks: tuple[Block, ...]
@@ -159,6 +162,12 @@ class Inference:
         noise = np.sqrt(2.0 * np.mean((log.noise[1][:, n:] / h) ** 2, axis=0))
         return error / size, noise / size
 
+    @property
+    def finds_something(self) -> bool:
+        """Whether a cause has odds that is of the equations, or something that has no name."""
+        wrong = any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
+        return wrong or max(self.generic[0], self.intermittent[0]) > CERTAIN
+
     def deviation(self, c: Candidate) -> float:
         """Standard error of the number of a cause of one, beside the best causes."""
         return _deviation(self.blocks, c, self.posterior.best, self.tau)
@@ -174,28 +183,18 @@ def infer(mechanism: Mechanism, run: Trajectory, energy: float = 0.0) -> Inferen
     model = Model(mechanism, run)
     evaluator = Evaluator(mechanism, run)
     kernels = column_kernels(evaluator)
-    inference = _inferred(model, run, evaluator, kernels, energy)
-    if inference is None or not inference.generic[0] > CERTAIN:
-        return inference
-    # What no few of these causes explain may be the place or the axis of a joint, or a length.
-    kernels = kernels.with_those(geometry_columns(evaluator))
-    further = _inferred(model, run, evaluator, kernels, energy)
-    causes = len(inference.posterior.best.chosen)
-    fewer = further is not None and 0 < len(further.posterior.best.chosen) <= max(causes, 1)
-    return further if fewer else inference
-
-
-def _inferred(
-    model: Model, run: Trajectory, evaluator: Evaluator, kernels: ColumnKernels, energy: float
-) -> Inference | None:
-    """The inference with the causes that some columns make."""
     log = observations(model, run, int(np.clip(WORK / kernels.cost, LEAST_ROWS, MOST_ROWS)))
     if log is None:
         return None
-    causes = candidates(evaluator, kernels.columns)
     try:
         with np.errstate(all="ignore"), compiled():
-            return _Inferring(model, run, log, kernels, causes, energy).result()
+            inferring = _Inferring(model, run, log, evaluator, kernels, energy)
+            result = inferring.result()
+            if result.finds_something and kernels.cost < MOST_COST:
+                # Only then is it asked for places and axes: their columns are as many again.
+                inferring.add(geometry_columns(evaluator))
+                result = inferring.result()
+            return result
     except (FlowError, np.linalg.LinAlgError):
         return None
 
@@ -208,12 +207,13 @@ class _Inferring:
         model: Model,
         run: Trajectory,
         log: Observations,
+        evaluator: Evaluator,
         kernels: ColumnKernels,
-        causes: tuple[Candidate, ...],
         energy: float,
     ) -> None:
-        self.model, self.run, self.kernels, self.candidates = model, run, kernels, causes
-        self.energy = energy
+        self.model, self.run, self.evaluator, self.energy = model, run, evaluator, energy
+        self.kernels: tuple[ColumnKernels, ...] = ()
+        self.add(kernels)
         intervals = log.intervals
         h = float(np.median(intervals.h))
         self.step = min(run.provenance.step or h, h)
@@ -246,6 +246,12 @@ class _Inferring:
         count = self.fields[0].shape[2] - len(FIELDS)
         self.prior = np.array([PRIOR[f.order] for f in FIELDS] + [PRIOR[3]] * count)
         self.Q = self._unknown()
+
+    def add(self, kernels: ColumnKernels) -> None:
+        """Columns more, and the causes that they allow."""
+        self.kernels = (*self.kernels, kernels)
+        columns = tuple(c for k in self.kernels for c in k.columns)
+        self.candidates = candidates(self.evaluator, columns)
 
     # --- the flow and its columns ---
 
@@ -300,10 +306,10 @@ class _Inferring:
             a = self.model.at(at)
             if known is not None and beside is not None:
                 a = a + known[:, self.model.n :] @ beside
-            x = self.kernels(at.t, at.q, at.u, a, at.F, rate, curve)[:, :, 1:]
-            u = self.model.response(at.t, at.q, x)
+            u = self._responses(at, a, rate, curve)
             return np.concatenate([np.zeros_like(u), u], axis=1)
 
+        before: Sequence[Array | None]
         before = self.causes if beside is not None else [None] * len(self.flow.nodes)
         last = np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
         own = [
@@ -313,6 +319,14 @@ class _Inferring:
         known = before[-1]
         end = columns(self._ends, rate[last], curve[last], None if known is None else known[last])
         return self._at_nodes(own, end)
+
+    def _responses(self, at: Rows, a: Array, rate: Array, curve: Array) -> Array:
+        """What all causes do to the accelerations (N, n, P): forces of the first kernels, ∂u̇/∂θ of the geometry."""
+        samples = (at.t, at.q, at.u, a, at.F, rate, curve)
+        forces, *geometry = (kernels(*samples)[:, :, 1:] for kernels in self.kernels)
+        parts = [self.model.response(at.t, at.q, forces)]
+        parts += [np.linalg.solve(self.model.matrices(at.t, at.q)[0], x) for x in geometry]
+        return np.concatenate(parts, axis=2)
 
     def _unknown(self) -> Array:
         """The covariance of what the flow does not know, of forces between rows by likelihood."""
@@ -489,8 +503,7 @@ class _Inferring:
         free, at = model.mechanism.free.u, log.intervals.start
         udot, half = run.udot[rows][:, free], digits_of(run)["udot"].half()[rows][:, free]
         a, rest = model.at(at), np.zeros_like(at.F)
-        x = self.kernels(at.t, at.q, at.u, udot, at.F, rest, rest)[:, :, 1:]
-        columns = model.response(at.t, at.q, x)
+        columns = self._responses(at, udot, rest, rest)
         of_rows = np.einsum("kij,kj->ki", np.abs(self.J[0][:, model.n :]), log.digits[0])
         sigma = np.sqrt(half**2 + of_rows**2) + 1e-12 * (1.0 + np.abs(a).max())
         sigma = np.sqrt(np.mean(sigma**2, axis=0))
@@ -573,9 +586,10 @@ class _Inferring:
             beyond = self._remainder(rows) / self.whole * np.linspace(0.0, 1.0, len(self.w))
             integrator = Share(curves @ c, np.sqrt(spread + beyond**2))
             left = self.w - self.B[:, :, :ni] @ c - self.B[:, :, ni:] @ best.coefficients
-        mistake = self._mistake(best, power[:, ni:], tau)
+        mistake = self._share(best, power[:, ni:], tau)
+        of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
         attribution, unexplained = joules(
-            log, self.uncertain, self.gradient, jump, integrator, mistake, variance, tau
+            log, self.uncertain, self.gradient, jump, integrator, mistake, of_log, variance, tau
         )
         exchanged, errors, energy = self._exchanged(best)
         odds, coefficients = _generic(self.blocks[0], best)
@@ -614,18 +628,16 @@ class _Inferring:
             gradient=self.gradient,
         )
 
-    def _mistake(self, best: Fit, power: Array, tau: float) -> Share:
-        """ΔC's share of the causes that are of the equations; delays and zeros are of the log."""
-        sizes = [c.size for c in best.chosen]
-        of_equations = np.repeat([c.kind not in OF_THE_LOG for c in best.chosen], sizes).astype(
-            bool
-        )
-        T = np.cumsum(power @ best.tangent, axis=0)[:, of_equations]
-        C = best.covariance[np.ix_(of_equations, of_equations)] * tau
+    def _share(self, best: Fit, power: Array, tau: float, of_log: bool = False) -> Share:
+        """ΔC's share of the causes that are of the equations, or of the log: delays and zeros."""
+        own = [(c.kind in OF_THE_LOG) == of_log for c in best.chosen]
+        some = np.repeat(own, [c.size for c in best.chosen]).astype(bool)
+        T = np.cumsum(power @ best.tangent, axis=0)[:, some]
+        C = best.covariance[np.ix_(some, some)] * tau
         spread = np.maximum(np.einsum("ki,ij,kj->k", T, C, T), 0.0)
         coefficients = np.zeros_like(best.coefficients)
-        for c, theta in zip(best.chosen, best.theta, strict=True):
-            if c.kind not in OF_THE_LOG:
+        for c, theta, counts in zip(best.chosen, best.theta, own, strict=True):
+            if counts:
                 np.add.at(coefficients, list(c.columns), c.coefficients(theta))
         return Share(np.cumsum(power @ coefficients), np.sqrt(spread))
 

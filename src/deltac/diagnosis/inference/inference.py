@@ -513,7 +513,7 @@ class _Inferring:
             columns / sigma[:, None],
             none,
             np.zeros(0),
-            np.arange(x.shape[2]),
+            np.arange(columns.shape[2]),
             1.0,
         )
 

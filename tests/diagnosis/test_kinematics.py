@@ -10,7 +10,6 @@ import pytest
 from deltac import Trajectory
 from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.measurements.kinematics import (
-    accelerations,
     coordinates_against_speeds,
 )
 from tests.systems.cart_pole import SCHEMES, CartPole, log
@@ -111,25 +110,3 @@ def test_a_wrapped_angle_is_made_continuous() -> None:
     assert [f.kind for f in made.findings] == ["wrapped-angle"]
     off = (made.run.q[:, 1] - spinning) / (2 * np.pi)
     assert np.abs(off - np.round(off[0])).max() < 1e-9
-
-
-@pytest.mark.parametrize("which", ["backward", "forward", "central"])
-def test_differenced_accelerations_are_recognised(which: str) -> None:
-    run = log(CartPole())
-    D = np.diff(run.u, axis=0) / np.diff(run.t)[:, None]
-    udot = {
-        "backward": np.vstack([D[:1], D]),
-        "forward": np.vstack([D, D[-1:]]),
-        "central": np.gradient(run.u, run.t, axis=0),
-    }[which]
-    assert accelerations(replace(run, udot=udot)).difference == which
-    assert accelerations(run).difference == ""
-
-
-def test_what_does_not_change_is_not_late() -> None:
-    """Of constant accelerations no row tells an instant."""
-    t = np.linspace(0.0, 1.0, 101)[:, None]
-    run = Trajectory(
-        t=t[:, 0], q=0.5 * t**2, u=t, udot=np.ones_like(t), coordinates=("z",), speeds=("z",)
-    )
-    assert accelerations(run).late == 0.0

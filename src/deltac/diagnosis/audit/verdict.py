@@ -30,9 +30,6 @@ PROBABLE: dict[Confidence, float] = {"high": 0.99, "medium": 0.9}
 OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
 """Causes that no controlled actuator looks like whose force is not in the log."""
 
-LIKELY = 3.0
-"""Standard errors within which a value may lie: one in a thousand lies beyond."""
-
 
 @dataclass(frozen=True, eq=False)
 class Evidence:

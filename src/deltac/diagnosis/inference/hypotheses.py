@@ -94,7 +94,7 @@ class Block:
         return values, vectors, d
 
     def evidence(self, fit: Fit, tau: float) -> float:
-        """Log evidence of the block with the causes of a fit: its likelihood, less what its free numbers cost."""
+        """Log evidence of the block with the causes of a fit: its likelihood, less the price of free numbers."""
         rows = self.count / tau
         n = self.nuisance
         width = self.prior[:, None] * self.gram[0][np.ix_(n, n)] * self.prior / self.variance

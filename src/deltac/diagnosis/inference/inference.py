@@ -251,9 +251,7 @@ class _Inferring:
         """Columns more, and the causes that they allow."""
         self.kernels = (*self.kernels, kernels)
         columns = tuple(c for k in self.kernels for c in k.columns)
-        self.candidates = tuple(
-            c for c in candidates(self.evaluator, columns) if c.kind != "late-rows"
-        )
+        self.candidates = candidates(self.evaluator, columns)
 
     # --- the flow and its columns ---
 
@@ -323,7 +321,7 @@ class _Inferring:
         return self._at_nodes(own, end)
 
     def _responses(self, at: Rows, a: Array, rate: Array, curve: Array) -> Array:
-        """What all causes do to the accelerations (N, n, P): forces of the first kernels, ∂u̇/∂θ of the geometry."""
+        """What all causes do to the accelerations (N, n, P), by force or by geometry."""
         samples = (at.t, at.q, at.u, a, at.F, rate, curve)
         forces, *geometry = (kernels(*samples)[:, :, 1:] for kernels in self.kernels)
         parts = [self.model.response(at.t, at.q, forces)]
@@ -369,7 +367,7 @@ class _Inferring:
         posterior = self._compare()
         late = any(c.kind == "late-forces" for c in posterior.best.chosen)
         if late and not self.thinned:
-            # Forces that were held are not so beside states that were filtered: what they do between is unknown.
+            # Beside states that were filtered, held forces are not held: what they do is unknown.
             self.thinned = True
             self.Q = self._unknown()
             posterior = self._compare()
@@ -530,7 +528,7 @@ class _Inferring:
             columns / sigma[:, None],
             none,
             np.zeros(0),
-            np.arange(x.shape[2]),
+            np.arange(columns.shape[2]),
             1.0,
         )
 

@@ -37,6 +37,7 @@ from deltac.diagnosis.inference.hypotheses import (
     Posterior,
     autocorrelation_time,
     fitted,
+    least_squares,
     nothing,
     search,
 )
@@ -85,6 +86,9 @@ there."""
 RELINEARISATIONS = 1
 """Times that columns are taken anew with the accelerations that the causes make."""
 
+
+ENOUGH = 300
+"""Intervals of which the energy that a cause exchanges is summed."""
 
 LOST = 0.3
 """Share of the intervals that may be lost where the model has no finite motion."""
@@ -398,11 +402,8 @@ class _Inferring:
         places = ni + np.arange(P)
         columns = np.concatenate([np.stack([self.w, *own], axis=2), self.B], axis=2)
         white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, columns)
-
-        def block(k: int, nuisance: int) -> Block:
-            return self._block(white[:, :, k], white[:, :, 1 + len(own) :], nuisance, places)
-
-        series = block(0, ni)
+        D = np.ascontiguousarray(white[:, :, 1 + len(own) :])
+        series = self._block(white[:, :, 0], D, ni, places)
         if log.rounding < 1.0:
             # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
             # order.
@@ -416,7 +417,7 @@ class _Inferring:
         # The mean of the gradients at both ends makes of a quadratic energy what it changes by.
         self.gradient = 0.5 * (model.energy(self.flow.end)[1] + model.energy(log.intervals.end)[1])
         self.least = max(NEGLIGIBLE * self.energy, self._remainder(series))
-        methods = _Methods.of(ends, own, [block(k + 1, 0) for k in range(len(own))])
+        methods = _Methods.of(ends, white[:, :, 1 : 1 + len(own)], D[:, :, places], log.rounding)
         measured = self._measured() if self._knows_accelerations else None
         if before is None:
             posterior, series = self._of_series(series, measured)
@@ -483,13 +484,18 @@ class _Inferring:
         )  # fmt: skip
 
     def _exchanged(self, fit: Fit) -> tuple[Array, Array, Array]:
-        """Energy (J) that each cause of a fit exchanges, its standard error, and what it adds to ΔC."""
-        ni = self.fields[0].shape[2]
+        """Energy (J) that each cause of a fit exchanges, its standard error, and what it adds to ΔC.
+
+        Of some of the intervals, evenly: these are sums that need two digits.
+        """
+        every = max(1, len(self.w) // ENOUGH)
+        gradient, scale = self.gradient[::every], self.whole * len(self.w)
+        B = self.B[::every, :, self.fields[0].shape[2] :]
         exchanged, errors, energies = [], [], []
         for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
-            displacement = self.B[:, :, ni + np.array(c.columns)] @ c.coefficients(theta)
-            exchanged.append(self.whole * float(np.abs(self.gradient * displacement).sum()))
-            energies.append(self.whole * float((self.gradient * displacement).sum()))
+            work = gradient * (B[:, :, list(c.columns)] @ c.coefficients(theta))
+            exchanged.append(scale * float(np.abs(work).sum(axis=1).mean()))
+            energies.append(scale * float(work.sum(axis=1).mean()))
             relative = fit.deviation(k) / np.maximum(np.abs(theta), 1e-300)
             errors.append(exchanged[-1] * min(float(relative.min()), 1.0))
         return np.array(exchanged), np.array(errors), np.array(energies)
@@ -680,32 +686,31 @@ class _Methods:
 
     ends: list[tuple[Integrator, Rows]]
     places: list[int]
-    best: Block
+    floor: float
 
     @staticmethod
     def of(
-        ends: list[tuple[Integrator, Rows]], w: list[Array], blocks: list[Block]
+        ends: list[tuple[Integrator, Rows]], r: Array, D: Array, rounding: float
     ) -> _Methods | None:
-        """The best ones; None where no method applies."""
-        floors = {k: b.floor for k, b in enumerate(blocks) if np.isfinite(w[k]).all()}
-        if not floors:
+        """The best by what all causes leave of their prediction errors r (N, m, methods), whitened."""
+        finite = [k for k in range(len(ends)) if np.isfinite(r[:, :, k]).all()]
+        if not finite:
             return None
-        best = min(floors, key=lambda k: floors[k])
-        block = blocks[best]
-        rows = block.count / autocorrelation_time(block.residual(block.optimum))
-
-        def odds(k: int) -> float:
-            """Against the best one; what is below the rounding of the rows is alike."""
-            if floors[k] <= block.rounding:
-                return 0.0
-            return 0.5 * rows * float(np.log(floors[k] / floors[best]))
-
-        order = [best, *(k for k in floors if k != best and odds(k) < EQUAL)]
-        return _Methods([ends[k] for k in order], order, block)
+        X, y = D.reshape(-1, D.shape[2]), r[:, :, finite].reshape(-1, len(finite))
+        x = least_squares(X.T @ X, X.T @ y)
+        residual = y - X @ x
+        floors = np.maximum((residual**2).sum(axis=0), 1e-300)
+        best = int(np.argmin(floors))
+        tau = autocorrelation_time(residual[:, best].reshape(len(r), -1))
+        odds = 0.5 * len(y) / tau * np.log(floors / floors[best])
+        # What is below the rounding of the rows is alike.
+        alike = np.flatnonzero((odds < EQUAL) | (floors <= rounding * len(y)))
+        order = [finite[k] for k in (best, *alike[alike != best])]
+        return _Methods([ends[k] for k in order], order, float(floors[best]))
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""
-        return self.best.floor * self.best.count < SERIES * series.misfit(best.coefficients)
+        return self.floor < SERIES * series.misfit(best.coefficients)
 
 
 SERIES = 4.0

@@ -86,6 +86,8 @@ def simulate(
         InputError: the model or an argument cannot be simulated; raised before anything is computed.
 
     Warns:
+        EnergyErrorWarning: by its own testing functions the run is off by more than a tenth of the energy
+            that took part; it names a step that would do.
         EnergyLeftWarning: corrections of the energy could not keep up with what the steps lost.
         IllConditionedWarning: the accelerations at the start have few digits in double precision, since
             masses or lengths differ by too many powers of ten.

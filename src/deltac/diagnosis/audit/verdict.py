@@ -41,7 +41,7 @@ class Evidence:
         attribution: ΔC in joules; None likewise.
         explanation: the causes in words.
         findings: what was noticed besides.
-        tolerance: accepted error as a fraction of the energy exchanged, or stored, if less.
+        tolerance: accepted error as a fraction of the energy that the system has.
         guessed: whether the reading of the log was guessed.
     """
 
@@ -58,14 +58,14 @@ class Evidence:
     # --- energies ---
 
     @property
-    def beside(self) -> float:
-        """The energy that errors are compared with, J: exchanged, or stored where that is less."""
-        return min(self.ledger.energy_exchanged, stored_energy(self.ledger))
-
-    @property
     def allowed(self) -> float:
         """The accepted energy error, J."""
-        return self.tolerance * self.beside
+        return self.tolerance * self.ledger.reference_energy
+
+    @property
+    def allowed_flow(self) -> float:
+        """The energy that may flow through a mistake, J: it grows with what is exchanged."""
+        return self.tolerance * max(self.ledger.energy_exchanged, self.ledger.reference_energy)
 
     @cached_property
     def energy_error(self) -> tuple[float, float]:
@@ -88,13 +88,20 @@ class Evidence:
         inference = self.inference
         if inference is None:
             return 0.0, 0.0
-        allowed = self.tolerance * self.ledger.energy_exchanged
+        allowed = self.allowed_flow
         there, beyond = 0.0, 0.0
         best = inference.posterior.best
+        # Of a log that is not yet right, what explains the rest accuses nobody.
+        of_log = [
+            joules
+            for c, joules in zip(best.chosen, inference.exchanged, strict=True)
+            if c.kind in OF_THE_LOG
+        ]
+        slip = max(of_log, default=0.0)
         for c, odds, joules, error in zip(
             best.chosen, best.each, inference.exchanged, inference.exchanged_error, strict=True
         ):
-            if c.kind not in OF_THE_LOG:
+            if c.kind not in OF_THE_LOG and joules > slip:
                 p = float(expit(odds))
                 there = max(there, p)
                 beyond = max(beyond, p * float(ndtr((joules - allowed) / max(error, 1e-300))))
@@ -113,7 +120,7 @@ class Evidence:
             return False
         active = inference.intermittent[1]
         joules = np.abs(inference.gradient * inference.residual)[active].sum() * inference.whole
-        return bool(joules > self.tolerance * self.ledger.energy_exchanged)
+        return bool(joules > self.allowed_flow)
 
     @cached_property
     def integrator(self) -> float:
@@ -191,11 +198,6 @@ class Evidence:
     def impacts(self) -> Finding | None:
         """Impacts of the model of which the run does not tell."""
         return next((f for f in self.findings if f.kind == "impacts"), None)
-
-
-def stored_energy(ledger: Ledger) -> float:
-    """The energy that a system has at a time, as far as it changes: max K and the range of V, J."""
-    return float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
 
 
 def of_model(finding: Finding) -> bool:
@@ -301,10 +303,9 @@ def _evidence(e: Evidence, kind: Kind) -> list[str]:
 
 def _balance(e: Evidence) -> str:
     left, bar = e.energy_error
-    share = left / e.beside if e.beside > 0.0 else 0.0
-    what = f"{e.ledger.energy_exchanged:.4g} J exchanged"
-    if e.beside < e.ledger.energy_exchanged:
-        what = f"{e.beside:.4g} J stored ({what})"
+    ledger = e.ledger
+    share = left / ledger.reference_energy if ledger.reference_energy > 0.0 else 0.0
+    what = f"{ledger.reference_energy:.4g} J that the system has ({ledger.energy_exchanged:.4g} J exchanged)"
     return (
         f"Largest |ΔC| {left:.3g} J ± {bar:.2g} J ({e.ledger.method}), {percent(share)} of the {what}; the "
         f"tolerance is {100 * e.tolerance:g} %"
@@ -344,10 +345,7 @@ def _rows(e: Evidence, inference: Inference) -> list[str]:
         each = zip(best.chosen, best.each, strict=True)
         odds = ", ".join(f"{c.kind} {c.element}: {x:.3g}" for c, x in each)
         said.append(f"Log odds of causes against none: {odds}")
-    elif (
-        inference.generic[0] > CERTAIN
-        and inference.generic[1] > e.tolerance * e.ledger.energy_exchanged
-    ):
+    elif inference.generic[0] > CERTAIN and inference.generic[1] > e.allowed_flow:
         said.append(
             "What is left depends on the state as terms of a model do (log odds "
             f"{inference.generic[0]:.3g}), and no few causes explain it"

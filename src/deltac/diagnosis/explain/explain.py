@@ -79,7 +79,7 @@ def explain_residual(
         )
     found = explanation_of(inference, run)
     works = foreign_channels(mechanism, run, loaded.import_report)
-    notes = tuple(foreign_words(name, work) for name, work in works.items())
+    notes = tuple(words for _, words in foreign_words(works))
     return replace(_with_gears(found, other_gears(run, loaded.import_report)), notes=notes)
 
 

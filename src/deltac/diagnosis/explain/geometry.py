@@ -37,6 +37,7 @@ from deltac.mechanism.channels import Channel
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.parts import Part
+from deltac.mechanism.polynomials import Polynomial
 
 
 @dataclass(frozen=True)
@@ -457,6 +458,7 @@ class _Opened:
             return self._number(part, at, law, kind="law-number", what=what)
         import sympy
 
+        law = law.expression if isinstance(law, Polynomial) else law
         if not isinstance(law, sympy.Basic):
             return law
         names = {}

@@ -93,6 +93,16 @@ class Block:
         values, vectors = np.linalg.eigh(d[:, None] * p.A * d)
         return values, vectors, d
 
+    def evidence(self, fit: Fit, tau: float) -> float:
+        """Log evidence of the block with the causes of a fit: its likelihood, less the price of free numbers."""
+        rows = self.count / tau
+        n = self.nuisance
+        width = self.prior[:, None] * self.gram[0][np.ix_(n, n)] * self.prior / self.variance
+        volume = 0.5 * float(np.linalg.slogdet(np.eye(len(n)) + width / tau)[1]) if len(n) else 0.0
+        numbers = sum(c.size for c in fit.chosen)
+        likelihood = -0.5 * rows * float(np.log(self.misfit(fit.coefficients)))
+        return likelihood - volume - 0.5 * numbers * float(np.log(max(rows, 2.0)))
+
     @property
     def rank(self) -> int:
         """Directions of all causes that the log tells from the nuisance."""

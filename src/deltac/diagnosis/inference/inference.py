@@ -321,7 +321,7 @@ class _Inferring:
         return self._at_nodes(own, end)
 
     def _responses(self, at: Rows, a: Array, rate: Array, curve: Array) -> Array:
-        """What all causes do to the accelerations (N, n, P): forces of the first kernels, ∂u̇/∂θ of the geometry."""
+        """What all causes do to the accelerations (N, n, P), by force or by geometry."""
         samples = (at.t, at.q, at.u, a, at.F, rate, curve)
         forces, *geometry = (kernels(*samples)[:, :, 1:] for kernels in self.kernels)
         parts = [self.model.response(at.t, at.q, forces)]
@@ -337,8 +337,7 @@ class _Inferring:
         beyond = remainder(
             self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, np.minimum(self.step, h)
         )
-        diagonal = np.arange(beyond.shape[1])
-        Q[:, diagonal, diagonal] += beyond**2
+        self.beyond = beyond
         if between.any():
             Phi, B = transported(self.log.intervals.h, self.J, self.fields)
             columns = np.concatenate([self.w[:, :, None], B], axis=2)
@@ -353,6 +352,8 @@ class _Inferring:
 
             Q = Q + max(SHARES, key=likelihood) ** 2 * between
         self.uncertain = Q
+        diagonal = np.arange(beyond.shape[1])
+        across[:, diagonal, diagonal] += beyond**2
         return Q + across
 
     # --- hypotheses ---
@@ -364,6 +365,12 @@ class _Inferring:
             self.kinds = kinds
             self._predict()
         posterior = self._compare()
+        late = any(c.kind == "late-forces" for c in posterior.best.chosen)
+        if late and not self.thinned:
+            # Beside states that were filtered, held forces are not held: what they do is unknown.
+            self.thinned = True
+            self.Q = self._unknown()
+            posterior = self._compare()
         if posterior.best.chosen and self.force.first.shape[1] and not all(self.declared):
             kinds = self._kinds_of_forces(posterior.best)
             if kinds != self.kinds:
@@ -409,46 +416,54 @@ class _Inferring:
         # The mean of the gradients at both ends makes of a quadratic energy what it changes by.
         self.gradient = 0.5 * (model.energy(self.flow.end)[1] + model.energy(log.intervals.end)[1])
         self.least = max(NEGLIGIBLE * self.energy, self._remainder(series))
+        methods = _Methods.of(ends, own, [block(k + 1, 0) for k in range(len(own))])
+        measured = self._measured() if self._knows_accelerations else None
+        if before is None:
+            posterior, series = self._of_series(series, measured)
+            closing, chosen = None, False
+            if methods is not None and methods.may_close(series, posterior.best):
+                closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
+                other = posterior if measured is not None else self._search(closing)
+                gain = _log_evidence(closing, other.best, series, posterior.best)
+                chosen = gain - np.log(len(own)) > CERTAIN
+                posterior = other if chosen else posterior
+        else:
+            chosen = bool(self.methods) and methods is not None
+            closing = None
+            if chosen and methods is not None:
+                closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
+            elif self.of_rows.noise:
+                series = replace(series, noise=self.of_rows.noise)
+            refitted = fitted(
+                (measured or closing or series,), before.best.chosen, before.best.theta
+            )
+            posterior = before if refitted is None else before.with_fit(refitted)
         self.methods: tuple[Integrator, ...] = ()
         self.defects: list[Array] = []
-        chosen = series
-        finite = [k for k, w in enumerate(own) if np.isfinite(w).all()]
-        closings = {k: block(k + 1, 0) for k in finite}
-        if closings:
-            best = min(closings, key=lambda k: closings[k].floor)
-            closing = closings[best]
-            rows = closing.count / autocorrelation_time(closing.residual(closing.optimum))
-            odds = {
-                k: 0.5 * rows * float(np.log(max(b.floor / closing.floor, 1.0)))
-                if b.floor > b.rounding
-                else 0.0
-                for k, b in closings.items()
-            }
-            if 0.5 * rows * np.log(series.floor / closing.floor) > CERTAIN:
-                alike = [k for k in closings if odds[k] < EQUAL]
-                self.methods = tuple(ends[k][0] for k in alike)
-                order = [best, *(k for k in alike if k != best)]
-                self.defects = [model.difference(self.flow.end, ends[k][1]) for k in order]
-                chosen = self._of_method(ends[best], own[best], places)
-        self.blocks: tuple[Block, ...] = (chosen,)
-        run = self.run
-        if trusted(run) and run.udot is not None and "udot" not in run.provenance.derived:
-            self.blocks = (self._measured(),)
-        self.of_rows = chosen
-        if before is None:
-            posterior = self._search()
-            variance = chosen.projected.left(posterior.best.coefficients) / chosen.count
-            if len(self.blocks) == 1 and len(chosen.nuisance) and variance > 2.0 * chosen.variance:
-                # The numbers of an integrator are of the size of their prior beside the noise that there is.
-                self.of_rows = replace(chosen, noise=variance)
-                self.blocks = (self.of_rows,)
-                posterior = self._search()
-            return posterior
-        refitted = fitted(self.blocks, before.best.chosen, before.best.theta)
-        return before if refitted is None else before.with_fit(refitted)
+        if chosen and methods is not None:
+            self.methods = tuple(method for method, _ in methods.ends)
+            self.defects = [model.difference(self.flow.end, rows) for _, rows in methods.ends]
+        self.of_rows: Block = closing if chosen and closing is not None else series
+        self.blocks: tuple[Block, ...] = (measured or self.of_rows,)
+        return posterior
 
-    def _search(self) -> Posterior:
-        return search(self.blocks, self.candidates, lambda fit: self._exchanged(fit)[0], self.least)
+    def _of_series(self, series: Block, measured: Block | None) -> tuple[Posterior, Block]:
+        """The posterior beside an unknown integrator, and the block with the noise that there is."""
+        posterior = self._search(measured or series)
+        variance = series.projected.left(posterior.best.coefficients) / series.count
+        if measured is None and variance > 2.0 * series.variance:
+            # The numbers of an integrator are of the size of their prior beside the noise that there is.
+            series = replace(series, noise=variance)
+            posterior = self._search(series)
+        return posterior, series
+
+    @property
+    def _knows_accelerations(self) -> bool:
+        run = self.run
+        return trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
+
+    def _search(self, block: Block) -> Posterior:
+        return search((block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least)
 
     def _of_method(self, end: tuple[Integrator, Rows], w: Array, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
@@ -584,7 +599,8 @@ class _Inferring:
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
             # The order beyond the series is no noise: its joules grow with the motion.
             beyond = self._remainder(rows) / self.whole * np.linspace(0.0, 1.0, len(self.w))
-            integrator = Share(curves @ c, np.sqrt(spread + beyond**2))
+            some = np.cumsum(np.einsum("km,km->k", self.gradient**2, self.beyond**2))
+            integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
             left = self.w - self.B[:, :, :ni] @ c - self.B[:, :, ni:] @ best.coefficients
         mistake = self._share(best, power[:, ni:], tau)
         of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
@@ -656,6 +672,52 @@ class _Inferring:
                 if curve.max() > most:
                     most, name = float(curve.max()), f"{c.kind} {c.element}".strip()
         return most, name
+
+
+@dataclass(frozen=True, eq=False)
+class _Methods:
+    """Methods whose own maps close the rows best and alike, the best first: their ends and their places."""
+
+    ends: list[tuple[Integrator, Rows]]
+    places: list[int]
+    best: Block
+
+    @staticmethod
+    def of(
+        ends: list[tuple[Integrator, Rows]], w: list[Array], blocks: list[Block]
+    ) -> _Methods | None:
+        """The best ones; None where no method applies."""
+        floors = {k: b.floor for k, b in enumerate(blocks) if np.isfinite(w[k]).all()}
+        if not floors:
+            return None
+        best = min(floors, key=lambda k: floors[k])
+        block = blocks[best]
+        rows = block.count / autocorrelation_time(block.residual(block.optimum))
+
+        def odds(k: int) -> float:
+            """Against the best one; what is below the rounding of the rows is alike."""
+            if floors[k] <= block.rounding:
+                return 0.0
+            return 0.5 * rows * float(np.log(floors[k] / floors[best]))
+
+        order = [best, *(k for k in floors if k != best and odds(k) < EQUAL)]
+        return _Methods([ends[k] for k in order], order, block)
+
+    def may_close(self, series: Block, best: Fit) -> bool:
+        """Whether the best method with all causes leaves about as little as the series with its best ones."""
+        return self.best.floor * self.best.count < SERIES * series.misfit(best.coefficients)
+
+
+SERIES = 4.0
+"""Ratio of sums of squares from which on a method's map is not compared any more with the series."""
+
+
+def _log_evidence(a: Block, fit_a: Fit, b: Block, fit_b: Fit) -> float:
+    """Log evidence of one block with its causes against another with its own, at the larger of their τ."""
+    tau = max(
+        autocorrelation_time(x.residual(fit.coefficients)) for x, fit in ((a, fit_a), (b, fit_b))
+    )
+    return a.evidence(fit_a, tau) - b.evidence(fit_b, tau)
 
 
 def _generic(block: Block, best: Fit) -> tuple[float, Array]:

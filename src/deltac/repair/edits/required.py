@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.repair.edits.candidates import compose, slots
+from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT
+from deltac.repair.tracing.tape import Change, Slot
 
 STEPS = 10
 STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
@@ -94,7 +95,7 @@ class Requirements:
 
     def scale(self, place: int) -> Requirement | None:
         """The factor that all values of a node must have: of an array's entries, of a loop's turns."""
-        own = slots(self.program, place)
+        own = _slots(self.program, place)
         if not own:
             return None
         common = not any(self.program.tape.varying[k] for k in own)
@@ -118,7 +119,7 @@ class Requirements:
 
         def off(x: Array) -> Array:
             if scaled:
-                return program.residual(compose(program, place, lambda value: value * x))
+                return program.residual(_scaled(program, place, x))
             return program.residual(values={slot: x})
 
         def nearest(slope: Array, r: Array) -> Array:
@@ -175,6 +176,29 @@ class Requirements:
         y = y + nearest((off(1.0 / (y + h))[rows] - before) / h, before)
         x = 1.0 / y
         return x, np.abs(off(x)[rows]).max(axis=0) < RIGHT
+
+
+def _slots(program: Program, place: int) -> list[int]:
+    """All slots that hold values of a node."""
+    return [
+        entry.index
+        for instance in program.trace.instances.get(place, [])
+        for entry in flatten(instance.value)
+        if isinstance(entry, Slot) and program.tape.nodes[entry.index] == place
+    ]
+
+
+def _scaled(program: Program, place: int, factor: Array) -> dict[int, Change]:
+    """All values of a node times a factor (B,)."""
+    tape = program.tape
+
+    def times(k: int) -> Change:
+        operation, value = tape.operations[k], tape.values[k]
+        if operation is None:
+            return Change(lambda: value * factor, ())
+        return Change(lambda *inputs: operation(*inputs) * factor, tape.inputs[k])
+
+    return {k: times(k) for k in _slots(program, place)}
 
 
 def _newton(

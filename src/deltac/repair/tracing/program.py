@@ -141,6 +141,10 @@ class Program:
                 found[place] = instances[0]
         return found
 
+    def values(self, slot: int) -> Array:
+        """The values (B,) of a slot."""
+        return np.broadcast_to(self.tape.values[slot], self.samples.t.shape).astype(float)
+
     def matters(self, slot: int) -> bool:
         """Whether the accelerations depend on a slot."""
         return slot in self.tape.before(self.outputs)

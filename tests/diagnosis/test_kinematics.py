@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import deltac as dc
 from deltac import Trajectory
+from deltac.diagnosis.measurements import kinematics
 from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.measurements.kinematics import (
     coordinates_against_speeds,
@@ -110,3 +112,23 @@ def test_a_wrapped_angle_is_made_continuous() -> None:
     assert [f.kind for f in made.findings] == ["wrapped-angle"]
     off = (made.run.q[:, 1] - spinning) / (2 * np.pi)
     assert np.abs(off - np.round(off[0])).max() < 1e-9
+
+
+def test_the_comparison_of_a_scheme_is_that_of_splines(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Semi-implicit Euler moves q by the speed after: half a row late, and by nothing else."""
+    problem = dc.problems.load("double-pendulum")
+    mechanism = problem.mechanism
+    run = dc.simulate(mechanism, problem.state, 2.0, 5e-3, "semi-implicit-euler")
+    run = dc.Trajectory(t=run.t, q=run.q, u=run.u, coordinates=run.coordinates, speeds=run.speeds)
+    short = coordinates_against_speeds(mechanism, run)
+    monkeypatch.setattr(kinematics, "_of_a_scheme", lambda *_: [])
+    long = coordinates_against_speeds(mechanism, run)
+    assert short.keys() == long.keys() and len(short) == 2
+    for name, own in short.items():
+        other = long[name]
+        assert own.late == 0.5 and other.late == pytest.approx(0.5, abs=1e-6)
+        assert own.ratio == 1.0 and other.ratio == pytest.approx(1.0, abs=1e-8)
+        assert own.instant == other.instant and not own.scaled and not other.scaled
+        assert own.off < kinematics.EXACT and not other.outliers.any()

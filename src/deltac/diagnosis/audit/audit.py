@@ -366,6 +366,7 @@ def _judged(
     findings += checks.differing_channels(mechanism, log, report, tolerance)
     missing = checks.assumed_zero(run, report)
     findings += checks.assumed_zero_finding(missing)
+    progress(0.2)
     doubted = any(f.weight == "doubt" for f in findings)
     inference = None if doubted else infer(mechanism, log.consecutive, ledger.energy_exchanged)
     progress(0.7)

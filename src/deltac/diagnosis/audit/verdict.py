@@ -31,6 +31,10 @@ OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-
 """Causes that no controlled actuator looks like whose force is not in the log."""
 
 
+MOST = 0.9
+"""Share of what is left that terms of a model must explain to be a mistake without a name."""
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """What a verdict rests on.
@@ -105,12 +109,23 @@ class Evidence:
                 p = float(expit(odds))
                 there = max(there, p)
                 beyond = max(beyond, p * float(ndtr((joules - allowed) / max(error, 1e-300))))
-        if inference.generic[0] > CERTAIN and inference.generic[1] > allowed:
-            p = float(expit(inference.generic[0] - CERTAIN))
+        if self.unnamed and not slip:
+            p = float(expit(inference.generic.log_odds - CERTAIN))
             there, beyond = max(there, p), max(beyond, p)
         if self.intermittent:
             there = beyond = max(beyond, float(expit(inference.intermittent[0])))
         return there, beyond
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether what is left is of terms of a model, beyond what is allowed, and of no few of them."""
+        generic = self.inference.generic if self.inference is not None else None
+        return (
+            generic is not None
+            and generic.log_odds > CERTAIN
+            and generic.exchanged > self.allowed_flow
+            and generic.explained > MOST
+        )
 
     @cached_property
     def intermittent(self) -> bool:
@@ -128,7 +143,10 @@ class Evidence:
         share = self.attribution.integrator if self.attribution is not None else None
         if share is None:
             return 0.0
-        excess = (np.abs(share.curve) - self.allowed) / np.maximum(share.curve_error, 1e-300)
+        # What forces may have done between rows may be taken for the integrator's.
+        unknown = self.inference.uncertain if self.inference is not None else 0.0
+        error = np.maximum(np.hypot(share.curve_error, unknown), 1e-300)
+        excess = (np.abs(share.curve) - self.allowed) / error
         return float(ndtr(excess.max(initial=-np.inf)))
 
     @cached_property
@@ -209,7 +227,9 @@ def judge(e: Evidence) -> Verdict:
     """The verdict on one log."""
     odds = e.odds
     kind = max(odds, key=lambda k: odds[k])
-    if kind == "equation-error" and e.impacts and not e.certain and not e.explained_by_causes:
+    # Where a model has impacts of which the log does not tell, they may be all that is wrong.
+    jumps = kind == "integration-error" or (kind == "equation-error" and not e.explained_by_causes)
+    if e.impacts and jumps and not e.certain:
         kind = "unresolved"
     if odds[kind] < PROBABLE["medium"]:
         kind = "unresolved"
@@ -345,10 +365,10 @@ def _rows(e: Evidence, inference: Inference) -> list[str]:
         each = zip(best.chosen, best.each, strict=True)
         odds = ", ".join(f"{c.kind} {c.element}: {x:.3g}" for c, x in each)
         said.append(f"Log odds of causes against none: {odds}")
-    elif inference.generic[0] > CERTAIN and inference.generic[1] > e.allowed_flow:
+    elif e.unnamed:
         said.append(
             "What is left depends on the state as terms of a model do (log odds "
-            f"{inference.generic[0]:.3g}), and no few causes explain it"
+            f"{inference.generic.log_odds:.3g}), and no few causes explain it"
         )
     held = [kind for kind in dict.fromkeys(inference.forces) if FORCES[kind][1] == 0.0]
     if held:

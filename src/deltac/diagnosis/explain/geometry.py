@@ -323,7 +323,9 @@ class _LooseBodies:
             *(ca.vertcat(ca.vec(pose.E), pose.r) for pose in s.poses), *V, multipliers
         )
         wrenches, *found = ca.substitute(
-            [total[nu:], *of_place, *of_velocity], [ca.vertcat(place, v, factor)], [here]
+            [total[nu:], *of_place, *of_velocity],
+            [ca.vertcat(place, v, factor)],
+            [ca.densify(here)],
         )
 
         def generalized(part: SX) -> SX:

@@ -340,7 +340,7 @@ TOGETHER = 3
 """Maximum number of simultaneous causes."""
 
 
-BESIDE = 0.02
+BESIDE = 0.05
 """Joules that a further cause must exchange as a share of the largest: what a cause is off a straight line by
 its own size looks like a small one of another kind."""
 

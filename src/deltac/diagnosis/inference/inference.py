@@ -120,9 +120,9 @@ class Inference:
         whole: time of the log over that of the intervals.
         exchanged: energy (J) that each cause of the best set exchanges; `exchanged_error` its standard error.
         energy: what each adds to ΔC by the end, J.
-        generic: log odds that what is left depends on the state as terms of a model do, whichever these are,
-            and the energy (J) that they exchange.
+        generic: equations that are wrong in a way without a name.
         unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
+        uncertain: energy (J) that forces between rows, or errors of the flow, may have made: one standard error.
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
         hidden: energy (J) that a mistake of one number may add to ΔC without being seen, and its name.
         residual: what is left of the rows (N, 2n), in the units of the state.
@@ -147,8 +147,9 @@ class Inference:
     exchanged: Array
     exchanged_error: Array
     energy: Array
-    generic: tuple[float, float]
+    generic: Generic
     unexplained: float
+    uncertain: float
     intermittent: tuple[float, NDArray[np.bool_]]
     hidden: tuple[float, str]
     residual: Array
@@ -170,7 +171,7 @@ class Inference:
     def finds_something(self) -> bool:
         """Whether a cause has odds that is of the equations, or something that has no name."""
         wrong = any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
-        return wrong or max(self.generic[0], self.intermittent[0]) > CERTAIN
+        return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
 
     def deviation(self, c: Candidate) -> float:
         """Standard error of the number of a cause of one, beside the best causes."""
@@ -610,11 +611,11 @@ class _Inferring:
             left = self.w - self.B[:, :, :ni] @ c - self.B[:, :, ni:] @ best.coefficients
         mistake = self._share(best, power[:, ni:], tau)
         of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
-        attribution, unexplained = joules(
+        attribution, unexplained, uncertain = joules(
             log, self.uncertain, self.gradient, jump, integrator, mistake, of_log, variance, tau
         )
         exchanged, errors, energy = self._exchanged(best)
-        odds, coefficients = _generic(self.blocks[0], best)
+        odds, explained, coefficients = _generic(self.blocks[0], best)
         unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
         damped = self.model.damped
         return Inference(
@@ -640,8 +641,9 @@ class _Inferring:
             exchanged=exchanged,
             exchanged_error=errors * np.sqrt(tau),
             energy=energy,
-            generic=(odds, float(unnamed)),
+            generic=Generic(odds, float(unnamed), explained),
             unexplained=unexplained * self.whole,
+            uncertain=uncertain * self.whole,
             intermittent=_intermittent(rows, best),
             hidden=self._hidden(best, tau),
             residual=left,
@@ -725,17 +727,29 @@ def _log_evidence(a: Block, fit_a: Fit, b: Block, fit_b: Fit) -> float:
     return a.evidence(fit_a, tau) - b.evidence(fit_b, tau)
 
 
-def _generic(block: Block, best: Fit) -> tuple[float, Array]:
-    """Log odds of all columns of causes together against the best set, and their coefficients.
+@dataclass(frozen=True)
+class Generic:
+    """All columns of causes together against the best set: equations that are wrong in a way without a name.
 
-    Where they have odds, and no few causes explain as much, the equations are wrong in a way that has no
-    name here.
+    Attributes:
+        log_odds: that what is left depends on the state as terms of a model do.
+        exchanged: the energy that these exchange, J.
+        explained: share of what is left that they explain.
     """
+
+    log_odds: float
+    exchanged: float
+    explained: float
+
+
+def _generic(block: Block, best: Fit) -> tuple[float, float, Array]:
+    """Log odds and share of what all columns explain beyond the best set, and their coefficients beyond it."""
     coefficients = block.optimum
     rows = block.count / autocorrelation_time(block.residual(coefficients))
-    gain = np.log(block.misfit(best.coefficients) / block.misfit(coefficients))
-    odds = 0.5 * rows * float(gain) - 0.5 * block.rank * float(np.log(max(rows, 2.0)))
-    return odds, coefficients - best.coefficients
+    before, after = block.misfit(best.coefficients), block.misfit(coefficients)
+    odds = 0.5 * rows * float(np.log(before / after))
+    price = 0.5 * block.rank * float(np.log(max(rows, 2.0)))
+    return odds - price, 1.0 - after / before, coefficients - best.coefficients
 
 
 def _deviation(blocks: Sequence[Block], c: Candidate, best: Fit, tau: float) -> float:

@@ -66,7 +66,7 @@ def joules(
     variance: float,
     tau: float,
 ) -> tuple[Attribution, float, float]:
-    """The attribution; joules that neither fields nor noise explain; the error by what the flow does not know.
+    """The attribution, the joules that nothing explains, and the error by what the flow does not know.
 
     Args:
         log: the rows.

@@ -352,7 +352,7 @@ PROMISING = 48
 def _promising(
     blocks: Sequence[Block], best: Fit, candidates: Sequence[Candidate]
 ) -> list[Candidate]:
-    """The causes that explain most of what is left to first order; those that the best set excludes are none."""
+    """The causes that explain most of what is left, to first order, and that the best set does not exclude."""
     gains = []
     for c in candidates:
         if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):

@@ -61,7 +61,6 @@ def test_mistakes_in_branches_loops_and_rates_are_repaired(name: str) -> None:
         pytest.param(
             "christoffel_sums", 1, "index", id="indices in another order", marks=pytest.mark.slow
         ),
-        pytest.param("matlab_port_matrix", 0, "number", id="np.matrix"),
     ],
 )
 def test_what_programs_written_cold_lacked(name: str, which: int, kind: str) -> None:

@@ -235,8 +235,8 @@ class _Rewriter:
         return make.For(self.target(s.target), _hook("over", over), body, orelse)
 
     def visit_While(self, s: ast.While) -> Any:
-        test = make.BoolOp(ast.And(), [_hook("turn", self.number[id(s)]), self.expression(s.test)])
-        return make.While(test, self.statements(s.body), self.part(s.orelse))
+        body = [_placed(make.Expr(_hook("turn")), s), *self.statements(s.body)]
+        return make.While(self.expression(s.test), body, self.part(s.orelse))
 
     def visit_With(self, s: ast.With) -> Any:
         items = [
@@ -347,7 +347,9 @@ class _Rewriter:
                 new = _hook("operate", place, type(e.op).__name__, left, right)
             case ast.UnaryOp() if not isinstance(e.op, ast.Not):
                 new = _hook("operate", place, type(e.op).__name__, self.expression(e.operand))
-            case ast.Compare() if len(e.ops) == 1:
+            case ast.Compare(
+                ops=[ast.Lt() | ast.LtE() | ast.Gt() | ast.GtE() | ast.Eq() | ast.NotEq()]
+            ):
                 left, right = self.expression(e.left), self.expression(e.comparators[0])
                 new = _hook("compare", type(e.ops[0]).__name__, left, right)
             case ast.Call():
@@ -421,10 +423,7 @@ class _Rewriter:
             self.plain(e.func),
             *arguments,
         )
-        new.keywords = [
-            make.keyword(k.arg, self.plain(k.value) if k.arg == "out" else self.expression(k.value))
-            for k in e.keywords
-        ]
+        new.keywords = [make.keyword(k.arg, self.expression(k.value)) for k in e.keywords]
         return new
 
     def within(self, names: list[str], build: Callable[[], Any]) -> Any:

@@ -11,10 +11,8 @@ from __future__ import annotations
 import ast
 import builtins
 import contextlib
-import dataclasses
 import functools
 import inspect
-import itertools
 import operator
 import sysconfig
 import types
@@ -40,8 +38,8 @@ from deltac.simulation.state_form import PLAIN
 STANDARD = Path(sysconfig.get_path("stdlib"))
 """Python's own modules, whose functions are not traced."""
 
-TURNS = 20_000
-"""Turns of a while loop."""
+TURNS = 200_000
+"""Turns of all loops together."""
 
 LINES = 20_000
 """Lines of a module whose functions are traced; longer ones are generated, as CasADi's 70 000."""
@@ -67,10 +65,11 @@ OPERATORS: dict[str, Callable[..., Any]] = {
     "RShift": operator.rshift, "USub": operator.neg, "UAdd": operator.pos, "Invert": operator.invert,
 }  # fmt: skip
 
-COMPARED: dict[str, Any] = {
-    "Lt": "less", "LtE": "less_equal", "Gt": "greater", "GtE": "greater_equal", "Eq": "equal",
-    "NotEq": "not_equal",
+COMPARED = {
+    "Lt": ("less", "lt"), "LtE": ("less_equal", "le"), "Gt": ("greater", "gt"),
+    "GtE": ("greater_equal", "ge"), "Eq": ("equal", "eq"), "NotEq": ("not_equal", "ne"),
 }  # fmt: skip
+"""Comparisons that are traced: of arrays, and of two numbers."""
 
 COMPILERS = {"numba", "jax", "typeguard", "beartype", "line_profiler", "deltac", "jaxtyping", "cython",
              "overrides", "autograd"}  # fmt: skip
@@ -196,7 +195,8 @@ def fields_of(value: Any) -> dict[str, Any]:
         held |= vars(cls) if cls.__module__ == NAME else {}
     if hasattr(value, "_asdict"):
         held |= value._asdict()
-    return {**held, **getattr(value, "__dict__", {})}
+    slots = [name for name in getattr(value, "__slots__", ()) if hasattr(value, name)]
+    return {**held, **{n: getattr(value, n) for n in slots}, **getattr(value, "__dict__", {})}
 
 
 class Imported:
@@ -241,7 +241,7 @@ class _Tracer:
         self.literal_of: dict[int, Any] = {}
         self.lives: dict[Any, Any] = {}
         self.scope: Mapping[str, Any] = {}
-        self.turns: dict[Any, int] = {}
+        self.turns = 0
         self.defaults: list[tuple[str, Any, Any]] = []
         self.arguments: dict[int, Any] = {}
 
@@ -595,37 +595,27 @@ class _Hooks:
 
     def inner(self, held: dict[str, Any], above: Mapping[str, Any] | None) -> None:
         """The names of a comprehension or a lambda come into scope."""
+        self.turn()
         self.tracer.scope = {**held, **(above or {}), **held}
         for name, value in held.items():
             self.tracer.note_parameters(name, value, None)
 
+    def turn(self) -> None:
+        """One turn of a loop."""
+        self.tracer.turns += 1
+        if self.tracer.turns > TURNS:
+            raise Endless(f"{self.of.name}: a loop that has not ended after {TURNS} turns")
+
     def item(self, place: int, value: Any) -> None:
         """What a loop's variables hold in a turn."""
+        self.turn()
         self.named_target(self.of.nodes[place].target, value, None)  # type: ignore[attr-defined]
-
-    def turn(self, place: int) -> bool:
-        """One turn of a while loop."""
-        turns = self.tracer.turns[self.of.path, place] = (
-            self.tracer.turns.get((self.of.path, place), 0) + 1
-        )
-        if turns > TURNS:
-            line = self.of.nodes[place].lineno  # type: ignore[attr-defined]
-            raise Endless(f"{self.of.name}:{line}: a loop that has not ended after {TURNS} turns")
-        return True
 
     def over(self, value: Any) -> Any:
         """What a loop goes over: the numbers of an array of a running session become constants."""
         if isinstance(value, np.ndarray) and value.dtype.kind == "f":
             return self.tracer.live(value, "")
-        endless = itertools.count, itertools.cycle, itertools.repeat
-        return self.bounded(value) if isinstance(value, endless) else value
-
-    def bounded(self, values: Iterator[Any]) -> Iterator[Any]:
-        """What may never end, for so many turns."""
-        for k, value in enumerate(values):
-            if k > TURNS:
-                raise Endless(f"{self.of.name}: a loop that has not ended after {TURNS} turns")
-            yield value
+        return value
 
     # --- values -----------------------------------------------------------------------------------
 
@@ -731,28 +721,14 @@ class _Hooks:
     def operate(self, place: int, op: str, *operands: Any) -> Any:
         """An operator's result; a sequence beside an array acts as an array, as with NumPy."""
         values = [library.arrayed(x) if isinstance(x, np.ndarray) else x for x in operands]
-        if op == "Mult" and any(isinstance(x, np.matrix) for x in values):
-            op = "MatMult" if all(isinstance(x, np.ndarray) for x in values) else op
         return self.noted(place, OPERATORS[op], *values)
 
     def compare(self, op: str, left: Any, right: Any) -> Any:
         """A comparison, entry by entry where there are arrays."""
-        match op:
-            case "Is":
-                return left is right
-            case "IsNot":
-                return left is not right
-            case "In" | "NotIn":
-                found = (
-                    plain(left) if isinstance(right, dict | set | frozenset | str) else left
-                ) in right
-                return found == (op == "In")
-        numbers = (Slot, np.ndarray, int, float, np.generic)
-        if isinstance(left, numbers) and isinstance(right, numbers):
-            return library.compared(COMPARISONS[COMPARED[op]], left, right)
-        return getattr(operator, {"LtE": "le", "GtE": "ge", "NotEq": "ne"}.get(op, op.lower()))(
-            left, right
-        )
+        ufunc, name = COMPARED[op]
+        if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+            return library.compared(COMPARISONS[ufunc], left, right)
+        return getattr(operator, name)(left, right)
 
     def index(self, value: Any) -> Any:
         """An index or a key as Python's own number; one that depends on the state as it is."""
@@ -764,12 +740,6 @@ class _Hooks:
         """An attribute; those of arrays that only some libraries' arrays have."""
         if name == "__dict__":
             self.holder(place, base)
-        if isinstance(base, np.ndarray) and name == "at":
-            return library.At(base)
-        if isinstance(base, np.matrix) and name == "I":
-            return library.inverse(base)
-        if isinstance(base, types.FunctionType | functools.partial) and name == "py_func":
-            return base
         if getattr(base, "__module__", None) == library.__name__ and not hasattr(base, name):
             raise library.NotUnderstood(f"{ast.unparse(self.of.nodes[place])} is not understood")
         own = inspect.getattr_static(type(base), name, None)
@@ -954,44 +924,22 @@ class _Hooks:
         self, place: int, function: Foreign, arguments: list[Any], named: dict[str, Any]
     ) -> Any:
         """Decorators of compilers, which leave a function as it is; everything else is refused."""
-        top, _, last = function.name.partition(".")[0], "", function.name.rpartition(".")[2]
-        if top in ("attr", "attrs", "pydantic", "chex", "flax", "equinox"):
-            if last in ("field", "ib", "attrib", "Field"):
-                factory = named.get("default_factory", named.get("factory"))
-                if factory is not None:
-                    return dataclasses.field(default_factory=factory)
-                return named.get("default", arguments[0] if arguments else dataclasses.field())
-            return self.decorator(function) if not arguments else _dataclass(arguments[0])
         if function.name == "numba.prange":
             return range(*map(plain, arguments))
-        if (top in COMPILERS and last not in DERIVING) or last in ("njit", "jit", "override"):
-            if arguments and (callable(arguments[0]) and not isinstance(arguments[0], Foreign)):
-                return arguments[0]
-            return Foreign(f"{top}.identity" if top in COMPILERS else "numba.identity")
-        if top in ("logging", "warnings", "tqdm"):
-            return Foreign("logging.logger")
-        self.refuse(place, f"calls {function.name}, which is not understood")
+        if not _compiles(function):
+            self.refuse(place, f"calls {function.name}, which is not understood")
+        if arguments and callable(arguments[0]) and not isinstance(arguments[0], Foreign):
+            return arguments[0]
+        return Foreign("numba.identity")
 
     def decorator(self, value: Any) -> Any:
         """What is called on a function or class to decorate it."""
-        if isinstance(value, Foreign):
-            top, last = value.name.partition(".")[0], value.name.rpartition(".")[2]
-            if top in ("attr", "attrs", "pydantic", "chex", "flax", "equinox"):
-                return _dataclass
-            if (top in COMPILERS and last not in DERIVING) or last in (
-                "njit",
-                "jit",
-                "override",
-                "jitclass",
-            ):
-                return lambda decorated: decorated
+        if isinstance(value, Foreign) and _compiles(value):
+            return lambda decorated: decorated
         return value
 
     def base(self, value: Any) -> Any:
         """A class that another derives from."""
-        if isinstance(value, Foreign):
-            kinds = ("BaseModel", "Module", "Struct")
-            return _Fields if value.name.rpartition(".")[2] in kinds else _Opaque
         return {Float: float, Int: int}.get(value, value)
 
     def annotation(self, text: str) -> Any:
@@ -1037,22 +985,10 @@ class _Entries:
         self.array[index] = value
 
 
-class _Opaque:
-    """Stands for a class of a package that is not imported."""
-
-    def __init__(self, *arguments: Any, **named: Any) -> None:
-        pass
-
-
-class _Fields:
-    """Stands for classes whose annotations are their fields: pydantic's, equinox's, flax's."""
-
-    def __init_subclass__(cls) -> None:
-        _dataclass(cls)
-
-
-def _dataclass(cls: Any) -> Any:
-    return dataclasses.dataclass(cls)
+def _compiles(value: Foreign) -> bool:
+    """Whether a decorator leaves what a function gives as it is."""
+    package, name = value.name.partition(".")[0], value.name.rpartition(".")[2]
+    return (package in COMPILERS and name not in DERIVING) or name in ("njit", "jit", "override")
 
 
 BUILTINS: dict[str, Any] = {
@@ -1071,8 +1007,6 @@ def _changed_parameters(function: Any) -> frozenset[int]:
     while isinstance(function, functools.partial | types.MethodType):
         shift += 1 if isinstance(function, types.MethodType) else len(function.args)
         function = function.__func__ if isinstance(function, types.MethodType) else function.func
-    if isinstance(function, np.ufunc):
-        return frozenset({function.nin})  # where it is given `out`
     if function in (np.fill_diagonal, np.copyto, np.put, np.place):
         return frozenset({0})
     if not isinstance(function, types.FunctionType):

@@ -92,8 +92,8 @@ def edits(source: Source, place: int, names: Names) -> Edits:
             yield edit(node.value, "order", 1.0, f"{text} should not be transposed")
     if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
         shape = names.shape(place)
-        known = [text for text, other in names.arrays(place).items() if other == shape]
-        for text in known if shape else names.numbers(place):
+        others = [text for text, other in names.arrays(place).items() if other == shape]
+        for text in others if shape else names.numbers(place):
             if text != source.segment(node):
                 alike = family(text) == family(source.segment(node))
                 cost = 1.0 if alike else 1.15 if stem(text) == stem(own) else 1.3

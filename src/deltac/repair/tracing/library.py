@@ -184,11 +184,11 @@ def _ufunc(function: np.ufunc, name: str, *arguments: Any, **named: Any) -> Any:
 def _made(fill: Any, like: bool = False) -> Callable[..., Any]:
     """np.zeros and its like, with entries that can hold slots."""
 
-    def make(shape: Any = None, *given: Any, fill_value: Any = None, **named: Any) -> Any:
-        made = np.empty(np.shape(arrayed(shape)) if like else plain(shape), dtype=object)
-        value = fill_value if fill_value is not None else given[0] if given else 0.0
-        made[...] = arrayed(value) if fill is None else fill
-        return made
+    def make(shape: Any = None, *more: Any, fill_value: Any = None, **named: Any) -> Any:
+        array = np.empty(np.shape(arrayed(shape)) if like else plain(shape), dtype=object)
+        value = fill_value if fill_value is not None else more[0] if more else 0.0
+        array[...] = arrayed(value) if fill is None else fill
+        return array
 
     return make
 
@@ -203,10 +203,10 @@ def eye(rows: Any, columns: Any = None, k: Any = 0, **named: Any) -> Any:
 def array(value: Any, *more: Any, copy: Any = True, ndmin: int = 0, **named: Any) -> Any:
     """np.array."""
     many = isinstance(value, Iterator | ValuesView | map | zip)
-    made = arrayed(list(value) if many else value, copy=copy is not False)
-    if not isinstance(made, np.ndarray) or ndmin > made.ndim:
-        made = np.array(made, dtype=object, ndmin=int(plain(ndmin))) if ndmin else made
-    return made
+    entries = arrayed(list(value) if many else value, copy=copy is not False)
+    if not isinstance(entries, np.ndarray) or ndmin > entries.ndim:
+        entries = np.array(entries, dtype=object, ndmin=int(plain(ndmin))) if ndmin else entries
+    return entries
 
 
 def same_array(value: Any, *more: Any, **named: Any) -> Any:
@@ -220,9 +220,9 @@ def block(parts: Any) -> Any:
     def joined(rows: Any, depth: int) -> Any:
         if not isinstance(rows, list | tuple):
             return np.atleast_2d(arrayed(rows)) if depth else np.atleast_1d(arrayed(rows))
-        made = [joined(row, depth) for row in rows]
+        parts = [joined(row, depth) for row in rows]
         nested = any(isinstance(row, list | tuple) for row in rows)
-        return np.concatenate(made, axis=-2 if nested else -1)
+        return np.concatenate(parts, axis=-2 if nested else -1)
 
     return joined(parts, int(any(isinstance(row, list | tuple) for row in parts)))
 
@@ -324,10 +324,12 @@ def norm(x: Any, order: Any = None, axis: Any = None, **named: Any) -> Any:
 def least(pick: str) -> Callable[..., Any]:
     """The least, or greatest, of numbers or of an array's entries."""
 
-    def call(*given: Any, default: Any = None, key: Any = None, **named: Any) -> Any:
+    def call(*arguments: Any, default: Any = None, key: Any = None, **named: Any) -> Any:
         python: Callable[..., Any] = max if pick == "maximum" else min
-        entries = list(given[0] if isinstance(given[0], Iterator) else flatten(given[0]))
-        entries = entries if len(given) == 1 else list(given)
+        entries = list(
+            arguments[0] if isinstance(arguments[0], Iterator) else flatten(arguments[0])
+        )
+        entries = entries if len(arguments) == 1 else list(arguments)
         if key is not None or not any(isinstance(e, Slot) for e in entries):
             return python(entries) if key is None else python(entries, key=key)
         return functools.reduce(lambda a, b: applied(ELEMENTARY[pick][0], a, b), entries)
@@ -338,8 +340,8 @@ def least(pick: str) -> Callable[..., Any]:
 def clip(x: Any, low: Any = None, high: Any = None, **named: Any) -> Any:
     """np.clip."""
     low, high = (
-        next((named[k] for k in names if k in named), given)
-        for names, given in ((("a_min", "min"), low), (("a_max", "max"), high))
+        next((named[k] for k in names if k in named), bound)
+        for names, bound in ((("a_min", "min"), low), (("a_max", "max"), high))
     )
     above = x if low is None else applied(np.maximum, x, low)
     return above if high is None else applied(np.minimum, above, high)
@@ -359,8 +361,10 @@ def _numbers(function: Callable[..., Any]) -> Callable[..., Any]:
     """A function of NumPy's that acts on arrays of slots: lists are arrays, whole numbers axes and sizes."""
 
     def call(*arguments: Any, **named: Any) -> Any:
-        kept = {k: plain(v) for k, v in named.items() if k not in ("dtype", "order", "optimize")}
-        return function(*(_sequence(_whole(a)) for a in arguments), **kept)
+        keywords = {
+            k: plain(v) for k, v in named.items() if k not in ("dtype", "order", "optimize")
+        }
+        return function(*(_sequence(_whole(a)) for a in arguments), **keywords)
 
     return call
 
@@ -488,10 +492,10 @@ def entries(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 def objects(entries: list[Any]) -> np.ndarray[Any, Any]:
     """A NumPy array of objects of one dimension."""
-    made = np.empty(len(entries), dtype=object)
+    array = np.empty(len(entries), dtype=object)
     for k, entry in enumerate(entries):
-        made[k] = entry
-    return made
+        array[k] = entry
+    return array
 
 
 def flatten(value: Any) -> Iterator[Any]:
@@ -511,8 +515,8 @@ def flatten(value: Any) -> Iterator[Any]:
 def arrayed(value: Any, copy: bool = False) -> Any:
     """Lists and tuples of numbers as arrays of objects; everything else as it is."""
     if isinstance(value, np.ndarray):
-        made = entries(value) if value.dtype.kind == "f" else value
-        return made.copy() if copy and made is value else made
+        array = entries(value) if value.dtype.kind == "f" else value
+        return array.copy() if copy and array is value else array
     if isinstance(value, list | tuple | range):
         parts = [arrayed(part) for part in value]
         if any(isinstance(part, str | slice) or part is Ellipsis or part is None for part in parts):
@@ -521,10 +525,10 @@ def arrayed(value: Any, copy: bool = False) -> Any:
         if len(shapes) > 1:
             raise TypeError("an array of rows of different length")
         shape = shapes.pop() if shapes else ()
-        made = np.empty((len(parts), *shape), dtype=object)
+        array = np.empty((len(parts), *shape), dtype=object)
         for k, part in enumerate(parts):
-            made[k] = part
-        return made
+            array[k] = part
+        return array
     return value
 
 
@@ -539,6 +543,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: plain(part) for key, part in value.items()}
     if isinstance(value, np.ndarray) and value.dtype == object:
-        found = np.array([plain(x) for x in value.flat])
-        return found.reshape(value.shape) if value.size else value.astype(int)
+        numbers = np.array([plain(x) for x in value.flat])
+        return numbers.reshape(value.shape) if value.size else value.astype(int)
     return value

@@ -151,22 +151,22 @@ def branches(
     """
     override = override or {}
     open_sets = [np.arange(len(t))]
-    found: list[tuple[NDArray[np.intp], Trace]] = []
-    tried = 0
+    traces: list[tuple[NDArray[np.intp], Trace]] = []
+    count = 0
     while open_sets:
         which = open_sets.pop()
-        tried += 1
-        if tried > 3 * PATHS or len(found) > PATHS:
+        count += 1
+        if count > 3 * PATHS or len(traces) > PATHS:
             raise Refused(
                 f"{source.name}: more than {PATHS} ways through branches that depend on the state"
             )
         some = {key: value[which] for key, value in override.items()}
         try:
-            found.append((which, _Tracer(source, some).run(t[which], q[:, which], u[:, which])))
+            traces.append((which, _Tracer(source, some).run(t[which], q[:, which], u[:, which])))
         except Branch as branch:
             holds = np.broadcast_to(branch.holds, which.shape)
             open_sets += [which[~holds], which[holds]]
-    return sorted(found, key=lambda part: -len(part[0]))
+    return sorted(traces, key=lambda part: -len(part[0]))
 
 
 def form_of(source: Source) -> tuple[tuple[str, ...], int]:
@@ -176,10 +176,10 @@ def form_of(source: Source) -> tuple[tuple[str, ...], int]:
     """
     tracer = _Tracer(source, {})
     parameters = inspect.signature(tracer.guarded(tracer.callee)).parameters.values()
-    given = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    if not given and any(p.kind is p.VAR_POSITIONAL for p in parameters):
+    arguments = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    if not arguments and any(p.kind is p.VAR_POSITIONAL for p in parameters):
         return ("t", "q", "u"), 3
-    return tuple(p.name for p in given), sum(p.default is p.empty for p in given)
+    return tuple(p.name for p in arguments), sum(p.default is p.empty for p in arguments)
 
 
 def fields_of(value: Any) -> dict[str, Any]:
@@ -190,13 +190,13 @@ def fields_of(value: Any) -> dict[str, Any]:
         return vars(value)
     if type(value).__module__ != NAME or isinstance(value, type):
         return {}
-    held: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for cls in reversed(type(value).__mro__):
-        held |= vars(cls) if cls.__module__ == NAME else {}
+        fields |= vars(cls) if cls.__module__ == NAME else {}
     if hasattr(value, "_asdict"):
-        held |= value._asdict()
+        fields |= value._asdict()
     slots = [name for name in getattr(value, "__slots__", ()) if hasattr(value, name)]
-    return {**held, **{n: getattr(value, n) for n in slots}, **getattr(value, "__dict__", {})}
+    return {**fields, **{n: getattr(value, n) for n in slots}, **getattr(value, "__dict__", {})}
 
 
 class Imported:
@@ -294,14 +294,14 @@ class _Tracer:
     def callee(self) -> Any:
         """The function that is meant: an object of a running session, or what the module calls so."""
         if self.source.root is not None:
-            found = self.traced(self.source.root)
+            function = self.traced(self.source.root)
         else:
-            found = function_named(self.main.names, self.source.qualified)
-        if not callable(found) or isinstance(found, Foreign):
+            function = function_named(self.main.names, self.source.qualified)
+        if not callable(function) or isinstance(function, Foreign):
             raise Refused(
                 f"{self.source.name}: {self.source.qualified} is no function that can be traced"
             )
-        return found
+        return function
 
     def guarded(self, compute: Callable[[], Any]) -> Any:
         """What is computed; errors of Python's as refusals with the line where they are raised."""
@@ -316,40 +316,40 @@ class _Tracer:
             where = f"{name}:{line}"
             if isinstance(error, RecursionError):
                 raise Refused(f"{where}: calls itself without end") from None
-            said = str(error)
+            message = str(error)
             if isinstance(error, TapeError | library.NotUnderstood):
-                raise Refused(f"{where}: {said}. The function is traced: {READABLE}") from None
-            if "Slot" in said or "dtype('O')" in said:
+                raise Refused(f"{where}: {message}. The function is traced: {READABLE}") from None
+            if "Slot" in message or "dtype('O')" in message:
                 raise Refused(
-                    f"{where}: a computation that cannot be traced ({said}). Instead, {READABLE}"
+                    f"{where}: a computation that cannot be traced ({message}). Instead, {READABLE}"
                 ) from None
-            said = f"{where}: {type(error).__name__}: {said}"
+            message = f"{where}: {type(error).__name__}: {message}"
             if place is None or isinstance(error, NameError | ImportError):
-                raise Refused(said) from None
+                raise Refused(message) from None
             raise Failed(
-                f"{said}. The function is traced: call it once, and if Python raises the same error at this "
-                f"line, mend that first; else {READABLE}",
+                f"{message}. The function is traced: call it once, and if Python raises the same error at "
+                f"this line, mend that first; else {READABLE}",
                 name,
                 (line,),
             ) from None
 
     def place_of(self, error: BaseException) -> tuple[str, int] | None:
         """The file and line of the user's where an error was raised; None where it was in none."""
-        found, frame = None, error.__traceback__
+        place, frame = None, error.__traceback__
         while frame is not None:
             names = frame.tb_frame.f_globals
             if isinstance(names, _Namespace):
-                found = names.module.name, frame.tb_lineno
+                place = names.module.name, frame.tb_lineno
             frame = frame.tb_next
-        return found
+        return place
 
     def unused(self) -> None:
         """Read other plain constants, of the module and of the user's that it has by name.
 
         One of them may be what the function lacks.
         """
-        held = [_module_of(x) for x in self.main.names.values() if isinstance(x, Imported)]
-        for module in (self.main, *held):
+        modules = [_module_of(x) for x in self.main.names.values() if isinstance(x, Imported)]
+        for module in (self.main, *modules):
             for name in module.setters.keys() - module.names.keys():
                 statement = module.setters[name][0]
                 if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
@@ -415,23 +415,23 @@ class _Tracer:
         """A name that the module's text does not set: of a star import, or of a live module."""
         for star in module.stars:
             owner = self.module(module, star.module or "", star.level)
-            found = getattr(owner, name, None)
-            if found is not None and not isinstance(found, Foreign):
-                return found
+            value = getattr(owner, name, None)
+            if value is not None and not isinstance(value, Foreign):
+                return value
         if name in module.outside:
             return self.live(module.outside[name], name)
         raise KeyError(name)
 
     def module(self, module: UserModule, name: str, level: int = 0) -> Any:
         """What an import binds: a library, a module of the user's, or neither."""
-        found = None
+        value = None
         if not level:
             with contextlib.suppress(ImportError):
-                found = library.library(name)
-        if found is None and (level or name.partition(".")[0] not in COMPILERS):
-            beside = found_beside(module.path, name, level)
-            found = None if beside is None else Imported(self.opened(beside))
-        return Foreign(name) if found is None else found
+                value = library.library(name)
+        if value is None and (level or name.partition(".")[0] not in COMPILERS):
+            own = found_beside(module.path, name, level)
+            value = None if own is None else Imported(self.opened(own))
+        return Foreign(name) if value is None else value
 
     def live(self, value: Any, name: str) -> Any:
         """A value of a running session: numbers become constants under their name."""
@@ -440,15 +440,17 @@ class _Tracer:
         if isinstance(value, int | float | np.integer | np.floating):
             return self.named_constant(value if isinstance(value, int) else float(value), name)
         if isinstance(value, np.ndarray) or type(value).__module__.startswith("jax"):
-            held = np.asarray(value)
-            if held.dtype.kind not in "fiu":
+            numbers = np.asarray(value)
+            if numbers.dtype.kind not in "fiu":
                 return value
-            if held.ndim == 0:
-                return self.named_constant(held.item(), name)
-            made = np.empty(held.shape, dtype=object)
-            for k in np.ndindex(held.shape):
-                made[k] = self.named_constant(held[k].item(), f"{name}[{', '.join(map(str, k))}]")
-            return made
+            if numbers.ndim == 0:
+                return self.named_constant(numbers.item(), name)
+            array = np.empty(numbers.shape, dtype=object)
+            for k in np.ndindex(numbers.shape):
+                array[k] = self.named_constant(
+                    numbers[k].item(), f"{name}[{', '.join(map(str, k))}]"
+                )
+            return array
         if type(value) in (tuple, list):
             return type(value)(self.live(v, f"{name}[{k}]") for k, v in enumerate(value))
         if type(value) is dict:
@@ -458,16 +460,16 @@ class _Tracer:
     def named_constant(self, value: float, name: str) -> Slot:
         """A constant that has no text: known, and varied, by its name."""
         key: tuple[Any, ...] = ("live", name)
-        known = self.lives.get(key)
-        if known is not None and known.exact() != value:  # another constant of this name
+        slot = self.lives.get(key)
+        if slot is not None and slot.exact() != value:  # another constant of this name
             key = ("live", name, value)
-            known = self.lives.get(key)
-        if known is not None:
-            return known  # type: ignore[no-any-return]
+            slot = self.lives.get(key)
+        if slot is not None:
+            return slot  # type: ignore[no-any-return]
         node, self.tape.node = self.tape.node, None
-        given = self.override.get(key)
+        override = self.override.get(key)
         slot = self.tape.given(
-            np.float64(value) if given is None else given, exact=value, varying=False
+            np.float64(value) if override is None else override, exact=value, varying=False
         )
         self.tape.node = node
         self.lives[key] = slot
@@ -489,12 +491,12 @@ class _Tracer:
                 if isinstance(key, str):
                     self.note_parameters(key, value[key], part)
         elif isinstance(of, ast.Call):
-            held = value if isinstance(value, dict) else fields_of(value)
+            fields = value if isinstance(value, dict) else fields_of(value)
             if isinstance(value, functools.partial):
-                held = value.keywords
+                fields = value.keywords
             for keyword in of.keywords:
-                if keyword.arg is not None and keyword.arg in held:
-                    self.note_parameters(keyword.arg, held[keyword.arg], keyword.value)
+                if keyword.arg is not None and keyword.arg in fields:
+                    self.note_parameters(keyword.arg, fields[keyword.arg], keyword.value)
             if isinstance(value, np.ndarray) and of.args:
                 self.note_parameters(name, list(value), of.args[0])
         elif isinstance(of, ast.List | ast.Tuple) and isinstance(value, list | tuple):
@@ -523,10 +525,10 @@ class _Tracer:
             return function
         if python.__module__.partition(".")[0] in library.CALLED:
             return function
-        made = self.traced_function(python)
-        if made is not None and python is inspect.getattr_static(type(function), "__call__", None):
-            return types.MethodType(made, function)
-        return function if made is None else made
+        copy = self.traced_function(python)
+        if copy is not None and python is inspect.getattr_static(type(function), "__call__", None):
+            return types.MethodType(copy, function)
+        return function if copy is None else copy
 
     def traced_function(self, function: types.FunctionType) -> Any:
         """A function of a running session, compiled again from its text; None where it has none."""
@@ -556,20 +558,22 @@ class _Tracer:
         for name, cell in zip(code.co_freevars, function.__closure__ or ()):
             with contextlib.suppress(ValueError):  # a cell that is still empty
                 cells[name] = self.live(cell.cell_contents, name)
-        held = [cells.get(name) for name in code.co_freevars]
-        made = module.names.pop("made")(*held, {k: v for k, v in cells.items() if k != "__class__"})
-        made.__defaults__ = function.__defaults__ and tuple(
+        closure = [cells.get(name) for name in code.co_freevars]
+        copy = module.names.pop("made")(
+            *closure, {k: v for k, v in cells.items() if k != "__class__"}
+        )
+        copy.__defaults__ = function.__defaults__ and tuple(
             self.live(v, name)
             for name, v in zip(
                 code.co_varnames[: code.co_argcount][-len(function.__defaults__) :],
                 function.__defaults__,
             )
         )
-        made.__kwdefaults__ = {
+        copy.__kwdefaults__ = {
             k: self.live(v, k) for k, v in (function.__kwdefaults__ or {}).items()
         }
-        self.lives[id(function)] = function, made  # the function is kept alive
-        return made
+        self.lives[id(function)] = function, copy  # the function is kept alive
+        return copy
 
 
 class _Hooks:
@@ -585,19 +589,19 @@ class _Hooks:
 
     # --- scopes and loops -------------------------------------------------------------------------
 
-    def here(self, held: dict[str, Any], above: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    def here(self, names: dict[str, Any], above: Mapping[str, Any] | None) -> Mapping[str, Any]:
         """What is in scope at a statement: its own names, then those of the functions around it."""
-        own = {k: v for k, v in held.items() if not k.startswith(instrument.SCOPE)}
+        own = {k: v for k, v in names.items() if not k.startswith(instrument.SCOPE)}
         if above:
             own = {**own, **above, **own}
         self.tracer.scope = own
         return own
 
-    def inner(self, held: dict[str, Any], above: Mapping[str, Any] | None) -> None:
+    def inner(self, names: dict[str, Any], above: Mapping[str, Any] | None) -> None:
         """The names of a comprehension or a lambda come into scope."""
         self.turn()
-        self.tracer.scope = {**held, **(above or {}), **held}
-        for name, value in held.items():
+        self.tracer.scope = {**names, **(above or {}), **names}
+        for name, value in names.items():
             self.tracer.note_parameters(name, value, None)
 
     def turn(self) -> None:
@@ -644,8 +648,8 @@ class _Hooks:
 
     def remember(self, place: int, value: Any) -> None:
         if self.edited and isinstance(value, Slot | np.ndarray):
-            known = self.tracer.result.instances.setdefault(place, [])
-            known.append(Instance(value, self.tracer.scope))
+            instances = self.tracer.result.instances.setdefault(place, [])
+            instances.append(Instance(value, self.tracer.scope))
 
     def constant(self, place: int) -> Any:
         """A literal: one slot, however often it is evaluated, for it is one number."""
@@ -658,9 +662,9 @@ class _Hooks:
                 self.refuse(place, f"the constant {value!r}")
             tape = tracer.tape
             outer, tape.node = tape.node, place if self.edited else None
-            given = tracer.override.get(("literal", key))
+            override = tracer.override.get(("literal", key))
             slot = tape.given(
-                np.float64(value) if given is None else given, exact=value, varying=False
+                np.float64(value) if override is None else override, exact=value, varying=False
             )
             tape.node = outer
             tracer.literals[key], tracer.literal_of[slot.index] = slot, key
@@ -799,10 +803,10 @@ class _Hooks:
             case ast.Subscript(slice=ast.Constant(value=str() as name)):
                 note(name, value, of)
             case ast.Tuple(elts=parts) | ast.List(elts=parts):
-                given = of.elts if isinstance(of, ast.Tuple | ast.List) else [None] * len(parts)
+                sources = of.elts if isinstance(of, ast.Tuple | ast.List) else [None] * len(parts)
                 value = list(value) if isinstance(value, ValuesView) else value
-                if isinstance(value, list | tuple) and len(value) == len(parts) == len(given):
-                    for one, entry, part in zip(parts, value, given):
+                if isinstance(value, list | tuple) and len(value) == len(parts) == len(sources):
+                    for one, entry, part in zip(parts, value, sources):
                         self.named_target(one, entry, part)
 
     def default(self, name: str, place: int | None, value: Any) -> Any:
@@ -826,9 +830,9 @@ class _Hooks:
             self.refuse(place, f"changes the outer variable {shown!r}, a side effect")
         names = target.elts if isinstance(target, ast.Tuple | ast.List) else [target]
         tracer = self.tracer
-        for name, held in zip(names, value if len(names) > 1 else [value]):
-            if isinstance(name, ast.Name) and isinstance(held, Slot):
-                index = held.index
+        for name, number in zip(names, value if len(names) > 1 else [value]):
+            if isinstance(name, ast.Name) and isinstance(number, Slot):
+                index = number.index
                 while tracer.tape.operations[index] is identity:
                     (index,) = tracer.tape.inputs[index]
                 if index in tracer.literal_of:
@@ -839,11 +843,16 @@ class _Hooks:
     # --- functions and classes --------------------------------------------------------------------
 
     def call(
-        self, place: int, places: tuple[int | None, ...], function: Any, *given: Any, **named: Any
+        self,
+        place: int,
+        places: tuple[int | None, ...],
+        function: Any,
+        *positional: Any,
+        **named: Any,
     ) -> Any:
         """A call's result: of the user's function, or of a library's as it acts on slots."""
         tracer = self.tracer
-        arguments = list(given)
+        arguments = list(positional)
         changed = (
             _changed_parameters(function) if any(p is not None for p in places) else frozenset()
         )
@@ -902,15 +911,15 @@ class _Hooks:
             value = function(*arguments, **named)
         node: Any = self.of.nodes[place]
         if isinstance(function, type):
-            held = fields_of(value)
+            fields = fields_of(value)
             with contextlib.suppress(TypeError, ValueError):
                 names = list(inspect.signature(function).parameters)
                 for name, part in [
                     *zip(names, node.args),
                     *((k.arg, k.value) for k in node.keywords),
                 ]:
-                    if name in held:
-                        tracer.note_parameters(name, held[name], part)
+                    if name in fields:
+                        tracer.note_parameters(name, fields[name], part)
         return self.load(place, value)
 
     def check(self, place: int, function: Any, module: str) -> None:
@@ -948,9 +957,9 @@ class _Hooks:
 
     def module(self, name: str, whole: bool) -> Any:
         """What `import name` binds: with `as` that module, else the package it is in."""
-        found = self.tracer.module(self.of, name)
+        module = self.tracer.module(self.of, name)
         root = name.partition(".")[0]
-        return found if whole or root == name else self.tracer.module(self.of, root)
+        return module if whole or root == name else self.tracer.module(self.of, root)
 
     def member(self, place: int, owner: str, level: int, name: str) -> Any:
         """What `from owner import name` binds."""
@@ -959,10 +968,10 @@ class _Hooks:
             return self.lifted_member(getattr(module, name), name)
         except (AttributeError, KeyError):
             dotted = f"{owner}.{name}" if owner else name
-            found = self.tracer.module(self.of, dotted, level)
-            if isinstance(found, Foreign):
+            value = self.tracer.module(self.of, dotted, level)
+            if isinstance(value, Foreign):
                 raise ImportError(f"cannot import name {name!r} from {owner!r}") from None
-            return found
+            return value
 
     def lifted_member(self, value: Any, name: str) -> Any:
         return self.tracer.named_constant(value, name) if type(value) is float else value

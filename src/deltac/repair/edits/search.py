@@ -19,7 +19,7 @@ from deltac.repair.edits.candidates import Candidate, apply
 from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import Requirement, Requirements
-from deltac.repair.edits.single import additions, edits, exchanges, structure
+from deltac.repair.edits.single import additions, edits, structure
 from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.tracing.program import Program, at, reading
 from deltac.repair.tracing.samples import RIGHT, Target
@@ -178,7 +178,6 @@ class Search:
             inner = ast.walk(statement) if isinstance(statement, heads) else ()
             if id(statement) in statements or any(id(n) in statements for n in inner):
                 self.untraced += structure(source, place, self.names)
-                self.untraced += exchanges(source, place)
         right: list[Candidate] = []
         end = time.process_time() + TRACING_TIME
         texts: set[tuple[int, str]] = set()

@@ -17,7 +17,7 @@ from inspect import Parameter, isfunction, signature
 from numbers import Real
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol, TypeAlias, TypeVar, cast, runtime_checkable
+from typing import Any, Protocol, TypeAlias, TypeGuard, TypeVar, cast
 
 from deltac.calls.arguments import checked
 from deltac.errors import (
@@ -61,7 +61,6 @@ TAKEN = (
 """What the door takes, for messages."""
 
 
-@runtime_checkable
 class ProblemLike(Protocol):
     """A mechanism with a motion to look at, such as a `Problem` of the library."""
 
@@ -196,6 +195,14 @@ class Model:
         return self.problem.duration
 
 
+def is_problem(source: object) -> TypeGuard[ProblemLike]:
+    """Whether a value has what a problem has."""
+    return all(hasattr(source, name) for name in _OF_PROBLEMS)
+
+
+_OF_PROBLEMS = tuple(name for name in vars(ProblemLike) if name[:1] != "_")
+
+
 @checked
 def load_model(source: ModelLike) -> Model:
     """Load the model that `source` stands for, as all verbs do, in Python and on the command line.
@@ -213,7 +220,7 @@ def load_model(source: ModelLike) -> Model:
         return Model(source, {})
     if isinstance(source, Model):
         return source
-    if isinstance(source, ProblemLike):
+    if is_problem(source):
         return Model(source.mechanism, {"start": source.state}, source)
     if isinstance(source, str | Path):
         return _named(str(source))

@@ -550,11 +550,33 @@ def _times(values: Any) -> FloatArray:
     back = np.flatnonzero(t[1:] <= t[:-1])
     if back.size:
         row = back[0] + 1
+        remedy = "Sort the rows, or drop the repeated ones."
         raise LogError(
             f"column 'time', {row_name(row, len(t))}: found {t[row]} after {t[row - 1]}, "
-            "expected times that strictly increase. Sort the rows, or drop the repeated ones."
+            f"expected times that strictly increase. {rounded_clock(t) or remedy}"
         )
     return t
+
+
+def rounded_clock(t: FloatArray) -> str:
+    """What to do with times (T,) that are those of an even clock, rounded to more than a row; else nothing.
+
+    The clock is the straight line through the ends: each time is within a unit of its last digit of it. Most
+    times are there twice or more; where few are, rows may be copies.
+    """
+    steps = np.diff(t)
+    unit = float(steps[steps > 0.0].min(initial=np.inf))
+    even, exact = np.linspace(t[0], t[-1], len(t)), float(t[-1] - t[0]) / (len(t) - 1)
+    near = np.abs(t - even).max() <= unit * (1.0 + 1e-6)
+    if (steps < 0.0).any() or not 0.0 < 2.0 * exact <= unit or not near:
+        return ""
+    uncertain = 2.0 * unit / (len(t) - 1)
+    shortest = (float(f"{exact:.{digits}g}") for digits in range(1, 18))
+    step = next(value for value in shortest if abs(value - exact) <= uncertain)
+    return (
+        f"The times are those of rows {step:g} s apart, rounded to {unit:.3g} s. If so, read them by --step "
+        f"{step:g}, or in a mapping by [log] time = {{ step = {step:g} }}."
+    )
 
 
 def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:

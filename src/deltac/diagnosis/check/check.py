@@ -39,7 +39,7 @@ from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, chosen_map, load_model
-from deltac.results import Section, Table, number
+from deltac.results import Section, Table, fraction
 from deltac.simulation.equations import Equations, as_equations
 from deltac.simulation.state_form import PLAIN, StateForm
 from deltac.trajectories import Trajectory
@@ -140,19 +140,19 @@ class EquationCheck(
         """Verdict, and the largest residual beside the tolerance."""
         sign = ">" if self.worst > self.tolerance else "≤"
         return (
-            f"{self.verdict.kind}: the residual is {self.worst:.2g} {sign} {self.tolerance:.2g} of an "
-            f"equation's terms (confidence {self.verdict.confidence})"
+            f"{self.verdict.kind}: the residual is {fraction(self.worst)} {sign} "
+            f"{fraction(self.tolerance)} of an equation's terms{self.verdict.certainty}"
         )
 
     def sections(self) -> Iterator[Section]:
         """Each test's residual, the verdict, where the equations fail, and an example."""
         failing = {entry.number for entry in self.blame}
         rows: list[tuple[str, ...]] = [
-            (f"equation {k} ({speed})", number(value, digits=2), "fails" if k in failing else "")
+            (f"equation {k} ({speed})", fraction(value), "fails" if k in failing else "")
             for k, (speed, value) in enumerate(self.relative_residual.items(), 1)
         ]
         tests = [
-            (result.test, number(result.relative, digits=2), "fails" if result.sees else "")
+            (result.test, fraction(result.relative), "fails" if result.sees else "")
             for result in self.seen[1:]
         ]
         yield Table(("test", "relative residual", ""), (*rows, (), *tests))
@@ -433,10 +433,10 @@ def _of_rates(rates: Mapping[str, float], tolerance: float) -> tuple[str, ...]:
     wrong = [name for name, error in rates.items() if error > tolerance]
     worst = max(rates.values())
     if not wrong:
-        return (f"q̇ agrees with the speeds to {worst:.2g} of its size",)
+        return (f"q̇ agrees with the speeds to {fraction(worst)} of its size",)
     return (
-        f"q̇ of {', '.join(wrong)} does not agree with the speeds: it is off by up to {worst:.2g} of its "
-        f"size",
+        f"q̇ of {', '.join(wrong)} does not agree with the speeds: it is off by up to {fraction(worst)} of "
+        "its size",
     )
 
 
@@ -502,15 +502,15 @@ def _evidence(
 ) -> tuple[str, ...]:
     worst = float(max(finite_worst(residuals), default=0.0))
     evidence = [
-        f"F_r + F*_r is at most {worst:.2g} of an equation's terms, at {len(test.states)} random states "
-        f"(accepted: {float(limit.max(initial=tolerance)):.2g})"
+        f"F_r + F*_r is at most {fraction(worst)} of an equation's terms, at {len(test.states)} random "
+        f"states (accepted: {fraction(float(limit.max(initial=tolerance)))})"
     ]
     ties = [s for s in results if s.test.startswith("constraint ")]
     if ties:
         worst_tie = max(ties, key=lambda s: s.relative)
         violated = [s.test.removeprefix("constraint ") for s in ties if s.sees]
         evidence.append(
-            f"ψ̇ = G u̇ + γ is at most {worst_tie.relative:.2g} of its terms"
+            f"ψ̇ = G u̇ + γ is at most {fraction(worst_tie.relative)} of its terms"
             + (f": the accelerations violate {', '.join(violated)}" if violated else "")
         )
     wrong_speeds = _wrong_accelerations(test, udot, limit) if wrong else ()

@@ -30,9 +30,8 @@ from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import times
 from deltac.diagnosis.residuals.states import States, joined
-from deltac.diagnosis.verdict import percent
 from deltac.mechanism.joints import KINDS
-from deltac.results import Serialisable
+from deltac.results import Serialisable, fraction
 
 BASES = 16
 """States at which single variables are changed, or all speeds scaled."""
@@ -76,7 +75,8 @@ class Blame(Serialisable):
 
     def __str__(self) -> str:
         parts = [
-            f"equation {self.number} ({self.speed}) is off by {_share(self.relative)} of its terms"
+            f"equation {self.number} ({self.speed}) is off by {fraction(self.relative)} of its terms "
+            "in the mean"
         ]
         if self.degrees:
             parts.append(
@@ -116,11 +116,6 @@ class Monomial(Serialisable):
         if self.found and self.right:
             return f"{where}: yours is {self.found}, the model's {self.right}"
         return f"{where}: wrong"
-
-
-def _share(relative: float) -> str:
-    """A share in per cent; as a fraction where per cent would need an exponent."""
-    return percent(relative) if relative >= 1e-6 else f"{relative:.1e}"
 
 
 _POWERS: dict[tuple[int, ...], str] = {

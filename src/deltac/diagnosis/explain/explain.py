@@ -105,7 +105,7 @@ def explain_residual(
             raise too_short(run)
         found = explanation(mechanism, run, step.residual, progress=progress or untold)
     works = foreign_channels(mechanism, run, loaded.import_report)
-    notes = tuple(foreign_words(name, work) for name, work in works.items())
+    notes = tuple(words for _, words in foreign_words(works))
     return replace(_with_gears(found, other_gears(run, loaded.import_report)), notes=notes)
 
 

@@ -38,6 +38,7 @@ from deltac.trajectories.trajectory import (
     FloatArray,
     Provenance,
     Trajectory,
+    rounded_clock,
 )
 
 _LAW = "the law of its prescribed joint"
@@ -308,10 +309,10 @@ class LogReading:
                 if len(rows):
                     row = int(rows[0])
                     before, at = raw.columns[name][row - 1 : row + 1]
+                    remedy = "Leave out rows that are there twice, and give each motion a file of its own."
                     return LogError(
                         f"column {name!r} is called a time, but row {row} ({at:.9g}) is not later than the "
-                        f"row before ({before:.9g}). Leave out rows that are there twice, and give each "
-                        "motion a file of its own"
+                        f"row before ({before:.9g}). {rounded_clock(raw.columns[name]) or remedy}"
                     )
         hint = ""
         if guess is not None and guess.column:

@@ -26,10 +26,9 @@ from deltac.trajectories.formats.opensim import is_opensim_folder, read_opensim,
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
 from deltac.trajectories.formats.raw import RawLog, checked_raw
 from deltac.trajectories.formats.reading import ColumnReading, LogReading
-from deltac.trajectories.formats.recognition import arrays_named
 from deltac.trajectories.formats.records import read_json, read_json_lines
 from deltac.trajectories.formats.rosbag import is_bag_folder, read_bag
-from deltac.trajectories.trajectory import FloatArray, Trajectory
+from deltac.trajectories.trajectory import Trajectory
 
 # --- logs on disk --------------------------------------------------------------------------------
 
@@ -135,7 +134,7 @@ def read_trajectory(
         InputError: that names the file and, where it applies, column and row.
     """
     with naming(log):
-        return _reading(log, mapping, model, only_episode).trajectory()
+        return log_reading(log, mapping, model).trajectory()
 
 
 def explain(
@@ -146,7 +145,7 @@ def explain(
     What is missing, or cannot be used, is a reading whose note says so.
     """
     with naming(log):
-        return _reading(log, mapping, model).explain()
+        return log_reading(log, mapping, model, lambda raw: raw).explain()
 
 
 def draft_mapping(log: Any, model: Any) -> str:
@@ -156,22 +155,17 @@ def draft_mapping(log: Any, model: Any) -> str:
     """
     with naming(log):
         title = Path(log).name if isinstance(log, str | Path) else "a table"
-        return _reading(log, None, model, first_episode).draft(title)
+        return log_reading(log, None, model, first_episode).draft(title)
 
 
-def _reading(
-    log: Any, mapping: Any, model: Any, episode: Callable[[RawLog], RawLog] = lambda raw: raw
+def log_reading(
+    log: Any, mapping: Any, model: Any, episode: Callable[[RawLog], RawLog] = only_episode
 ) -> LogReading:
+    """How a log is read, with its columns as they are (`raw`): `episode` chooses one of several."""
     names = None if model is None else MechanismNames.of(model)
     known = as_mapping(mapping)
     raw = read_raw(log) if isinstance(log, str | Path) else checked_raw(read_table(log))
     return LogReading.of(episode(raw), known, names)
-
-
-def read_arrays(path: str | Path, names: Sequence[str], width: int) -> list[FloatArray]:
-    """Arrays (T, n) of a file that are called one of these names and have so many columns; none twice."""
-    with naming(path):
-        return arrays_named(read_raw(path), names, width)
 
 
 def read_raw(path: str | Path) -> RawLog:

@@ -308,7 +308,8 @@ def read_mechanism(
 
     Args:
         source: path of an ``.xml``, ``.urdf`` or ``.sdf`` file (``"FILE.sdf:NAME"`` for one of several
-            models), or a model or spec in memory. Mimic joints of a URDF file are exact constraints. SDFormat is read without MuJoCo.
+            models), or a model or spec in memory. Mimic joints of a URDF file are exact constraints.
+            SDFormat is read without MuJoCo.
         equality: "log": forces of equality constraints come from the log, because they are soft in
             MuJoCo; "constraints": connect, weld and joint equalities become exact constraints.
         base: "fixed" or "free", for the root link of a URDF file.

@@ -1,7 +1,7 @@
 """Recorders: runs of other simulators as trajectories.
 
 The names are loaded on first use, so that each recorder meets only the packages that it needs. Other
-packages add their own by entry points of the group ``deltac.recorders``: ``record_chrono = "module:function"``.
+packages add their own by entry points of the group ``deltac.recorders``: ``record_x = "module:function"``.
 """
 
 from __future__ import annotations

@@ -352,7 +352,7 @@ PROMISING = 48
 def _promising(
     blocks: Sequence[Block], best: Fit, candidates: Sequence[Candidate]
 ) -> list[Candidate]:
-    """The causes that explain most of what is left, to first order, and that the best set does not exclude."""
+    """The causes that explain most of what is left, to first order, and that may stand beside the best."""
     gains = []
     for c in candidates:
         if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):

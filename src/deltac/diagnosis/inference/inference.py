@@ -122,7 +122,7 @@ class Inference:
         energy: what each adds to ΔC by the end, J.
         generic: equations that are wrong in a way without a name.
         unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
-        uncertain: energy (J) that forces between rows, or errors of the flow, may have made: one standard error.
+        uncertain: standard error (J) by what forces did between rows, and by the flow's own.
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
         hidden: energy (J) that a mistake of one number may add to ΔC without being seen, and its name.
         residual: what is left of the rows (N, 2n), in the units of the state.
@@ -288,10 +288,10 @@ class _Inferring:
         for at in self.flow.nodes[:-1]:
             J.append(self.model.jacobian(at))
             own = elementary_differentials(self.model, at, h)
-            further = [
+            parts = [
                 next_order(J[-1][a:b], own[a:b], at.t[a:b], h[a:b]) for a, b in self.log.pieces
             ]
-            fields.append(np.concatenate([own, np.concatenate(further)], axis=2))
+            fields.append(np.concatenate([own, np.concatenate(parts)], axis=2))
         last = np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
         own = elementary_differentials(self.model, self._ends, h[last])
         further = fields[0][last][:, :, own.shape[2] :]
@@ -330,7 +330,8 @@ class _Inferring:
         samples = (at.t, at.q, at.u, a, at.F, rate, curve)
         forces, *geometry = (kernels(*samples)[:, :, 1:] for kernels in self.kernels)
         parts = [self.model.response(at.t, at.q, forces)]
-        parts += [np.linalg.solve(self.model.matrices(at.t, at.q)[0], x) for x in geometry]
+        M = self.model.matrices(at.t, at.q)[0] if geometry else None
+        parts += [np.asarray(np.linalg.solve(M, x)) for x in geometry if M is not None]
         return np.concatenate(parts, axis=2)
 
     def _unknown(self) -> Array:

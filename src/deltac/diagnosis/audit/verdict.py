@@ -233,7 +233,8 @@ def judge(e: Evidence) -> Verdict:
         kind = "unresolved"
     if odds[kind] < PROBABLE["medium"]:
         kind = "unresolved"
-    confidence = next((c for c, p in PROBABLE.items() if odds[kind] >= p), "low")
+    words: tuple[Confidence, ...] = ("high", "medium")
+    confidence = next((word for word in words if odds[kind] >= PROBABLE[word]), "low")
     if e.guessed and confidence == "high":
         confidence = "medium"
     findings = _findings(e, kind)

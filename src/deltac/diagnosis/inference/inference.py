@@ -744,7 +744,7 @@ class Generic:
 
 
 def _generic(block: Block, best: Fit) -> tuple[float, float, Array]:
-    """Log odds and share of what all columns explain beyond the best set, and their coefficients beyond it."""
+    """Log odds and share of what all columns explain beyond the best set, and their coefficients so far."""
     coefficients = block.optimum
     rows = block.count / autocorrelation_time(block.residual(coefficients))
     before, after = block.misfit(best.coefficients), block.misfit(coefficients)

@@ -345,8 +345,8 @@ ALIKE = 4.0
 SHORTLIST = 12
 """Causes of which the correlation of what they leave is looked at."""
 
-TOGETHER = 3
-"""Maximum number of simultaneous causes."""
+TOGETHER, MANY = 3, 24
+"""Maximum numbers of simultaneous causes, by prediction errors and by known accelerations."""
 
 
 BESIDE = 0.05
@@ -383,15 +383,17 @@ def search(
     candidates: Sequence[Candidate],
     exchanged: Callable[[Fit], Array],
     least: float,
+    most: int = TOGETHER,
 ) -> Posterior:
     """The causes with the best odds, one after the other, each beside all before.
 
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told.
+    `most` are found together.
     """
     best = nothing(len(blocks[0].causes))
     alternatives: tuple[Fit, ...] = ()
     scores: list[tuple[float, Candidate, float]] = []
-    for _ in range(TOGETHER):
+    for _ in range(most):
         fits: list[tuple[float, Fit]] = []
         for c in _promising(blocks, best, candidates):
             fit = fitted(blocks, (*best.chosen, c), best.theta)

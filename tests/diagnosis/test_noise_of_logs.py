@@ -32,7 +32,7 @@ def bar_and_error(audit: dc.Audit) -> tuple[float, float]:
 
 
 def test_the_bar_of_the_energy_covers_noise() -> None:
-    """ΔC of right equations stays within it in 19 rows of 20, or nearly; it is at most five times too wide."""
+    """ΔC of right equations stays within it in nine rows of ten; it is at most five times too wide."""
     run = log(RIGHT, "rk4", accelerations=False)
     shares, ratios = [], []
     for seed in range(8):

@@ -94,9 +94,9 @@ def test_columns_are_what_a_change_does(what: str) -> None:
     np.testing.assert_allclose(effect, difference, rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize(("own", "rel"), [(True, 1e-8), (False, 1e-3)])
+@pytest.mark.parametrize(("own", "rel"), [(True, 1e-8), (False, 3e-3)])
 def test_steps_tell_what_the_samples_tell(own: bool, rel: float) -> None:
-    """From row to row, without u̇, a cause has the number that it has at the samples: along an exact motion."""
+    """Along an exact motion, a cause has the same number from row to row, to what θ² leaves, as by u̇."""
     mechanism = machine(damping=0.1)
     start = mechanism.state(speeds={"root": [0, 0, 3, 0.5, 1.0, 2.0], "hip": 3.0})
     run = replace(dc.simulate(mechanism, start, 1.0, 1e-3, solver="ode8"), forces={})

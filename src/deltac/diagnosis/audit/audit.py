@@ -364,6 +364,7 @@ def _judged(
     findings += checks.violations(mechanism, run, ledger, tolerance)
     findings += checks.impacts_not_held(mechanism, run)
     findings += checks.differing_channels(mechanism, log, report, tolerance)
+    findings += checks.stale_rows(mechanism, log.consecutive)
     missing = checks.assumed_zero(run, report)
     findings += checks.assumed_zero_finding(missing)
     progress(0.2)

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
-from deltac.diagnosis.explain.causes import PREFERENCE
+from deltac.diagnosis.causes.causes import PREFERENCE
 from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.inference.attribution import Attribution
 from deltac.diagnosis.inference.flow import FORCES

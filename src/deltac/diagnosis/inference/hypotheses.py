@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import Candidate
+from deltac.diagnosis.causes.causes import Candidate
 
 SINGULAR = 1e-9
 """Share of a column that others must leave of it for it to be told from them."""

@@ -191,7 +191,10 @@ class Model:
         if duration is not None:
             return duration
         if self.problem is None:
-            raise ArgumentsError("duration: say how long the motion lasts, in seconds")
+            raise ArgumentsError(
+                "duration: say how long the motion lasts, in seconds; for a first look duration=2 "
+                "(--duration 2), in which a pendulum of 1 m swings once"
+            )
         return self.problem.duration
 
 
@@ -209,7 +212,8 @@ def load_model(source: ModelLike) -> Model:
 
     Args:
         source: a Mechanism; a Problem, or its name; the path of an ``.xml``, ``.urdf`` or ``.sdf`` file
-            (``"robot.urdf:free"`` where its root link floats); a mujoco.MjModel or MjSpec; a pair
+            (``"robot.urdf:free"`` where its root link floats, ``"world.sdf:NAME"`` for one of several
+            models); a mujoco.MjModel or MjSpec; a pair
             (Mechanism, State); or ``"file.py:name"``, such a model or a function without parameters that
             returns any of these (``"file.py"`` where it holds one alone).
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 from deltac.calls.arguments import checked
+from deltac.calls.stubs import registered
 from deltac.errors import FileError, InputError, LimitError, UnknownName, closest
 from deltac.foreign.files import appearing, opened
 from deltac.foreign.limits import Limits, require_memory
@@ -69,7 +70,11 @@ FORMATS: Mapping[str, Format] = {
     ".sto": _OPENSIM,
     ".mot": _OPENSIM,
 }
-"""Every suffix of a log, and its format."""
+"""Every suffix of a log, and its format.
+
+Other packages add their own by entry points of the group ``deltac.formats``, named by the suffix:
+``".chrono" = "module:FORMAT"``, a `Format`.
+"""
 
 FOLDERS: Sequence[tuple[Callable[[Path], bool], Callable[[Path], RawLog]]] = (
     (is_bag_folder, read_bag),
@@ -237,6 +242,9 @@ def _format(path: str | Path, writing: bool = False) -> Format:
         raise FileError(f"{path}: {_REFUSED[suffix]}")
     options = {name: form for name, form in FORMATS.items() if form.write or not writing}
     if suffix not in options:
+        foreign: Format | None = registered("deltac.formats", suffix)
+        if foreign is not None and (foreign.write or not writing):
+            return foreign
         what = "format that deltac does not write:" if suffix in FORMATS else "unknown suffix"
         raise UnknownName(
             f"{path}: {what} {suffix!r}{closest(suffix, options)} "

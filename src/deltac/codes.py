@@ -92,6 +92,7 @@ FINDINGS: dict[str, str] = {
     "speed-not-rate": "a speed is not the rate of its coordinate",
     "replayed": "MuJoCo's model, stepped from row to row, arrives at every row of the log",
     "replay-departs": "MuJoCo's model, stepped from a row of the log, misses the next one",
+    "not-replayed": "a log of a MuJoCo model that lacks forces could not be stepped again between its rows",
     "interpolated-rows": "rows lie between the solver's steps",
     "duplicated-rows": "rows repeat the previous row although the motion continues",
     "held-columns": "coordinates or speeds come from a slower sensor and repeat over several rows",

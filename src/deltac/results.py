@@ -301,6 +301,11 @@ def percent(share: float) -> str:
     return f"{value:.0f} %" if 99.5 <= abs(value) < 1e6 else f"{value:.2g} %"
 
 
+def fraction(share: float) -> str:
+    """A share in per cent; as a number where that is below a millionth: "24 %", "1.5e-8"."""
+    return percent(share) if abs(share) >= 1e-6 or share == 0.0 else number(share, digits=2)
+
+
 def worst_code(codes: Iterable[int]) -> int:
     """The exit code that hides the others: an error before what is wrong, and that before the unresolved."""
     return min(codes, key=(70, 2, 1, 3, 0).index, default=0)

@@ -46,7 +46,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
         run = dc.simulate(problem.mechanism, problem.state, 1.0, step, advice.solver)
         exact = dc.simulate(problem.mechanism, problem.state, 1.0, step, "taylor")
         ledger = dc.balance(problem.mechanism, run, testing=("wang",))
-        energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.energy_exchanged)
+        energy = float(np.abs(ledger.delta_c["wang"]).max() / ledger.reference_energy)
         errors.append(max(energy, share_of_ranges(run, exact)))
     assert errors[0] <= 1.1e-6
     assert errors[1] > 0.9e-6
@@ -58,7 +58,7 @@ def test_the_advice_is_kept_against_an_exact_motion() -> None:
 class Invented:
     """Trials of solvers whose errors and times follow laws: what a search should find is known."""
 
-    energy_exchanged, still = 1.0, False
+    reference_energy, still = 1.0, False
 
     def __init__(self, constant: dict[str, float], verified_error: float = 1.0) -> None:
         self.constant, self.verified_error, self.trials, self.verifications = (
@@ -277,7 +277,7 @@ def test_a_body_that_turns_freely_moves_though_it_exchanges_nothing() -> None:
     assert advice.verified and advice.exit_code == 0
     # K of the box: ½ 10 kg (2² + 2² + 8²) m²/s² and ½ Σ I ω² with ω = (0.1, 5, 0.1).
     kinetic = 360 + 0.5 * (0.80833333 * 0.01 + 0.68333333 * 25 + 0.14166667 * 0.01)
-    assert advice.energy_exchanged == pytest.approx(kinetic, rel=1e-6)
+    assert advice.reference_energy == pytest.approx(kinetic, rel=1e-6)
 
 
 def test_what_does_not_move_has_no_range_to_be_right_within() -> None:
@@ -388,7 +388,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
     assert advice.coarser is not None
     coarser = run(advice.best.solver, advice.coarser.setting)
     ledger = dc.balance(mechanism, coarser, testing=("wang",))
-    energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.energy_exchanged
+    energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.reference_energy
     exact = run("mujoco:rk4", advice.coarser.setting / 32)
     # What fails is one of the two, or the run itself; the energy counts corrections too.
     assert max(energy, distance(mechanism, coarser, exact)) > 0.5 * tolerance

@@ -112,7 +112,7 @@ def audit(
             "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
         )
     if fleet:
-        if values or step or audit.keywords["replay"]:
+        if values or step or audit.keywords.get("replay"):
             raise ArgumentsError(
                 "--set, --step and --replay are of logs that are audited at once; with --out, --workers, "
                 "--scheduler, folders or patterns write the values into the model, the step into a mapping, "

@@ -117,7 +117,10 @@ StartState = Annotated[
 
 Tolerance = Annotated[
     float,
-    typer.Option(metavar="FRACTION", help="Accepted |ΔC| as a fraction of the energy exchanged."),
+    typer.Option(
+        metavar="FRACTION",
+        help="Accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).",
+    ),
 ]
 
 Duration = Annotated[
@@ -307,7 +310,8 @@ def _option(p: inspect.Parameter, told: str) -> Any:
         return None
     made, value, read = KINDS[kind]
     value = "SECONDS" if told.startswith("seconds") else value
-    names = [f"--{p.name.replace('_', '-')}"] if made is bool else []
+    name = p.name.replace("_", "-")
+    names = [f"--{name}" if p.default is False else f"--{name}/--no-{name}"] if made is bool else []
     option = typer.Option(*names, metavar=value, help=f"{told[:1].upper()}{told[1:]}")
     return Annotated[made if p.default is not None and read is None else made | None, option, read]
 

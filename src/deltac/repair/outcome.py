@@ -44,7 +44,7 @@ class Fix(Serialisable, omit=("text",)):
 
     def __str__(self) -> str:
         return "; ".join(
-            f"{self.file}:{line}: {said}" for line, said in zip(self.lines, self.words)
+            f"{self.file}:{line}: {words}" for line, words in zip(self.lines, self.words)
         )
 
 

@@ -181,9 +181,9 @@ def _sources(text: str, equations: Equations) -> Iterator[Callable[[], Source]]:
     python = innermost(function)
     outside = {} if python is None else dict(python.__globals__)
     first = partial_in(function) or (text if ".py:" in text else function)
-    yield lambda: replace(read_source(first), told=declared, outside=outside)
+    yield lambda: replace(read_source(first), declared=declared, outside=outside)
     if python is not None:
-        yield lambda: replace(read_source(function), told=declared)
+        yield lambda: replace(read_source(function), declared=declared)
 
 
 def _as_run(source: Source, function: Callable[..., Any], target: Target) -> None:
@@ -407,7 +407,7 @@ def _report(
         file=source.name,
         function=source.qualified,
         residual=reading.wrong,
-        equations=tuple(name for name, off in zip(names, wrong) if off),
+        equations=tuple(name for name, fails in zip(names, wrong) if fails),
         fixes=fixes,
         certain=bool(fixes)
         and not contradicted

@@ -166,7 +166,7 @@ def simulate(
         model=mechanism.name,
         model_hash=mechanism.hash,
         completed=not motion.message,
-        energy_error=None if error is None else float(error.error.max()),
+        energy_error=None if error is None else error.largest,
         **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
     )
     if error is not None:

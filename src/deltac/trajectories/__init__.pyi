@@ -2,12 +2,14 @@
 
 from deltac.trajectories.columns import MechanismNames as MechanismNames
 from deltac.trajectories.formats.files import FORMATS as FORMATS
+from deltac.trajectories.formats.files import Format as Format
 from deltac.trajectories.formats.files import draft_mapping as draft_mapping
 from deltac.trajectories.formats.files import explain as explain
 from deltac.trajectories.formats.files import read_trajectory as read_trajectory
 from deltac.trajectories.formats.files import write_trajectory as write_trajectory
 from deltac.trajectories.formats.mapping import LogMapping as LogMapping
 from deltac.trajectories.formats.mapping import read_mapping as read_mapping
+from deltac.trajectories.formats.raw import RawLog as RawLog
 from deltac.trajectories.formats.reading import ColumnReading as ColumnReading
 from deltac.trajectories.formats.schema import SCHEMA_VERSION as SCHEMA_VERSION
 from deltac.trajectories.formats.schema import from_columns as from_columns

@@ -16,7 +16,7 @@ from deltac.calls.progress import Deadline, Parts, Progress, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.evidence import gather
 from deltac.diagnosis.audit.facts import facts_of
-from deltac.diagnosis.audit.measures import measures_of, stored_energy
+from deltac.diagnosis.audit.measures import measures_of
 from deltac.diagnosis.audit.reading import Known, Reference, read
 from deltac.diagnosis.audit.rules import judge
 from deltac.diagnosis.audit.steps import first_tests
@@ -31,7 +31,7 @@ from deltac.diagnosis.inference.posterior import (
 )
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.residuals.one_step import OneStep
-from deltac.diagnosis.verdict import Finding, Judged, Verdict
+from deltac.diagnosis.verdict import RUN_TOLERANCE, Finding, Judged, Verdict, check_tolerance
 from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
@@ -45,9 +45,6 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 T = TypeVar("T")
-
-TOLERANCE = 1e-3
-"""Energy error that is accepted by default, as a fraction of the energy exchanged."""
 
 
 @dataclass(frozen=True)
@@ -73,6 +70,7 @@ class Audit(
     also=(
         "relative",
         "energy_exchanged",
+        "reference_energy",
         "method",
         "delta_c",
         "error_bar",
@@ -93,8 +91,7 @@ class Audit(
         import_report: what the model's file held that the model does not, None for other models.
         function: the testing function that the verdict rests on.
         energy_error: ΔC with the work of corrections that the simulator applied (T,), J.
-        tolerance: accepted |energy_error| as a fraction of the energy exchanged, or of the energy that the
-            system has, where that is less.
+        tolerance: accepted |energy_error| as a fraction of the energy that the system has.
         step: the one-step test of the rows, where it was made.
         strict: whether a mistake within the tolerance sets the exit code.
     """
@@ -152,13 +149,14 @@ class Audit(
 
     @property
     def relative(self) -> float:
-        """Largest |energy_error| as a fraction of the energy exchanged, or that the system has, if less."""
-        return float(np.abs(self.energy_error).max()) / self.beside if self.beside > 0.0 else 0.0
+        """Largest |energy_error| as a fraction of `reference_energy`."""
+        error, energy = float(np.abs(self.energy_error).max()), self.reference_energy
+        return error / energy if energy > 0.0 else 0.0
 
     @property
-    def beside(self) -> float:
-        """The energy that the error is judged beside: exchanged, or that the system has, if less; J."""
-        return min(self.ledger.energy_exchanged, stored_energy(self.ledger))
+    def reference_energy(self) -> float:
+        """The energy that the error is compared with, J: largest K plus range of V."""
+        return self.ledger.reference_energy
 
     @property
     def exit_code(self) -> int:
@@ -202,7 +200,7 @@ class Audit(
         rows += [
             row("ΔK", float(K[-1] - K[0]), "computed"),
             row("ΔV", float(V[-1] - V[0]), "computed"),
-            row("Q", change - float(delta_c[-1]), "the works, without those of V"),
+            row("Q", change - float(delta_c[-1]), "work of the non-potential forces"),
             row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), ledger.method, bar),
         ]
         if not np.array_equal(self.energy_error, delta_c):
@@ -243,11 +241,9 @@ class Audit(
     def summary(self) -> str:
         """Verdict, and the energy error beside the tolerance."""
         sign = ">" if self.relative > self.tolerance else "≤"
-        what = "exchanged" if self.beside == self.energy_exchanged else "that the system has"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.beside:.4g} J {what} "
-            f"(confidence {self.verdict.confidence})"
+            f"{self.reference_energy:.4g} J that the system has{self.verdict.certainty}"
         )
 
     def sections(self) -> Iterator[Section]:
@@ -293,11 +289,11 @@ def audit(
     model: ModelLike,
     log: Any,
     *,
-    tolerance: float = TOLERANCE,
+    tolerance: float = RUN_TOLERANCE,
     work: str | None = None,
     mapping: Any = None,
     strict: bool = False,
-    replay: bool = False,
+    replay: bool | None = None,
     progress: Progress | None = None,
 ) -> Audit:
     """Judge a log against a model.
@@ -307,14 +303,15 @@ def audit(
             mujoco.MjModel or MjSpec, or ``file.py:callable``.
         log: a Trajectory; the path of a log; a table (a dictionary of arrays, a DataFrame,
             an xarray Dataset, an array (T, n)); or what SciPy returned (see `Trajectory.from_scipy`).
-        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
         work: rule for works, as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop
             where the run has that, discrete where it holds every step of an engine that holds its forces over
             a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
         replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
-            every step: tells whether the log is this model's, and audits every step.
+            every step: tells whether the log is this model's, and audits every step. By default where the log
+            has controls, lacks forces that the model's file has, and is reproduced; the findings say so.
         progress: called with the fraction done.
 
     Returns:
@@ -325,12 +322,14 @@ def audit(
     """
     reference = _reference(model, tolerance, work)
     deadline, parts = Deadline(SECONDS), Parts(progress, SHARES)
-    of_replay: list[Finding] = []
-    if replay:
-        from deltac.diagnosis.audit.replayed import replayed
+    of_replay: tuple[Finding, ...] = ()
+    if replay is not False and (replay or reference.import_report is not None):
+        from deltac.diagnosis.audit import replayed
 
-        log, of_replay = replayed(model, reference.mechanism, log, mapping)
-        mapping = None
+        again = replayed.replayed(model, reference, log, mapping, required=bool(replay))
+        of_replay = again.findings
+        if again.run is not None:
+            log, mapping = again.run, None
     known = read(reference, log, mapping, of_replay, parts.part("read"))
     (step,) = first_tests(reference.mechanism, [known])
     return _judged(reference, known, step, strict, deadline, parts.part("evidence"))
@@ -340,7 +339,7 @@ def audit_together(
     model: ModelLike,
     runs: Sequence[Trajectory],
     *,
-    tolerance: float = TOLERANCE,
+    tolerance: float = RUN_TOLERANCE,
     work: str | None = None,
     strict: bool = False,
 ) -> list[Audit | InputError]:
@@ -365,8 +364,7 @@ def _or_error(make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | In
 
 
 def _reference(model: ModelLike, tolerance: float, work: str | None) -> Reference:
-    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
-        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    check_tolerance(tolerance)
     loaded = load_model(model)
     return Reference(loaded.mechanism, loaded.import_report, tolerance, work)
 

@@ -135,7 +135,7 @@ def _left_out(deadline: Deadline) -> list[Finding]:
             "the search for causes ended when its time was up",
             f"not tried: {'; '.join(deadline.left_out)}",
             "The causes named are those found until then. A shorter log, or a part of the model, is searched "
-            "faster; `deltac explain` searches without end",
+            "faster; `deltac audit --explain` searches without end",
         )
     ]
 

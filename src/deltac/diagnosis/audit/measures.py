@@ -64,7 +64,7 @@ class Measures:
         bar: its error bar, `held` and `noise` included.
         held: what of the bar comes from forces held over steps that were not all logged.
         noise: what of it comes from the digits of the log and the noise on it.
-        tolerance: accepted share of the smaller of energy exchanged and stored.
+        tolerance: accepted share of the energy stored.
         step: of the simulator (s), if known.
         method: how the work was taken.
     """
@@ -86,8 +86,8 @@ class Measures:
 
     @property
     def beside(self) -> float:
-        """The energy that the error is compared with: exchanged, which grows with time, or stored if less."""
-        return min(self.energy_exchanged, self.stored)
+        """The energy that the error is compared with."""
+        return self.stored
 
     @property
     def allowed(self) -> float:
@@ -177,7 +177,7 @@ def measures_of(
         run=log.consecutive,
         function=function,
         energy_exchanged=ledger.energy_exchanged,
-        stored=stored_energy(ledger),
+        stored=ledger.reference_energy,
         scale=kinetic + float(np.abs(ledger.potential_energy).max()) + ledger.energy_exchanged,
         kinetic=kinetic,
         left=float(np.abs(ledger.uncorrected(function)).max()),
@@ -188,11 +188,6 @@ def measures_of(
         step=step,
         method=ledger.method,
     )
-
-
-def stored_energy(ledger: Ledger) -> float:
-    """The energy that a system has at a time, as far as it changes: max K and the range of V, J."""
-    return float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
 
 
 def function_of(ledger: Ledger) -> str:

@@ -26,7 +26,7 @@ class Reference:
     Attributes:
         mechanism: the model.
         import_report: what its file held that the model does not, None for other models.
-        tolerance: accepted |ΔC| as a fraction of the energy exchanged or stored, whichever is less.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has.
         work: how works are taken, as for `balance`; None: as the log's engine took them.
     """
 

@@ -27,9 +27,7 @@ def numbers(f: Facts) -> tuple[str, ...]:
 def _balance(f: Facts) -> str:
     m = f.energy
     share = m.left / m.beside if m.beside > 0.0 else 0.0
-    what = f"{m.energy_exchanged:.4g} J exchanged"
-    if m.beside < m.energy_exchanged:
-        what = f"{m.beside:.4g} J stored ({what})"
+    what = f"{m.beside:.4g} J that the system has ({m.energy_exchanged:.4g} J exchanged)"
     part = f"; {_error(f.judged)} in one part between gaps" if m.gaps else ""
     return (
         f"Largest |ΔC| {_error(m)} ({m.method}), {percent(share)} of the {what}; the tolerance is "

@@ -41,11 +41,9 @@ from deltac.diagnosis.study.simulators import (
     handed_on,
     starting,
 )
+from deltac.diagnosis.verdict import REFINED_TOLERANCE, check_tolerance
 from deltac.errors import NO_NUMBER, InputError, SolverError
 from deltac.models import ModelLike, StateLike, load_model
-
-TOLERANCE = 1e-6
-"""Accepted by default: |ΔC| as a share of the energy exchanged, q and u as shares of their ranges."""
 
 TIME_LIMIT = 60.0
 """A search ends after so many seconds with the best that it has, and says what it left out."""
@@ -79,7 +77,7 @@ def recommend(
     model: ModelLike,
     state: StateLike = None,
     duration: float | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = REFINED_TOLERANCE,
     *,
     motion_tolerance: float | None = None,
     solvers: Sequence[str] | None = None,
@@ -99,7 +97,8 @@ def recommend(
             file is run by MuJoCo's integrators, unless `solvers` names ours.
         state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long it is, s; by default the problem's.
-        tolerance: of the largest |ΔC| (Wang's), as a share of the energy exchanged.
+        tolerance: of the largest |ΔC| (Wang's), as a fraction of the energy that the system has (max K +
+            range of V).
         motion_tolerance: accepted error of q and u, each as a share of the range of what has its unit; by
             default `tolerance`. `inf` leaves the motion out, as for chaotic motions over long times.
         solvers: names of the solvers to try; by default all that suit the model.
@@ -110,19 +109,15 @@ def recommend(
 
     Returns:
         The recommendation. Its `exit_code` is 1 if nothing tried keeps the tolerance, and 3 (unresolved)
-        if next to no energy is exchanged, so that there is nothing to judge a step by; `best` is then None.
+        if the system has next to no energy, so that there is nothing to judge a step by; `best` is then None.
 
     Raises:
         InputError: as `simulate`; tolerances that are not positive; a model without start or duration.
     """
-    accepted = _positive(tolerance, "tolerance")
-    if accepted >= 1.0:
-        raise InputError(
-            f"recommend: tolerance is {tolerance!r}; expected a number between 0 and 1"
-        )
+    accepted = check_tolerance(tolerance)
     if accepted < ROUNDING:
         raise InputError(
-            f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy exchanged there is "
+            f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy there is "
             "nothing but rounding. Ask for more than that"
         )
     of_motion = (
@@ -142,13 +137,11 @@ def recommend(
         handed_on(recommend, simulation, own=("record",)),
         deadline,
     )
-    trials = Trials(mechanism, state, accepted, of_motion)
+    trials = Trials(mechanism, state, of_motion)
     tolerances = (accepted, of_motion)
     candidates = [Candidate(family, tolerances, duration) for family in choice]
     search = Search(candidates, trials, tolerances, deadline, progress)
     best = search.cheapest()
-    if trials.idle and not trials.still:
-        notes = (*notes, "no energy is exchanged: |ΔC| is judged beside the kinetic energy")
     refused = [c.reason for c in search.candidates if c.refused]
     if len(refused) == len(choice):
         raise SolverError(f"recommend: no solver can be used. {'. '.join(refused)}")
@@ -163,7 +156,7 @@ def recommend(
         tolerance=accepted,
         motion_tolerance=of_motion,
         duration=duration,
-        energy_exchanged=trials.energy_exchanged,
+        reference_energy=trials.reference_energy,
         still=trials.still,
         notes=(*notes, *search.notes, *(c.reason for c in search.candidates if c.reason)),
         import_report=loaded.import_report,

@@ -56,8 +56,7 @@ class Recommendation(
             others by their time.
         trials: all that was tried.
         tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
-        energy_exchanged: energy exchanged in it, J, or its kinetic energy where none is exchanged (a
-            body that turns freely); `still`: neither, so that nothing moves.
+        reference_energy: the energy that the system has, J; `still`: none, so that nothing moves.
         notes: why some solvers were left out.
         import_report: what the model's file held that the model does not, None for other models.
     """
@@ -69,7 +68,7 @@ class Recommendation(
     tolerance: float
     motion_tolerance: float
     duration: float
-    energy_exchanged: float
+    reference_energy: float
     still: bool = False
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
@@ -169,7 +168,7 @@ def _explained(advice: Recommendation) -> list[str]:
     best, asked = advice.best, (advice.tolerance, advice.motion_tolerance)
     if advice.still:
         return [
-            f"Unresolved: {advice.energy_exchanged:.2g} J are exchanged in {advice.duration:g} s, which "
+            f"Unresolved: the system has {advice.reference_energy:.2g} J in {advice.duration:g} s, which "
             f"is at rounding level. "
             "Almost nothing moves, so any solver and step would do. Give a start, a drive or a duration "
             "in which energy flows."
@@ -187,7 +186,7 @@ def _explained(advice: Recommendation) -> list[str]:
         ]
     lines = [
         f"Use {best.solver} with {best.knob} {_value(best)}: |ΔC| stays within {_share(best.energy)} of the "
-        f"{advice.energy_exchanged:.4g} J exchanged in {advice.duration:g} s"
+        f"{advice.reference_energy:.4g} J that the system has, in {advice.duration:g} s"
         + (
             ""
             if math.isinf(asked[1])
@@ -226,7 +225,7 @@ def failing(trial: Trial, tolerance: float, motion: float) -> str:
     if trial.message:
         return f"breaks down ({trial.message})"
     if trial.energy > tolerance:
-        return f"leaves |ΔC| at {_share(trial.energy)} of the energy exchanged"
+        return f"leaves |ΔC| at {_share(trial.energy)} of that energy"
     return f"leaves q and u {_share(trial.motion)} of their ranges from the converged motion"
 
 

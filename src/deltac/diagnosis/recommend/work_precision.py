@@ -34,7 +34,7 @@ BRIEF = 0.05
 """Seconds after which a run is not timed once more."""
 
 ROUNDING = 1e-13
-"""No run in double precision keeps the energy better than this, as a share of the energy exchanged.
+"""No run in double precision keeps the energy better than this, as a share of the energy that the system has.
 What moves with less than this share of it does not move: its range is rounding."""
 
 
@@ -185,33 +185,30 @@ def quietly() -> Iterator[None]:
 class Trials:
     """Trials of a mechanism, each run made once."""
 
-    def __init__(
-        self, mechanism: Mechanism, state: State, tolerance: float, motion_tolerance: float
-    ) -> None:
+    def __init__(self, mechanism: Mechanism, state: State, motion_tolerance: float) -> None:
         """Start without any; the motion is not measured if its tolerance is infinite."""
-        self.mechanism, self._tolerance = mechanism, tolerance
+        self.mechanism = mechanism
         self._inertia = _inertia_by_unit(mechanism, state)
         self._motion_matters = math.isfinite(motion_tolerance)
         self._runs: dict[tuple[str, float], _Run | str] = {}
-        self.energy_exchanged = 0.0
-        self.idle = False
+        self.reference_energy = 0.0
         self._scale = math.nan  # of a run's energies, J; NaN until one was judged
 
     @property
     def still(self) -> bool:
-        """Whether so little energy was exchanged that the motion is rounding."""
-        return self.energy_exchanged <= NOTHING * self._scale
+        """Whether the system has so little energy that the motion is rounding."""
+        return self.reference_energy <= NOTHING * self._scale
 
     def distance(self, run: Rows, other: Rows) -> float:
         """As `distance`, what does not move measured beside what could."""
         return distance(self.mechanism, run, other, self._spans(other))
 
     def _spans(self, run: Rows) -> Array:
-        """Ranges by unit; at least what a share `ROUNDING` of the energy exchanged would make of them.
+        """Ranges by unit; at least what a share `ROUNDING` of that energy would make of them.
 
         A body in free fall does not turn: angles of 1e-34 rad have no range to be right within.
         """
-        energy = ROUNDING * self.energy_exchanged
+        energy = ROUNDING * self.reference_energy
         speed = {unit: math.sqrt(2.0 * energy / m) for unit, m in self._inertia.items() if m > 0.0}
         span = float(run.t[-1] - run.t[0])
         rates = [f"{'rad' if e.unit == '1' else e.unit}/s" for e in self.mechanism.coordinates]
@@ -243,17 +240,15 @@ class Trials:
 
     def verified(self, family: Family, trial: Trial) -> Trial:
         """The trial measured anew: at every row that its user may have, against much smaller steps."""
-        energy, motion, energy_exchanged = 0.0, 0.0, 0.0
+        energy, motion, reference_energy = 0.0, 0.0, 0.0
         spans: Array | None = None
         for piece in family.pieces(trial.setting):
             run = _completed(piece.run)
-            energies = (
-                run if isinstance(run, str) else _energies(self.mechanism, run, self._tolerance)
-            )
+            energies = run if isinstance(run, str) else _energies(self.mechanism, run)
             if isinstance(run, str) or isinstance(energies, str):
                 return _failure(family, trial.setting, str(energies))
-            energy_exchanged = energy_exchanged or energies.energy_exchanged
-            energy = max(energy, _share(energies.error, energy_exchanged))
+            reference_energy = reference_energy or energies.reference_energy
+            energy = max(energy, _share(energies.error, reference_energy))
             if not self._motion_matters:
                 continue
             reference = _completed(piece.reference)
@@ -262,7 +257,7 @@ class Trials:
             spans = self._spans(reference) if spans is None else spans
             error = distance(self.mechanism, run, reference, spans)
             motion = max(motion, error * piece.gain / (piece.gain - 1.0))
-        self.energy_exchanged = energy_exchanged
+        self.reference_energy = reference_energy
         return replace(trial, energy=energy, motion=motion, verified=True)
 
     def seconds(self, family: Family, setting: float) -> float:
@@ -283,18 +278,17 @@ class Trials:
         return self._runs[key]
 
     def _with_energy(self, run: Trajectory | str) -> _Run | str:
-        energies = run if isinstance(run, str) else _energies(self.mechanism, run, self._tolerance)
+        energies = run if isinstance(run, str) else _energies(self.mechanism, run)
         if isinstance(run, str) or isinstance(energies, str):
             return str(energies)
-        self.energy_exchanged, self._scale = energies.energy_exchanged, energies.scale
-        self.idle = energies.idle
-        share = _share(energies.error, energies.energy_exchanged)
+        self.reference_energy, self._scale = energies.reference_energy, energies.scale
+        share = _share(energies.error, energies.reference_energy)
         return _Run(Motion(run.t, run.q, run.u), share)
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """What a search needs of a run: its rows, and the largest |ΔC| as a share of the energy exchanged."""
+    """What a search needs of a run: its rows, and the largest |ΔC| as a share of the system's energy."""
 
     motion: Motion
     energy: float
@@ -322,18 +316,14 @@ def _completed(make: Callable[[], Made]) -> Made | str:
 
 @dataclass(frozen=True)
 class _Energies:
-    """Of a run, J: its largest |ΔC|, the energy exchanged, and the scale of all its energies.
-
-    Where less is exchanged than the accepted share of the scale (`idle`) the kinetic energy takes its place.
-    """
+    """Of a run, J: its largest |ΔC|, the energy that the system has, and the scale of all its energies."""
 
     error: float
-    energy_exchanged: float
+    reference_energy: float
     scale: float
-    idle: bool
 
 
-def _energies(mechanism: Mechanism, run: Trajectory, tolerance: float) -> _Energies | str:
+def _energies(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
     """The energies that judge a run; or why there are none."""
     try:
         ledger = balance(mechanism, run, testing=("wang",))
@@ -342,15 +332,12 @@ def _energies(mechanism: Mechanism, run: Trajectory, tolerance: float) -> _Energ
     delta_c = ledger.uncorrected("wang")
     if not np.isfinite(delta_c).all():
         return "the energies are not finite"
-    kinetic = float(ledger.kinetic.max())
-    exchanged = ledger.energy_exchanged
-    scale = kinetic + float(np.abs(ledger.potential_energy).max()) + exchanged
-    idle = exchanged <= tolerance * scale  # a body that turns freely moves, and exchanges nothing
-    return _Energies(float(np.abs(delta_c).max()), kinetic if idle else exchanged, scale, idle)
+    scale = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+    return _Energies(float(np.abs(delta_c).max()), ledger.reference_energy, scale)
 
 
-def _share(energy: float, energy_exchanged: float) -> float:
-    return energy / energy_exchanged if energy_exchanged else 0.0
+def _share(energy: float, reference_energy: float) -> float:
+    return energy / reference_energy if reference_energy else 0.0
 
 
 def distance(mechanism: Mechanism, run: Rows, other: Rows, spans: Array | None = None) -> float:

@@ -236,7 +236,7 @@ class StudyMeasures:
     residuals  of the equations of motion at the runs' own states, if they have accelerations
     trusted    the motion was made with the model's own dynamics, which are those of the test
     nominal    order of the solver, if known
-    tolerance  accepted share of the energy exchanged
+    tolerance  accepted share of `reference_energy`, the energy that the system has
     quadrature the error bar comes of samples, and not of rounding alone
     constrained  the model has constraints; blown_up: the finest run became unstable
     until      the time (s) up to which `energy` was judged, where motions part before the end; else None
@@ -246,6 +246,7 @@ class StudyMeasures:
     left: tuple[float, ...]
     bars: tuple[float, ...]
     energy_exchanged: float
+    reference_energy: float
     scale: float
     kinetic: float
     energy: Convergence
@@ -270,11 +271,16 @@ class StudyMeasures:
     @property
     def allowed(self) -> float:
         """The energy error that is accepted, J."""
-        return self.tolerance * self.energy_exchanged
+        return self.tolerance * self.reference_energy
+
+    @property
+    def relative(self) -> float:
+        """Largest |ΔC| at the finest step, as a fraction of the energy that the system has."""
+        return self.left[-1] / self.reference_energy if self.reference_energy > 0.0 else 0.0
 
     @property
     def below_rounding(self) -> bool:
-        """Whether so little energy is exchanged that the tolerance asks for less than rounding."""
+        """Whether the system has so little energy that the tolerance asks for less than rounding."""
         return self.bars[-1] > self.allowed and not self.quadrature
 
     @property

@@ -42,7 +42,7 @@ from deltac.diagnosis.study.simulators import (
     other_program,
     own_solver,
 )
-from deltac.diagnosis.verdict import Finding, Judged, Verdict
+from deltac.diagnosis.verdict import REFINED_TOLERANCE, Finding, Judged, Verdict, check_tolerance
 from deltac.errors import ArgumentsError, InputError, SolverError
 from deltac.mechanism.coordinate_map import own_coordinates
 from deltac.mechanism.mechanism import Mechanism
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 class Study(
     Judged,
     omit=("mechanism", "runs", "comparison", "measures", "import_report"),
-    also=("relative", "energy_exchanged", "horizon", "rows", "imported"),
+    also=("relative", "energy_exchanged", "reference_energy", "horizon", "rows", "imported"),
 ):
     """What a study of a motion at several steps found.
 
@@ -76,7 +76,7 @@ class Study(
         function: the testing function that the verdict rests on.
         measures: the numbers that the verdict rests on.
         verdict: what it means.
-        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
         import_report: what the model's file held that the model does not, None for other models.
     """
 
@@ -111,10 +111,13 @@ class Study(
 
     @property
     def relative(self) -> float:
-        """Largest |ΔC| at the finest step, as a fraction of the energy exchanged."""
-        return (
-            self.measures.left[-1] / self.energy_exchanged if self.energy_exchanged > 0.0 else 0.0
-        )
+        """Largest |ΔC| at the finest step, as a fraction of `reference_energy`."""
+        return self.measures.relative
+
+    @property
+    def reference_energy(self) -> float:
+        """The energy that the error is compared with, J: largest K plus range of V, at the finest step."""
+        return self.measures.reference_energy
 
     def extrapolate(self) -> Extrapolation:
         """The motion that the runs tend to, by the observed order, with an error estimate at every sample.
@@ -156,23 +159,13 @@ class Study(
         """Verdict, and the energy error at the finest step beside the tolerance."""
         m = self.measures
         runs = f"{len(self.runs)} {m.knob}s"
-        held = self.verdict.kind == "consistent" and self.relative > self.tolerance
-        if (
-            held or self.energy_exchanged < STILL * m.scale
-        ):  # a share of rounding would tell nothing
-            exchanged = "hardly any" if held else "none"
-            return (
-                f"{self.verdict.kind}: |ΔC| {m.left[-1]:.2g} J beside {m.scale:.4g} J, of which {exchanged} "
-                f"is exchanged, at the finest of {runs} of {self.solver} (confidence "
-                f"{self.verdict.confidence})"
-            )
         sign = ">" if self.relative > self.tolerance else "≤"
         state = self.observed_order["state"]
         order = "" if state.order is None else f", order {order_text(state)}"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.energy_exchanged:.4g} J exchanged, at the finest of {runs} of "
-            f"{self.solver}{order} (confidence {self.verdict.confidence})"
+            f"{self.reference_energy:.4g} J that the system has, at the finest of {runs} of "
+            f"{self.solver}{order}{self.verdict.certainty}"
         )
 
     def sections(self) -> Iterator[Section]:
@@ -194,10 +187,6 @@ class Study(
         yield from self.verdict.sections()
         if self.import_report is not None:
             yield from self.import_report.sections()
-
-
-STILL = 1e-12
-"""Share of the energies of a motion below which what is exchanged is rounding."""
 
 
 # --- from the runs of a study to what it found ---------------------------------------------------
@@ -285,7 +274,7 @@ def studied(
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bar[-1])
     findings += unresolved_works(ledger)
-    findings += noticed.of_corrections(ledger, function, tolerance * ledger.energy_exchanged)
+    findings += noticed.of_corrections(ledger, function, tolerance * ledger.reference_energy)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
@@ -294,6 +283,7 @@ def studied(
         left=left,
         bars=bar,
         energy_exchanged=ledger.energy_exchanged,
+        reference_energy=ledger.reference_energy,
         scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
         + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
@@ -409,9 +399,6 @@ def _function(kept: Sequence[BalancedRun]) -> str:
 
 # --- `study`: the same motion at several steps: integration error or wrong equations? ------------
 
-TOLERANCE = 1e-6
-"""Energy error that is accepted by default, as a fraction of the energy exchanged."""
-
 
 @checked
 @interruptible()
@@ -424,7 +411,7 @@ def study(
     *,
     runs: Simulator | Sequence[Trajectory | str | Path] | None = None,
     order: int | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = REFINED_TOLERANCE,
     progress: Progress | None = None,
     **simulation: Unpack[SimulationOptions],
 ) -> Study:
@@ -444,7 +431,7 @@ def study(
         runs: runs of another program, in place of simulating: a function of the step (s) that returns a
             Trajectory; or finished runs of the same motion at several steps, Trajectories or paths of logs.
         order: the nominal order of what made the runs, where it is not known.
-        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
         progress: called with the fraction done.
         **simulation: `record`, `equations`, `controller` and `constraints`, as for `simulate`. For MuJoCo
             the controller is a function, called as controller(model, data) before each step.
@@ -455,8 +442,7 @@ def study(
     Raises:
         InputError: the arguments are unusable, or no run at all came about.
     """
-    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
-        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    check_tolerance(tolerance)
     loaded = load_model(model)
     options = handed_on(study, simulation)
     findings: list[Finding] = []

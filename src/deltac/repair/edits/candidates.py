@@ -69,8 +69,8 @@ def rendered(source: Source, tree: ast.AST) -> str:
     for k in sorted(enclosed):
         if _dump(text(enclosed - {k})) == meant:
             enclosed.remove(k)
-    found = text(enclosed)
-    return found if _dump(found) == meant else ast.unparse(tree)
+    best = text(enclosed)
+    return best if _dump(best) == meant else ast.unparse(tree)
 
 
 def _outline(source: Source, tree: ast.AST, parts: list[ast.AST]) -> ast.AST:

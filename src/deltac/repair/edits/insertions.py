@@ -109,10 +109,10 @@ class Vocabulary:
         chosen = [
             {
                 text: program.values(k)
-                for text, k in found.items()
+                for text, k in slots.items()
                 if program.tape.varying[k] == varying
             }
-            for found in (variables, expressions)
+            for slots in (variables, expressions)
         ]
         names = len(chosen[0])
         together = {**chosen[0], **dict(list(chosen[1].items())[:MOST]), **sines}
@@ -157,7 +157,7 @@ class Vocabulary:
         if id(owner) in self._known:
             return self._known[id(owner)]
         program = self.program
-        found: list[tuple[int, str, int, set[str]]] = []
+        ranked: list[tuple[int, str, int, set[str]]] = []
         for place, instance in program.numbers.items():
             node = program.source.nodes[place]
             if not isinstance(node, ast.BinOp | ast.Call) or program.owner(place) is not owner:
@@ -167,9 +167,9 @@ class Vocabulary:
                 continue
             used = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
             rank = 0 if isinstance(node, ast.Call) else _RANKS.get(type(node.op), 3)
-            found.append((rank, text, instance.value.index, used))
-        found.sort(key=lambda x: (x[0], len(x[1])))
-        self._known[id(owner)] = {text: (slot, used) for _, text, slot, used in reversed(found)}
+            ranked.append((rank, text, instance.value.index, used))
+        ranked.sort(key=lambda x: (x[0], len(x[1])))
+        self._known[id(owner)] = {text: (slot, used) for _, text, slot, used in reversed(ranked)}
         self._known[id(owner)] = dict(reversed(self._known[id(owner)].items()))
         return self._known[id(owner)]
 
@@ -189,7 +189,7 @@ class Vocabulary:
             ]
             for inputs in (program.trace.inputs[1:nq], program.trace.inputs[nq:])
         )
-        made = {
+        terms = {
             f"{text} - {other}": program.values(k) - program.values(j)
             for some in (angles, speeds)
             if len(some) <= 4
@@ -198,23 +198,23 @@ class Vocabulary:
         for name, called in functions_used(program.source).items():
             function = getattr(np, name)
             for i, (text, k) in enumerate(angles):
-                made[f"{called}({text})"] = function(program.values(k))
+                terms[f"{called}({text})"] = function(program.values(k))
                 if len(angles) <= 4:
                     for other, j in angles[i + 1 :]:
                         x = program.values(k) - program.values(j)
-                        made[f"{called}({text} - {other})"] = function(x)
-        made |= self._dots({**program.trace.scope, **scope})
-        return {text: x for text, x in made.items() if text not in expressions}
+                        terms[f"{called}({text} - {other})"] = function(x)
+        terms |= self._dots({**program.trace.scope, **scope})
+        return {text: x for text, x in terms.items() if text not in expressions}
 
     def _dots(self, scope: Mapping[str, Any]) -> dict[str, Array]:
         """Scalar products of the vectors that depend on the state, as this source writes them."""
         program = self.program
         vectors = {
-            name: np.array([program.values(x.index) for x in held])
-            for name, held in scope.items()
-            if isinstance(held, np.ndarray) and held.ndim == 1 and 2 <= len(held) <= 4
-            if all(isinstance(x, Slot) for x in held) and name.isidentifier()
-            if any(program.tape.varying[x.index] for x in held)
+            name: np.array([program.values(x.index) for x in vector])
+            for name, vector in scope.items()
+            if isinstance(vector, np.ndarray) and vector.ndim == 1 and 2 <= len(vector) <= 4
+            if all(isinstance(x, Slot) for x in vector) and name.isidentifier()
+            if any(program.tape.varying[x.index] for x in vector)
         }
         dot = next((s for s in map(program.source.segment, _callees(program)) if _is_dot(s)), None)
         if len(vectors) > VECTORS:
@@ -441,13 +441,13 @@ def powers_of(atoms: Atoms, degree: int, quotients: bool) -> Table:
             blocks.append((np.stack([i, j], axis=1)[i != j], (1, -1)))
             blocks.append((np.stack([i, j, j], axis=1)[i != j], (1, -1, -1)))  # I/r², k/r²
     with np.errstate(all="ignore"):
-        made = []
+        columns = []
         for indices, powers in blocks:
             product = np.ones((len(indices), V.shape[1]))
             for column, power in zip(indices.T, powers):
                 product = product * V[column] if power > 0 else product / V[column]
-            made.append(product)
-    return Table(np.concatenate(made), tuple(blocks))
+            columns.append(product)
+    return Table(np.concatenate(columns), tuple(blocks))
 
 
 @lru_cache(maxsize=64)
@@ -458,18 +458,18 @@ def _triples(count: int) -> NDArray[np.intp]:
 
 
 def products(
-    wanted: Array,
+    value: Array,
     group: NDArray[np.intp],
     state: tuple[Atoms, Table],
     constant: tuple[Atoms, Table],
 ) -> list[Product]:
     """Products that equal `wanted` (B,), the simplest first."""
-    if not np.isfinite(wanted).all() or np.abs(wanted).max() == 0.0:
+    if not np.isfinite(value).all() or np.abs(value).max() == 0.0:
         return []
-    found: list[Product] = []
+    matches: list[Product] = []
     starts = np.searchsorted(group, np.arange(group[-1] + 1))
     with np.errstate(all="ignore"):
-        rest = wanted / state[1].values
+        rest = value / state[1].values
         low = np.minimum.reduceat(rest, starts, axis=1)
         high = np.maximum.reduceat(rest, starts, axis=1)
         largest = np.maximum(np.abs(low), np.abs(high))
@@ -479,13 +479,13 @@ def products(
         if np.isfinite(coefficient).all() and np.abs(coefficient).max() > 0.0:
             powers = state[1].powers(int(k))
             for number, others in _numbers(coefficient, constant[1]):
-                found.append(_product(number, powers, state[0], others, constant[0]))
-    found.sort(key=_plainness)
-    return found[:KEPT]
+                matches.append(_product(number, powers, state[0], others, constant[0]))
+    matches.sort(key=_plainness)
+    return matches[:KEPT]
 
 
 def two_products(
-    wanted: Array,
+    value: Array,
     group: NDArray[np.intp],
     state: tuple[Atoms, Table],
     constant: tuple[Atoms, Table],
@@ -498,28 +498,28 @@ def two_products(
     matrix; those that fit are tried at the others.
     """
     values, nominal = state[1].values, group == 0
-    if not np.isfinite(wanted).all() or nominal.sum() < FEWEST or len(values) > MOST_SUMMED:
+    if not np.isfinite(value).all() or nominal.sum() < FEWEST or len(values) > MOST_SUMMED:
         return []
-    S, y = values[:, nominal], wanted[nominal]
+    S, y = values[:, nominal], value[nominal]
     with np.errstate(all="ignore"):
         S = S / np.linalg.norm(S, axis=1, keepdims=True)
     usable = np.isfinite(S).all(axis=1)
     S = np.where(usable[:, None], S, 0.0)
     c, G = S @ y, S @ S.T
-    apart = 1.0 - G**2
-    apart[:, ~usable] = apart[~usable] = 0.0
+    independence = 1.0 - G**2
+    independence[:, ~usable] = independence[~usable] = 0.0
     with np.errstate(all="ignore"):
-        left = y @ y - (c[:, None] ** 2 + c**2 - 2.0 * np.outer(c, c) * G) / apart
-    near = np.argwhere(np.triu((apart > 1e-6) & (left < 1e-8 * (y @ y)), 1))
-    found = []
+        squares = y @ y - (c[:, None] ** 2 + c**2 - 2.0 * np.outer(c, c) * G) / independence
+    near = np.argwhere(np.triu((independence > 1e-6) & (squares < 1e-8 * (y @ y)), 1))
+    matches = []
     for i, j in near[:MOST_PAIRS]:
         columns = values[[i, j]]
         coefficients = np.empty((2, group[-1] + 1))
         for g in range(group[-1] + 1):
             some = group == g
-            coefficients[:, g] = np.linalg.lstsq(columns[:, some].T, wanted[some], rcond=None)[0]
-        off = wanted - np.sum(coefficients[:, group] * columns, axis=0)
-        if np.abs(off).max() > CONSTANT * np.abs(wanted).max():
+            coefficients[:, g] = np.linalg.lstsq(columns[:, some].T, value[some], rcond=None)[0]
+        error = value - np.sum(coefficients[:, group] * columns, axis=0)
+        if np.abs(error).max() > CONSTANT * np.abs(value).max():
             continue
         if (
             np.abs(coefficients * np.abs(columns).max(axis=1)[:, None]).min()
@@ -537,9 +537,9 @@ def two_products(
             for side, k in enumerate((i, j))
         )
         if first and second:
-            found.append((min(first, key=_plainness), min(second, key=_plainness)))
-    found.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
-    return found[:KEPT]
+            matches.append((min(first, key=_plainness), min(second, key=_plainness)))
+    matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
+    return matches[:KEPT]
 
 
 def _numbers(coefficient: Array, table: Table) -> list[tuple[Fraction, Powers]]:

@@ -11,7 +11,7 @@ from deltac.errors import InputError
 from deltac.repair import sandbox
 from deltac.repair.edits.candidates import Candidate, apply
 from deltac.repair.edits.names import TextNames, valued
-from deltac.repair.edits.single import additions, edits, exchanges, structure
+from deltac.repair.edits.single import additions, edits, structure
 from deltac.repair.tracing.samples import RIGHT, Samples
 from deltac.repair.tracing.source import Source
 
@@ -37,7 +37,6 @@ def text_edits(source: Source, statements: Iterable[ast.stmt]) -> list[Candidate
             if place is None or not isinstance(node, ast.expr | ast.stmt):
                 continue
             candidates += structure(source, place, names)
-            candidates += exchanges(source, place)
             if isinstance(node, ast.AugAssign) or valued(source, place):
                 candidates += edits(source, place, names)
                 candidates += additions(source, place, names)

@@ -19,7 +19,7 @@ from deltac.repair.edits.candidates import Candidate, apply
 from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import Requirement, Requirements
-from deltac.repair.edits.single import additions, edits, exchanges, structure
+from deltac.repair.edits.single import additions, edits, structure
 from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.tracing.program import Program, at, reading
 from deltac.repair.tracing.samples import RIGHT, Target
@@ -79,12 +79,12 @@ class Search:
     @property
     def whole(self) -> list[Requirement]:
         """The expressions any one of which could be the only mistake."""
-        return [r for r in self.requirements.found.values() if r.whole]
+        return [r for r in self.requirements.solved.values() if r.whole]
 
     @property
     def partial(self) -> list[Requirement]:
         """The expressions that could be the mistake in some of the equations that are wrong."""
-        return [r for r in self.requirements.found.values() if not r.whole]
+        return [r for r in self.requirements.solved.values() if not r.whole]
 
     def single(self) -> list[Candidate]:
         """Single edits that seem to make the function right, cheapest first."""
@@ -121,8 +121,8 @@ class Search:
         yield from (c for c, changes in self.tried([r.place], edits) if self._meets(r, changes))
         yield from insertions(self.program, r, self.vocabulary)
         if not r.unique:
-            tried = self.tried([r.place], additions)
-            yield from (c for c, changes in tried if self._meets(r, changes))
+            joined = self.tried([r.place], additions)
+            yield from (c for c, changes in joined if self._meets(r, changes))
 
     def _meets(self, r: Requirement, changes: Mapping[int, Change]) -> bool:
         """Whether an edit gives an expression its required value; by running it where there may be others."""
@@ -178,7 +178,6 @@ class Search:
             inner = ast.walk(statement) if isinstance(statement, heads) else ()
             if id(statement) in statements or any(id(n) in statements for n in inner):
                 self.untraced += structure(source, place, self.names)
-                self.untraced += exchanges(source, place)
         right: list[Candidate] = []
         end = time.process_time() + TRACING_TIME
         texts: set[tuple[int, str]] = set()
@@ -283,12 +282,12 @@ def _in_different_equations(search: Search) -> Iterator[tuple[Candidate, Candida
             by_rows.setdefault(rows, []).extend(search.edits(r))
     for rows in by_rows:
         by_rows[rows] = sorted(by_rows[rows], key=lambda c: (c.cost, len(c.text)))[:COMBINED]
-    found = []
+    matches = []
     for (a, first), (b, second) in itertools.combinations(by_rows.items(), 2):
         if all(np.array(a) | np.array(b) | ~wrong):
-            found += [(x, y) for x in first for y in second if x.place != y.place]
-    found.sort(key=lambda pair: pair[0].cost + pair[1].cost)
-    yield from found
+            matches += [(x, y) for x in first for y in second if x.place != y.place]
+    matches.sort(key=lambda pair: pair[0].cost + pair[1].cost)
+    yield from matches
 
 
 def _pool(search: Search) -> list[First]:
@@ -297,8 +296,8 @@ def _pool(search: Search) -> list[First]:
     base = program.original_residual
     pool: list[First] = []
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
-    tried = (search.tried(places, kind) for kind in (edits, additions))
-    for candidate, changes in itertools.islice(itertools.chain.from_iterable(tried), POOL):
+    trials = (search.tried(places, kind) for kind in (edits, additions))
+    for candidate, changes in itertools.islice(itertools.chain.from_iterable(trials), POOL):
         effect = program.residual(changes) - base
         size = np.abs(effect).max()
         if np.isfinite(size) and size > RIGHT:
@@ -316,23 +315,23 @@ def _adding_up(search: Search, pool: list[First]) -> Iterator[tuple[Candidate, C
     if len(pool) < 2:
         return
     E = np.array([first.effect.ravel() for first in pool])
-    wanted = -base.ravel()
-    line = np.random.default_rng(0).standard_normal(len(wanted))
-    place_on_line, goal = E @ line, float(wanted @ line)
+    effect = -base.ravel()
+    line = np.random.default_rng(0).standard_normal(len(effect))
+    place_on_line, goal = E @ line, float(effect @ line)
     order = np.argsort(place_on_line)
     sorted_places = place_on_line[order]
-    found = []
-    width = MATCH * (np.abs(wanted).sum() + 1e-3)
+    matches = []
+    width = MATCH * (np.abs(effect).sum() + 1e-3)
     for i in range(len(pool)):
         need = goal - place_on_line[i]
         lo, hi = np.searchsorted(sorted_places, (need - width, need + width))
         for j in order[lo:hi]:
             if j <= i or pool[i].candidate.place == pool[j].candidate.place:
                 continue
-            if np.abs(E[i] + E[j] - wanted).max() < MATCH * np.abs(wanted).max():
-                found.append((pool[i].candidate, pool[int(j)].candidate))
-    found.sort(key=lambda pair: pair[0].cost + pair[1].cost)
-    yield from found
+            if np.abs(E[i] + E[j] - effect).max() < MATCH * np.abs(effect).max():
+                matches.append((pool[i].candidate, pool[int(j)].candidate))
+    matches.sort(key=lambda pair: pair[0].cost + pair[1].cost)
+    yield from matches
 
 
 def _wrong(program: Program) -> NDArray[np.bool_]:
@@ -343,21 +342,21 @@ def _wrong(program: Program) -> NDArray[np.bool_]:
 def _closing(search: Search) -> list[First]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
     program = search.program
-    found: list[First] = []
+    firsts: list[First] = []
     end = time.process_time() + FOLLOWED_TIME
     for place in program.numbers:
         for row in np.flatnonzero(_wrong(program)):
             if time.monotonic() > search.deadline or time.process_time() > end:
-                return found
+                return firsts
             r = search.requirements.closing(place, int(row))
             if r is not None:
                 changes = {r.slot: Change(partial(np.asarray, r.required), ())}
                 effect = program.residual(changes) - program.original_residual
-                found += [
+                firsts += [
                     First(candidate, effect, changes)
                     for candidate in insertions(program, r, search.vocabulary)
                 ]
-    return found
+    return firsts
 
 
 def _followed(search: Search, firsts: list[First]) -> Iterator[tuple[Candidate, Candidate]]:
@@ -402,13 +401,13 @@ def _directions(program: Program) -> tuple[NDArray[np.intp], Array]:
     return np.array(places, dtype=np.intp), np.array(along)
 
 
-def _explained(along: Array, left: Array) -> NDArray[np.bool_]:
+def _explained(along: Array, residual: Array) -> NDArray[np.bool_]:
     """Of which expressions (P,) a residual has the direction at all states."""
-    if not len(along) or not np.isfinite(left).all():
+    if not len(along) or not np.isfinite(residual).all():
         return np.zeros(len(along), dtype=bool)
-    share = np.einsum("pnb,nb->pb", along, left)
-    rest = np.sum((left - share[:, None] * along) ** 2, axis=1)
-    return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(left).max())
+    share = np.einsum("pnb,nb->pb", along, residual)
+    rest = np.sum((residual - share[:, None] * along) ** 2, axis=1)
+    return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(residual).max())
 
 
 def _sole(program: Program) -> list[int]:
@@ -424,10 +423,14 @@ def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
     samples = target.samples()
     few = reading(program.source, samples.at(np.arange(min(STATES, len(samples.t))))).worst
     _, along = _directions(few)
-    for first, left in sorted(search.residuals, key=lambda x: x[0].cost):
+    for first, residual in sorted(search.residuals, key=lambda x: x[0].cost):
         if time.monotonic() > search.deadline or time.process_time() > end:
             return
-        if len(left) < 2 or left.shape != along.shape[1:] or not _explained(along, left).any():
+        if (
+            len(residual) < 2
+            or residual.shape != along.shape[1:]
+            or not _explained(along, residual).any()
+        ):
             continue
         changed = apply(program.source, [first])
         assert changed is not None  # it has been read
@@ -448,14 +451,14 @@ def _before(source: Source, first: Candidate, changed: Source, place: int) -> in
     """The place in the source of a node of the edited one; None where it is part of the edit."""
     _, end = source.span(source.nodes[first.place])
     shift = len(changed.text) - len(source.text)
-    wanted = changed.nodes[place]
-    a, b = changed.span(wanted)
+    edited = changed.nodes[place]
+    a, b = changed.span(edited)
     start, _ = source.span(source.nodes[first.place])
     if a >= end + shift:
         a, b = a - shift, b - shift
     elif b > start:
         return None
     for k, node in enumerate(source.nodes):
-        if type(node) is type(wanted) and hasattr(node, "lineno") and source.span(node) == (a, b):
+        if type(node) is type(edited) and hasattr(node, "lineno") and source.span(node) == (a, b):
             return k
     return None

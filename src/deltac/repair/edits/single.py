@@ -9,7 +9,6 @@ text again.
 from __future__ import annotations
 
 import ast
-import copy
 import itertools
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -84,16 +83,13 @@ def edits(source: Source, place: int, names: Names) -> Edits:
             yield from _functions(source, place, node)
         case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
             yield from _numbers(source, place, node, names)
-        case ast.Constant(value=complex() as value):
-            for factor in (2, 0.5, -1):
-                yield edit(repr(value * factor), "number", 1.25)
         case ast.Attribute(attr="T"):
             text = short(source.segment(node.value))
             yield edit(node.value, "order", 1.0, f"{text} should not be transposed")
     if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
         shape = names.shape(place)
-        known = [text for text, other in names.arrays(place).items() if other == shape]
-        for text in known if shape else names.numbers(place):
+        others = [text for text, other in names.arrays(place).items() if other == shape]
+        for text in others if shape else names.numbers(place):
             if text != source.segment(node):
                 alike = family(text) == family(source.segment(node))
                 cost = 1.0 if alike else 1.15 if stem(text) == stem(own) else 1.3
@@ -107,7 +103,7 @@ def edits(source: Source, place: int, names: Names) -> Edits:
 
 
 def structure(source: Source, place: int, names: Names) -> Edits:
-    """Edits of a node that no tape shows: of indices, bounds, conditions, assignments."""
+    """Edits of a node that no tape shows: of indices, bounds, conditions, assignments, lists, calls."""
     node = source.nodes[place]
     match node:
         case ast.Assign(targets=[ast.Name() | ast.Subscript() | ast.Attribute() as target]):
@@ -123,15 +119,8 @@ def structure(source: Source, place: int, names: Names) -> Edits:
                 yield Candidate(source, place, text, "operator", 1.15, words)
         case ast.Subscript():
             yield from _subscripts(source, place, node, names)
-        case ast.Compare(ops=[own]):
-            for kind in (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq):
-                if not isinstance(own, kind):
-                    compared = ast.Compare(node.left, [kind()], node.comparators)
-                    yield Candidate(source, place, compared, "operator", 1.0)
-        case ast.Call(func=ast.Name(id="range")):
-            yield from _ranges(source, place, node)
-    if isinstance(node, ast.stmt) and not hasattr(node, "body"):
-        yield from _sines(source, place, node)
+        case ast.Tuple() | ast.List():
+            yield from _exchanges(source, place, node)
 
 
 def additions(source: Source, place: int, names: Names) -> Edits:
@@ -156,23 +145,6 @@ def additions(source: Source, place: int, names: Names) -> Edits:
                 new = total(node, variable(text), subtract)
                 cost = 1.5 if shape else 1.75
                 yield edit(new, "term", cost, f"{own} lacks the term {sign} {text}")
-
-
-def exchanges(source: Source, place: int) -> Edits:
-    """Two elements of a list or of an unpacking exchanged."""
-    node = source.nodes[place]
-    if not isinstance(node, ast.Tuple | ast.List) or not 2 <= len(node.elts) <= ARGUMENTS:
-        return
-    if isinstance(source.nodes[source.parent[place]], ast.Subscript):
-        return
-    start, end = source.span(node)
-    for first, second in itertools.combinations(node.elts, 2):
-        (a, b), (c, d) = source.span(first), source.span(second)
-        one, other = source.text[a:b], source.text[c:d]
-        if one != other and len(one) + len(other) <= LONGEST:
-            text = source.text[start:a] + other + source.text[b:c] + one + source.text[d:end]
-            words = f"{short(one, 40)} and {short(other, 40)} should be exchanged"
-            yield Candidate(source, place, text, "order", 1.2, words)
 
 
 # --- expressions ----------------------------------------------------------------------------------
@@ -272,8 +244,6 @@ def _functions(source: Source, place: int, node: ast.Call) -> Edits:
     nothing = f"{own}: {name} should not be there"
     if len(arguments) == 1:
         yield edit(arguments[0], "function", 1.2, nothing)
-    elif isinstance(node.func, ast.Attribute) and not arguments:
-        yield edit(node.func.value, "function", 1.2, nothing)
     if len(arguments) > ARGUMENTS:
         return
     for i, j in itertools.permutations(range(len(arguments)), 2):
@@ -288,6 +258,21 @@ def _functions(source: Source, place: int, node: ast.Call) -> Edits:
             swapped[i], swapped[j] = arguments[j], arguments[i]
             words = f"{own}: {short(one, 30)} and {short(other, 30)} should be exchanged"
             yield edit(ast.Call(node.func, swapped, []), "order", 1.05, words)
+
+
+def _exchanges(source: Source, place: int, node: ast.Tuple | ast.List) -> Edits:
+    """Two elements of a list or of an unpacking exchanged."""
+    index = isinstance(source.nodes[source.parent[place]], ast.Subscript)
+    if index or len(node.elts) > ARGUMENTS:
+        return
+    start, end = source.span(node)
+    for first, second in itertools.combinations(node.elts, 2):
+        (a, b), (c, d) = source.span(first), source.span(second)
+        one, other = source.text[a:b], source.text[c:d]
+        if one != other and len(one) + len(other) <= LONGEST:
+            text = source.text[start:a] + other + source.text[b:c] + one + source.text[d:end]
+            words = f"{short(one, 40)} and {short(other, 40)} should be exchanged"
+            yield Candidate(source, place, text, "order", 1.2, words)
 
 
 def _callee(source: Source, like: ast.expr, name: str) -> ast.expr | None:
@@ -346,14 +331,6 @@ def _arrays(source: Source, place: int, node: ast.expr, names: Names) -> Edits:
                 for matrix in (variable(text), *inverted):
                     words = f"{own} lacks the factor {ast.unparse(matrix)}"
                     yield edit(ast.BinOp(matrix, ast.MatMult(), node), "factor", 1.35, words)
-    if isinstance(node, ast.Call):
-        return
-    for function in _mapping(source, shape, names):
-        yield edit(ast.Call(variable(function), [node], []), "function", 1.35)
-    if len(shape) == 1:
-        for call, subtract in itertools.product(_forgotten(source), (True, False)):
-            words = f"{own} lacks the term {'−' if subtract else '+'} {call}"
-            yield edit(total(node, variable(call), subtract), "term", 1.5, words)
 
 
 def _inverse(source: Source) -> ast.expr | None:
@@ -364,46 +341,13 @@ def _inverse(source: Source) -> ast.expr | None:
     return None
 
 
-def _mapping(source: Source, shape: tuple[int, ...], names: Names) -> Sequence[str]:
-    """Functions of one argument that this source applies to an array of a shape, and that keep it."""
-    functions: dict[str, None] = {}
-    for place, node in enumerate(source.nodes):
-        if isinstance(node, ast.Call) and len(node.args) == 1 and not node.keywords:
-            places = (place, source.number[id(node.args[0])])
-            copies = called(node) in ("array", "asarray", "copy")
-            if not copies and all(names.shape(k) == shape for k in places):
-                functions[source.segment(node.func)] = None
-    return list(functions)
-
-
-def _forgotten(source: Source) -> Iterator[str]:
-    """Calls of functions and methods of the source that nothing calls, with arguments of their own names."""
-    used = {called(n) for n in source.nodes if isinstance(n, ast.Call)}
-    for place, node in enumerate(source.nodes):
-        if not isinstance(node, ast.FunctionDef) or node.name.startswith("__"):
-            continue
-        if node.name in {*used, *source.qualified.split(".")}:
-            continue
-        names = [a.arg for a in node.args.args]
-        if isinstance(source.nodes[source.parent[place]], ast.ClassDef) and names:
-            yield f"{names[0]}.{node.name}({', '.join(names[1:])})"
-        else:
-            yield f"{node.name}({', '.join(names)})"
-
-
 # --- indices and bounds ---------------------------------------------------------------------------
 
 
 def _subscripts(source: Source, place: int, node: ast.Subscript, names: Names) -> Edits:
-    """Other bounds of a slice, other indices, other variables of loops in them; a sum for one entry."""
+    """The same part of other arrays, other slices, other indices, other variables of loops in them."""
     edit = partial(Candidate, source, place)
     base, own, counters = source.segment(node.value), source.segment(node), _counters(source, place)
-    match node:
-        case ast.Subscript(slice=ast.Name(id=k), ctx=ast.Load()) if k in counters:
-            for bounds in (f"{k}:", f": {k} + 1", f"{k} + 1 :"):
-                yield edit(f"sum({base}[{bounds}])", "term", 1.4)
-    for new in _permuted(source, place, node):
-        yield edit(new, "index", 1.1)
     arrays = names.arrays(place)
     bases = [t for t, shape in arrays.items() if t != base and arrays.get(base) == shape]
     texts = [text + own[len(base) :] for text in bases if names.shape(place)]
@@ -425,28 +369,6 @@ def _subscripts(source: Source, place: int, node: ast.Subscript, names: Names) -
             plain = isinstance(replacement, ast.Constant) == isinstance(part, ast.Constant)
             cost = (1.0 if plain else 1.15) + 0.1 * isinstance(replacement, ast.BinOp)
             yield edit(new, "index", cost)
-
-
-def _permuted(source: Source, place: int, node: ast.Subscript) -> Iterator[ast.expr]:
-    """The variables that index an array in another order: D[i][k][j] or D[i, k, j] for D[i][j][k]."""
-    parent = source.nodes[source.parent[place]]
-    if isinstance(parent, ast.Subscript) and parent.value is node:
-        return
-    changed = copy.deepcopy(node)
-    names: list[ast.Name] = []
-    inner: ast.expr = changed
-    while isinstance(inner, ast.Subscript):
-        part = inner.slice
-        parts = part.elts if isinstance(part, ast.Tuple) else [part]
-        names += [name for name in parts if isinstance(name, ast.Name)]
-        inner = inner.value
-    own = [name.id for name in names]
-    if 2 <= len(own) <= 3:
-        for order in dict.fromkeys(itertools.permutations(own)):
-            for name, other in zip(names, order):
-                name.id = other
-            if list(order) != own:
-                yield copy.deepcopy(changed)
 
 
 def _index_parts(node: ast.expr) -> Iterator[ast.expr]:
@@ -495,42 +417,3 @@ def _counters(source: Source, place: int) -> Sequence[str]:
             targets += [g.target for g in node.generators]
     names = [n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)]
     return list(dict.fromkeys(names))
-
-
-def _ranges(source: Source, place: int, node: ast.Call) -> Edits:
-    """Other bounds of a loop."""
-    own = [source.segment(a) for a in node.args]
-    first, last, *step = own if len(own) >= 2 else ["0", *own]
-    counters = _counters(source, source.parent[place])
-    used = [n.id for a in node.args for n in ast.walk(a) if isinstance(n, ast.Name)]
-    near = [*counters, *(f"{c} + 1" for c in counters)]
-    texts = []
-    for low in dict.fromkeys([first, "0", "1", f"{first} + 1", *near, *used]):
-        for high in dict.fromkeys([last, f"{last} - 1", f"{last} + 1", *near]):
-            parts = [low, high, *step] if low != "0" or step else [high]
-            texts.append(f"range({', '.join(parts)})")
-    for i, j in itertools.permutations(dict.fromkeys([*counters, *used]), 2):
-        texts.append(f"range(max({i}, {j}), {last})")
-    for text in dict.fromkeys(texts):
-        if text != source.segment(node):
-            yield Candidate(source, place, text, "index", 1.2 + 0.005 * len(text))
-
-
-def _sines(source: Source, place: int, node: ast.stmt) -> Edits:
-    """Sine and cosine exchanged in a whole statement."""
-    own = source.segment(node)
-    if len(own) > LONGEST:
-        return
-    swapped = copy.deepcopy(node)
-    calls = [
-        n for n in ast.walk(swapped) if isinstance(n, ast.Call) and called(n) in ("sin", "cos")
-    ]
-    for call in calls:
-        name = "cos" if called(call) == "sin" else "sin"
-        if isinstance(call.func, ast.Attribute):
-            call.func.attr = name
-        elif isinstance(call.func, ast.Name):
-            call.func.id = name
-    if len(calls) > 1:
-        words = f"{short(own)}: sin and cos should be exchanged"
-        yield Candidate(source, place, ast.unparse(swapped), "function", 1.4, words)

@@ -142,9 +142,9 @@ class Tape:
                 exact = None
         with np.errstate(all="ignore"):
             value = operation(*(self.values[k] for k in slots))
-        made = self._append(operation, slots, value, exact, any(self.varying[k] for k in slots))
-        self._known[key] = made.index
-        return made
+        slot = self._append(operation, slots, value, exact, any(self.varying[k] for k in slots))
+        self._known[key] = slot.index
+        return slot
 
     def slot(self, value: Any) -> Slot:
         """A value as a slot; numbers become constants."""
@@ -211,10 +211,10 @@ class Tape:
         last = slot.index
 
         def operation(*values: Any) -> Any:
-            held = dict(zip(inputs, values))
+            results = dict(zip(inputs, values))
             for k, step, of, value in program:
-                held[k] = value if step is None else step(*[held[i] for i in of])
-            return held[last]
+                results[k] = value if step is None else step(*[results[i] for i in of])
+            return results[last]
 
         return Change(operation, inputs)
 
@@ -234,13 +234,13 @@ class Tape:
     def before(self, outputs: tuple[int, ...]) -> frozenset[int]:
         """The slots that some outputs depend on, with themselves."""
         if outputs not in self._before:
-            seen, stack = set(outputs), list(outputs)
+            slots, stack = set(outputs), list(outputs)
             while stack:
                 for k in self.inputs[stack.pop()]:
-                    if k not in seen:
-                        seen.add(k)
+                    if k not in slots:
+                        slots.add(k)
                         stack.append(k)
-            self._before[outputs] = frozenset(seen)
+            self._before[outputs] = frozenset(slots)
         return self._before[outputs]
 
     def run(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -29,24 +30,63 @@ class EnergyErrorWarning(UserWarning):
     """A run's own testing functions refute it: |ΔC| exceeds a tenth of the energy that took part."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class EnergyError:
-    """Energy error of a run by its own testing functions, row by row.
+    """Energy error of a run by its own testing functions; what is of single rows is computed when asked for.
 
     Attributes:
-        error: (T,) the largest |ΔC| of the exact testing functions, and what corrections did besides, J.
-        scale: (T,) the energy that took part so far, J: the largest K, the range of V, and what went through
-            the channels without a potential, as far as the rows tell.
+        delta_c: (T, n) ΔC of the exact testing functions, J.
+        corrected: (T,) what corrections did to the energy, J; None without any.
+        kinetic, potential: (T,) K and V, J.
+        works: (T, m) works of the channels without a potential, J.
     """
 
-    error: Array
-    scale: Array
+    delta_c: Array
+    corrected: Array | None
+    kinetic: Array
+    potential: Array
+    works: Array
+
+    @cached_property
+    def total(self) -> float:
+        """The energy that took part, J: the largest K, the range of V, and what those channels moved."""
+        flow = float(np.abs(np.diff(self.works, axis=0)).sum())
+        return flow + float(self.kinetic.max() + self.potential.max() - self.potential.min())
+
+    @cached_property
+    def largest(self) -> float:
+        """The largest |ΔC|, with what corrections did besides, J; zero where it is rounding."""
+        if self.corrected is not None:
+            return float(self.error.max())
+        size = float(max(self.delta_c.max(), -self.delta_c.min()))
+        return size if size > self._rounding else 0.0
+
+    @property
+    def _rounding(self) -> float:
+        above, below = float(self.potential.max()), float(self.potential.min())
+        return EPS * len(self.kinetic) * (self.total + max(above, -below))
+
+    @cached_property
+    def error(self) -> Array:
+        """The same row by row (T,), J."""
+        error = np.abs(self.delta_c).max(axis=1)
+        if self.corrected is not None:
+            error = error + np.abs(self.corrected)
+        return np.where(error > self._rounding, error, 0.0)
+
+    @cached_property
+    def scale(self) -> Array:
+        """The energy that took part up to each row (T,), J."""
+        flow = np.cumsum(np.abs(np.diff(self.works, axis=0)).sum(axis=1))
+        highest, lowest = (f.accumulate(self.potential) for f in (np.maximum, np.minimum))
+        return np.asarray(
+            np.maximum.accumulate(self.kinetic) + np.append(0.0, flow) + highest - lowest
+        )
 
     @property
     def relative(self) -> float:
         """The largest error as a fraction of the energy that took part."""
-        total = float(self.scale[-1])
-        return float(self.error.max()) / total if total > 0.0 else 0.0
+        return self.largest / self.total if self.total > 0.0 else 0.0
 
 
 def energy_error(flow: Flow, seen: Mapping[str, Array], motion: Motion) -> EnergyError | None:
@@ -66,21 +106,23 @@ def energy_error(flow: Flow, seen: Mapping[str, Array], motion: Motion) -> Energ
         return None
     x = motion.x
     energies = seen["energies"][: len(x)].reshape(len(x), -1)
-    finite = np.isfinite(energies).all(axis=1) & (np.abs(x) < ABSURD).all(axis=1)
-    rows = len(x) if finite.all() else int(np.argmin(finite))
-    if not rows:
-        return None
-    energies, sums = energies[:rows], x[:rows, flow.parts[2]] - x[0, flow.parts[2]]
-    works, integrals = np.split(sums, [len(flow.works)], axis=1)
-    delta_c = energies[:, exact] - energies[0, exact] - integrals[:, exact]
-    booked = [flow.integrals.index(n) for n in BOOKED if n in flow.integrals]
-    error = np.abs(delta_c).max(axis=1) + np.abs(integrals[:, booked].sum(axis=1))
-    K, V = energies[:, -2], energies[:, -1]
-    flows = np.cumsum(np.abs(np.diff(works, axis=0)).sum(axis=1))
-    scale = np.maximum.accumulate(K) + np.concatenate([[0.0], flows])
-    scale += np.maximum.accumulate(V) - np.minimum.accumulate(V)
-    rounding = EPS * rows * (scale[-1] + np.abs(V).max())
-    return EnergyError(np.where(error > rounding, error, 0.0), scale)
+    # NaN compares as false.
+    if not (x.max() < ABSURD and x.min() > -ABSURD and np.isfinite(energies.sum())):
+        good = np.isfinite(energies).all(axis=1) & (np.abs(x) < ABSURD).all(axis=1)
+        rows = len(x) if good.all() else int(np.argmin(good))
+        if not rows:
+            return None
+        x, energies = x[:rows], energies[:rows]
+    sums = x[:, flow.parts[2]] - x[0, flow.parts[2]]
+    works, integrals = sums[:, : len(flow.works)], sums[:, len(flow.works) :]
+    booked = [flow.integrals.index(name) for name in BOOKED if name in flow.integrals]
+    return EnergyError(
+        energies[:, exact] - energies[0, exact] - integrals[:, exact],
+        integrals[:, booked].sum(axis=1) if booked else None,
+        energies[:, -2],
+        energies[:, -1],
+        works,
+    )
 
 
 def refuted(
@@ -108,8 +150,8 @@ def refuted(
         step = sufficient_step(flow, solver, error, motion, p, run.step)
         remedy = f"Take steps of {step:.1g} s or less; deltac.recommend finds a step and a solver"
     warn_user(
-        f"the run cannot be trusted: its energy error |ΔC| reaches {error.error.max():.3g} J, {share} the "
-        f"{error.scale[-1]:.3g} J that took part. {remedy}",
+        f"the run cannot be trusted: its energy error |ΔC| reaches {error.largest:.3g} J, {share} the "
+        f"{error.total:.3g} J that took part. {remedy}",
         EnergyErrorWarning,
     )
     return motion

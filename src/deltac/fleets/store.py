@@ -86,8 +86,9 @@ class Store:
             raise FileError(f"{folder / HEAD}: expected a table with format, kind and name")
         if head["format"] > FORMAT:
             versions_of = head.get("versions")
-            listed_there = isinstance(versions_of, dict)
-            maker = versions_of.get("deltac") if listed_there else "a later version"
+            maker = "a later version"
+            if isinstance(versions_of, dict):
+                maker = versions_of.get("deltac")
             raise FileError(
                 f"{folder}: its format is {head['format']}, of deltac {maker}; this one reads up to "
                 f"{FORMAT}. "

@@ -234,7 +234,7 @@ def judge(e: Evidence) -> Verdict:
     if odds[kind] < PROBABLE["medium"]:
         kind = "unresolved"
     words: tuple[Confidence, ...] = ("high", "medium")
-    confidence = next((word for word in words if odds[kind] >= PROBABLE[word]), "low")
+    confidence: Confidence = next((word for word in words if odds[kind] >= PROBABLE[word]), "low")
     findings = _findings(e, kind)
     if (e.guessed or any(f.kind == "small-but-real" for f in findings)) and confidence == "high":
         confidence = "medium"

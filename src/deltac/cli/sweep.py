@@ -71,16 +71,16 @@ def sweep(
         )
     from deltac.fleets.sweep import plan_sweep
 
-    spec = plan_sweep(str(plan))
+    fleet_plan = plan_sweep(str(plan))
     if only is not None:
         import io
 
         import polars
 
-        (row,) = polars.read_parquet(io.BytesIO(spec.found(only)())).to_dicts()
+        (row,) = polars.read_parquet(io.BytesIO(fleet_plan.piece_at(only)())).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
-    run(spec, out, spec.spec.execution, sweep.keywords, form, page)
+    run(fleet_plan, out, fleet_plan.spec.execution, sweep.keywords, form, page)
 
 
 def run(

@@ -646,7 +646,7 @@ def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, Floa
         name, offset = json.dumps(clock.column, ensure_ascii=False), -start / clock.factor
         raise LogError(
             f"no column {time_dependent[0]!r}: the law of its prescribed joint is one of the model's time t, "
-            f"and the log's times begin at {start:.9g} s. Add the column, or say in a mapping file which time "
+            f"and the log's times begin at {start:.9g} s. Add it, or say in a mapping file which time "
             f"that is: [log] time = {{ column = {name}, offset = {offset:.15g} }} where the motion begins "
             f"with the log, time = {{ column = {name} }} where its times are the model's; deltac audit "
             "MODEL LOG --draft-mapping map.toml writes one to edit"

@@ -111,9 +111,7 @@ def _steps(problem: dc.problems.Problem) -> Pair:
 def _constrained(problem: dc.problems.Problem, every: int) -> Pair:
     """simulate of a mechanism with constraints, from a start that it knows, and its compiled steps."""
     step = problem.duration / TIED_STEPS
-    rows = constraint_start(
-        problem.mechanism, problem.state, find_solver("ode5"), None, "projection"
-    )
+    rows = constraint_start(problem.mechanism, problem.state, find_solver("ode5"), "projection")
     flow = build_flow(problem.mechanism, ("wang",), rows=rows)
     method = FixedMethod(flow, find_solver("ode5"))
     start, record = _start(problem, method), dc.Record(("wang",), every=every)

@@ -62,7 +62,7 @@ class Squeezer:
     def __init__(self) -> None:
         self.problem, solver = dc.problems.load("andrews-squeezer"), find_solver(SOLVER)
         mechanism = self.problem.mechanism
-        self.rows = constraint_start(mechanism, self.problem.state, solver, None, "projection")
+        self.rows = constraint_start(mechanism, self.problem.state, solver, "projection")
         flow = build_flow(mechanism, ("wang",), rows=self.rows)
         self.stepper = FixedMethod(flow, solver)
         self.start = flow.start(self.problem.state, np.empty(0))

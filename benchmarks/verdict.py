@@ -230,7 +230,7 @@ def _summary(rows: list[dict[str, Any]]) -> Iterator[str]:
 def _size(row: dict[str, Any]) -> str:
     """How large the energy error of the finest run was, where a study was made."""
     share = row["details"].get("study", {}).get("relative")
-    return "" if share is None else f"; |ΔC| {share:.1g} of the energy exchanged"
+    return "" if share is None else f"; |ΔC| {share:.1g} of the energy that the system has"
 
 
 def _kind(text: str) -> str:

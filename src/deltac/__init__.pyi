@@ -107,6 +107,7 @@ from deltac.simulation.flow import Projection as Projection
 from deltac.simulation.recording import Record as Record
 from deltac.simulation.simulate import SimulationStoppedWarning as SimulationStoppedWarning
 from deltac.simulation.solvers import solver_names as solver_names
+from deltac.simulation.step_size.energy_error import EnergyErrorWarning as EnergyErrorWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning as StiffStepWarning
 from deltac.simulation.step_size.time_scales import TimeScale as TimeScale
 from deltac.trajectories import Occurrence as Occurrence

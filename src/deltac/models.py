@@ -17,7 +17,7 @@ from inspect import Parameter, isfunction, signature
 from numbers import Real
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol, TypeAlias, TypeVar, cast, runtime_checkable
+from typing import Any, Protocol, TypeAlias, TypeGuard, TypeVar, cast
 
 from deltac.calls.arguments import checked
 from deltac.errors import (
@@ -61,7 +61,6 @@ TAKEN = (
 """What the door takes, for messages."""
 
 
-@runtime_checkable
 class ProblemLike(Protocol):
     """A mechanism with a motion to look at, such as a `Problem` of the library."""
 
@@ -192,8 +191,19 @@ class Model:
         if duration is not None:
             return duration
         if self.problem is None:
-            raise ArgumentsError("duration: say how long the motion lasts, in seconds")
+            raise ArgumentsError(
+                "duration: say how long the motion lasts, in seconds; for a first look duration=2 "
+                "(--duration 2), in which a pendulum of 1 m swings once"
+            )
         return self.problem.duration
+
+
+def is_problem(source: object) -> TypeGuard[ProblemLike]:
+    """Whether a value has what a problem has."""
+    return all(hasattr(source, name) for name in _OF_PROBLEMS)
+
+
+_OF_PROBLEMS = tuple(name for name in vars(ProblemLike) if name[:1] != "_")
 
 
 @checked
@@ -202,7 +212,8 @@ def load_model(source: ModelLike) -> Model:
 
     Args:
         source: a Mechanism; a Problem, or its name; the path of an ``.xml``, ``.urdf`` or ``.sdf`` file
-            (``"robot.urdf:free"`` where its root link floats); a mujoco.MjModel or MjSpec; a pair
+            (``"robot.urdf:free"`` where its root link floats, ``"world.sdf:NAME"`` for one of several
+            models); a mujoco.MjModel or MjSpec; a pair
             (Mechanism, State); or ``"file.py:name"``, such a model or a function without parameters that
             returns any of these (``"file.py"`` where it holds one alone).
 
@@ -213,7 +224,7 @@ def load_model(source: ModelLike) -> Model:
         return Model(source, {})
     if isinstance(source, Model):
         return source
-    if isinstance(source, ProblemLike):
+    if is_problem(source):
         return Model(source.mechanism, {"start": source.state}, source)
     if isinstance(source, str | Path):
         return _named(str(source))

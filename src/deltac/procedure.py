@@ -16,17 +16,18 @@ from deltac.calls.arguments import checked
 from deltac.calls.progress import Parts, Progress
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
-from deltac.diagnosis.recommend.recommend import TOLERANCE, recommend
+from deltac.diagnosis.recommend.recommend import recommend
 from deltac.diagnosis.recommend.result import Recommendation
 from deltac.diagnosis.study.simulators import SimulationOptions, handed_on
 from deltac.diagnosis.study.study import Study, study
+from deltac.diagnosis.verdict import REFINED_TOLERANCE
 from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.solvers import find_solver
 
 SEARCH = 20.0
-"""Of the seconds that a search for solver and step may take; `recommend` by itself takes more."""
+"""Of the seconds that a search for solver and step may take; `recommend` by itself may take more."""
 
 CANDIDATES = ("ode5", "ode4", "ode8", "generalized-alpha")
 """Solvers that are tried, explicit ones first; `recommend` tries all."""
@@ -142,7 +143,7 @@ def examine(
     *,
     log: Any = None,
     mapping: Any = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = REFINED_TOLERANCE,
     solvers: Sequence[str] = CANDIDATES,
     progress: Progress | None = None,
     **simulation: Unpack[SimulationOptions],

@@ -17,8 +17,6 @@ from dataclasses import dataclass, fields, is_dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
-import numpy as np
-
 from deltac.calls.services import service
 from deltac.codes import FINDINGS, finding_code
 
@@ -44,9 +42,9 @@ def plain(value: Any) -> Any:
         return value.contents()
     if value is None or isinstance(value, bool | int | str):
         return value
-    if isinstance(value, float | np.floating):
+    if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
-    if isinstance(value, np.generic | np.ndarray):
+    if hasattr(value, "tolist"):  # NumPy's arrays and scalars, without loading NumPy to ask
         return plain(value.tolist())
     if isinstance(value, Mapping):
         return {str(name): plain(item) for name, item in value.items()}
@@ -301,6 +299,11 @@ def percent(share: float) -> str:
     """A share in per cent, without exponents where it is large: "0.0021 %", "101 %"."""
     value = 100.0 * float(share)
     return f"{value:.0f} %" if 99.5 <= abs(value) < 1e6 else f"{value:.2g} %"
+
+
+def fraction(share: float) -> str:
+    """A share in per cent; as a number where that is below a millionth: "24 %", "1.5e-8"."""
+    return percent(share) if abs(share) >= 1e-6 or share == 0.0 else number(share, digits=2)
 
 
 def worst_code(codes: Iterable[int]) -> int:

@@ -7,7 +7,6 @@ variable, `by_name(name, tolerance)` finds the object.
 from __future__ import annotations
 
 from deltac.simulation.solvers import (
-    Adaptive,
     FixedStep,
     GeneralizedAlpha,
     Scipy,
@@ -18,7 +17,6 @@ from deltac.simulation.solvers import (
 from deltac.simulation.solvers import solver_options as by_name
 
 __all__ = [
-    "Adaptive",
     "FixedStep",
     "GeneralizedAlpha",
     "Scipy",

@@ -1,7 +1,8 @@
 """The verbs whose cores take a Mechanism and a State: here they take whatever stands for one.
 
 A core stands below the door (`deltac.models`), so that it cannot depend on files, problems or importers.
-Verbs of packages above the door open it themselves.
+Verbs of packages above the door open it themselves. A verb loads its core when it is called: a simulation
+needs no readers of files.
 """
 
 from __future__ import annotations
@@ -22,24 +23,20 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.laws import Law
 from deltac.models import ModelLike, StateLike, chosen_map, load_model
 from deltac.simulation import simulate as simulation
-from deltac.simulation.constraints import assembly
-from deltac.simulation.constraints.assembly import Assembly
-from deltac.simulation.ensemble import ensemble
-from deltac.simulation.ensemble.ensemble import Ensemble
-from deltac.simulation.ensemble.members import States
 from deltac.simulation.equations import Controller, Equations
 from deltac.simulation.flow import Keeping
 from deltac.simulation.recording import RECORD, Record
 from deltac.simulation.solvers import FixedStep, Options
-from deltac.simulation.step_size import time_scales as scales
-from deltac.simulation.step_size.time_scales import TimeScale
 from deltac.trajectories.columns import MechanismNames
-from deltac.trajectories.formats import files
-from deltac.trajectories.formats.mapping import LogMapping
 from deltac.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from deltac.importers.sympy_equations import SymbolicEquations
+    from deltac.simulation.constraints.assembly import Assembly
+    from deltac.simulation.ensemble.ensemble import Ensemble
+    from deltac.simulation.ensemble.members import States
+    from deltac.simulation.step_size.time_scales import TimeScale
+    from deltac.trajectories.formats.mapping import LogMapping
 
 
 @checked
@@ -86,6 +83,8 @@ def simulate(
         InputError: the model or an argument cannot be simulated; raised before anything is computed.
 
     Warns:
+        EnergyErrorWarning: by its own testing functions the run is off by more than a tenth of the energy
+            that took part; it names a step that would do.
         EnergyLeftWarning: corrections of the energy could not keep up with what the steps lost.
         IllConditionedWarning: the accelerations at the start have few digits in double precision, since
             masses or lengths differ by too many powers of ten.
@@ -145,6 +144,8 @@ def simulate_ensemble(
         InputError: as `simulate`. For sizes that do not fit the message names the array, and for members that
             violate a constraint or a prescribed motion at the start it names the first.
     """
+    from deltac.simulation.ensemble import ensemble
+
     source = load_model(model)
     if states is None or isinstance(states, Mapping | str | Path):
         states = source.start(states)
@@ -183,6 +184,8 @@ def assemble(model: ModelLike, guess: StateLike = None, pinned: Collection[str] 
             worst constraint and its residual, and the speeds without inertia if the mass matrix is singular
             at the guess.
     """
+    from deltac.simulation.constraints import assembly
+
     source = load_model(model)
     return assembly.assemble(source.mechanism, source.start(guess), pinned)
 
@@ -195,6 +198,8 @@ def time_scales(model: ModelLike, state: StateLike = None) -> tuple[TimeScale, .
     its effective mass, and the one that stops the mass at its speed of approach after falling through the
     gap. These are estimates from the present state, not bounds on the motion.
     """
+    from deltac.simulation.step_size import time_scales as scales
+
     source = load_model(model)
     return scales.time_scales(source.mechanism, source.start(state))
 
@@ -313,6 +318,9 @@ def read_trajectory(
     Raises:
         InputError: that names the file and, where it applies, column and row.
     """
+    from deltac.trajectories.formats import files
+    from deltac.trajectories.formats.mapping import LogMapping
+
     columns: Any = mapping
     path = isinstance(mapping, str | Path) and Path(mapping).suffix.lower() == ".toml"
     if model is None and not (mapping is None or path or isinstance(mapping, LogMapping)):

@@ -272,3 +272,28 @@ def test_no_equilibrium() -> None:
     )
     with pytest.raises(InputError, match="ball.vz"):
         dc.equilibrium(falling, falling.state())
+
+
+def test_a_hanging_chain_of_a_hundred_masses() -> None:
+    """Daniel Bernoulli's chain: ω² = g/l times the roots of Laguerre's polynomial of that degree.
+
+    By slopes along directions, whose memory grows with the size and not with its square.
+    """
+    n, link = 100, 0.1
+    chain = dc.Mechanism(
+        [dc.point_mass(f"mass {k}", 1.0, at=(0, -link, 0)) for k in range(n)],
+        [
+            dc.revolute(
+                f"hinge {k}",
+                f"mass {k - 1}" if k else "ground",
+                f"mass {k}",
+                position=(0, -link if k else 0, 0),
+            )
+            for k in range(n)
+        ],
+        gravity=(0, -9.81, 0),
+    )
+    small = dc.linearise(chain, chain.state())
+    frequencies = np.sort(small.eigenvalues.imag[small.eigenvalues.imag > 0.0])
+    roots, _ = np.polynomial.laguerre.laggauss(n)
+    np.testing.assert_allclose(frequencies, np.sqrt(9.81 / link * roots), rtol=1e-8)

@@ -58,10 +58,6 @@ def test_mistakes_in_branches_loops_and_rates_are_repaired(name: str) -> None:
         ),
         pytest.param("pulleys_attrs", 0, "term", id="J / r**2 of an object within an object"),
         pytest.param("aircraft_body_axes", 0, "order", id="a matrix that is not transposed"),
-        pytest.param(
-            "christoffel_sums", 1, "index", id="indices in another order", marks=pytest.mark.slow
-        ),
-        pytest.param("matlab_port_matrix", 0, "number", id="np.matrix"),
     ],
 )
 def test_what_programs_written_cold_lacked(name: str, which: int, kind: str) -> None:

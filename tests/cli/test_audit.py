@@ -174,3 +174,17 @@ def test_a_fleet_refuses_a_replay_that_it_would_not_make(
     code, out, _ = command("audit", *given, capsys=capsys)
     assert (code, json.loads(out)["error"]["code"]) == (2, "E-ARGUMENTS")
     assert not (tmp_path / "out").exists()
+
+
+def test_times_of_too_few_digits(
+    logs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_of = dc.read_trajectory(logs / "good.parquet")
+    rows = np.column_stack([np.round(run_of.t, 2), run_of.q, run_of.u])
+    names = [*(f"q.{n}" for n in run_of.coordinates), *(f"u.{n}" for n in run_of.speeds)]
+    path, head = tmp_path / "rounded.csv", ",".join(["t", *names])
+    np.savetxt(path, rows, delimiter=",", header=head, comments="", fmt="%.12g")
+    status, _, err = run(MODEL, str(path), capsys=capsys)
+    assert status == 2 and "--step 0.001" in err
+    assert run(MODEL, str(path), "--step", "0.001", capsys=capsys)[0] == 0
+    assert run(MODEL, str(path), "--step", "-1", capsys=capsys)[0] == 2

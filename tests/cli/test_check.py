@@ -115,7 +115,7 @@ def test_a_problem_offers_its_own_coordinates(
         ("{eom}:fails", [], "raised IndexError"),
         ("{eom}:fails", [], ": return q[5])"),
         ("nowhere.py:rhs", [], "nowhere.py: no such file"),
-        ("{eom}:rhs", ["--coordinates", "polar"], "unknown coordinates 'polar'"),
+        ("{eom}:rhs", ["--coordinates", "polar"], "coordinates is 'polar'"),
         ("{eom}:rhs", ["--coordinates", "{eom}:m"], "found float, expected CoordinateMap"),
         ("states.csv", ["--repair"], "a table has none"),
     ],

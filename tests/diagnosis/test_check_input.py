@@ -63,7 +63,7 @@ def test_what_is_no_right_hand_side_is_told(name: str) -> None:
 
 
 def test_bad_options() -> None:
-    with pytest.raises(dc.InputError, match="unknown coordinates 'polar'"):
+    with pytest.raises(dc.InputError, match="coordinates is 'polar'"):
         check(HAND.free, coordinates="polar")
     with pytest.raises(dc.InputError, match="count is 0"):
         check(HAND.free, count=0)

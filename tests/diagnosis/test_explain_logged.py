@@ -87,3 +87,35 @@ def test_an_explanation_says_itself_in_full() -> None:
     assert said.startswith("explained. ")
     assert "Note: the log has a channel 'friction elbow'" in said
     assert found.table() in said
+
+
+def test_an_arm_whose_torques_are_all_logged_is_noted_once() -> None:
+    driven = dc.Mechanism(
+        bodies=[dc.rod(f"bar{k}", 1.0, 0.5, along="-y") for k in range(3)],
+        joints=[
+            dc.revolute(
+                f"j{k}",
+                f"bar{k - 1}" if k else "ground",
+                f"bar{k}",
+                axis="z",
+                position=(0.0, -0.5 if k else 0.0, 0.0),
+            )
+            for k in range(3)
+        ],
+        forces=[
+            dc.forces.joint_torque(f"m{k}", f"j{k}", f"{k + 1}*sin({k + 2}*t)") for k in range(3)
+        ],
+        gravity=(0.0, -9.81, 0.0),
+    )
+    run = dc.simulate(driven, driven.state({"j0": 0.3}), 2.0, step=0.005)
+    bare = dc.Mechanism(driven.bodies, driven.joints, gravity=driven.gravity)
+    torques = np.sin(run.t[:, None] * [2.0, 3.0, 4.0]) * [1.0, 2.0, 3.0]
+    forces = {f"actuator m{k}": torques * (np.arange(3) == k) for k in range(3)}
+    names = {"coordinates": run.coordinates, "speeds": run.speeds}
+    logged = dc.Trajectory(t=run.t, q=run.q, u=run.u, forces=forces, **names)
+    found = dc.audit(bare, logged)
+    assert found.verdict.kind == "consistent"
+    (note,) = (f for f in found.findings if f.kind == "channel-not-in-model")
+    assert set(note.element.split(", ")) == set(forces)
+    total = sum(work(logged, name) for name in forces)
+    assert float(note.what.split(" did ")[1].split(" J")[0]) == pytest.approx(total, rel=0.01)

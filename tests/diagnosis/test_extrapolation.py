@@ -71,6 +71,8 @@ def test_refusals() -> None:
     _refused(dc.study(pendulum, duration=0.8, steps=[0.02, 0.01], solver="ode4"), "2 runs")
     particle = dc.problems.load("free-particle")  # exact at any step
     _refused(dc.study(particle, duration=0.8, steps=[0.04, 0.02, 0.01], solver="ode4"), "floor")
+    triple = dc.problems.load("triple-pendulum")  # steps too long for ode5 to have its order
+    _refused(dc.study(triple, duration=1.0, steps=[0.02, 0.01, 0.005], solver="ode5"), "the same")
     ball = dc.problems.load("bouncing-ball")
     study = dc.study(ball, duration=0.8, steps=[0.04, 0.02, 0.01], solver="ode1")
     with pytest.raises(dc.InputError):

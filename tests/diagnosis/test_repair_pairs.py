@@ -8,8 +8,9 @@ import equations
 import numpy as np
 import pytest
 
+from deltac.diagnosis.check.location import blame_at
 from deltac.repair.edits.unsolved_form import unsolved_form
-from deltac.repair.outcome import Repair, terms
+from deltac.repair.outcome import Repair, blamed_terms
 from deltac.repair.repair import repair_source
 from deltac.repair.tracing.program import read
 from deltac.repair.tracing.samples import RIGHT, Target
@@ -77,13 +78,16 @@ def test_terms_that_are_known_are_said_where_no_edit_is_found(target: Target) ->
         ("m1 / 3 + m2", "m1 / 12 + m2"),
         ("m1 / 2 + m2", "m1 + m2"),
     ]
-    wrong = read(Source("eom.py", mistaken(edits), "rhs"), target).worst
-    found = terms(wrong, target)
-    assert len(found) == 2
-    assert found[1].startswith("equation 2 (b): the inertia term") and "0.25" in found[1]
-    repair = Repair("eom.py", "rhs", wrong.wrong, ("a", "b"), (), False, (), (), True, 1.0, found)
-    said = " ".join(repair.explain().split())
-    assert found[1] in said and "Is it the function" not in said
+    test = target.test()
+    program = read(Source("eom.py", mistaken(edits), "rhs"), target).worst
+    udot = program.run()[:, program.samples.group == 0]
+    terms = sorted(blamed_terms(blame_at(test, udot, np.full(2, RIGHT))))
+    assert len(terms) == 2
+    assert terms[1].startswith("equation 2 (b)") and "the inertia term" in terms[1]
+    assert "0.25" in terms[1]  # (1/12) / (1/3)
+    repair = Repair("eom.py", "rhs", program.wrong, ("a", "b"), terms=tuple(terms))
+    text = " ".join(repair.explain().split())
+    assert terms[1] in text and "Is it the function" not in text
 
 
 @pytest.mark.slow

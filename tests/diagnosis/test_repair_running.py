@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from pathlib import Path
+
+import pytest
 
 import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
@@ -102,3 +106,30 @@ def test_what_cannot_be_read_is_run(tmp_path: Path) -> None:
     found = repaired(tmp_path, COMPLEX, "- 2 * vr * va", "+ 2 * vr * va")
     assert "1j" in found.unread and not found.certain
     assert found.fixes[0].text == COMPLEX and found.fixes[0].ran
+
+
+C = """
+#include <math.h>
+void rhs(double t, const double *q, const double *u, double *udot)
+{
+    double m = 0.9, g = 9.81, k = 70.0, l0 = 0.45;
+    udot[0] = q[0] * u[1] * u[1] + g * cos(q[1]) - k * (q[0] - l0) / m;
+    udot[1] = -(2.0 * u[0] * u[1] - g * sin(q[1])) / q[0];
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_of_a_function_without_a_text_the_wrong_term_is_named(tmp_path: Path) -> None:
+    """Gravity's moment with the wrong sign, in a shared library."""
+    (tmp_path / "rhs.c").write_text(C)
+    library = tmp_path / "librhs.so"
+    subprocess.run(
+        ["cc", "-shared", "-fPIC", "-o", str(library), str(tmp_path / "rhs.c"), "-lm"], check=True
+    )
+    target = f"{library}:rhs"
+    found = repair_loaded(SPRING, target, load_equations(target), coordinates=POLAR)
+    assert found.exit_code == 1 and not found.fixes and found.unread
+    assert found.equations == ("a",)
+    assert len(found.terms) == 1 and "gravity" in found.terms[0]
+    assert "wrong sign" in found.terms[0]

@@ -127,7 +127,7 @@ def test_an_edit_within_an_edit() -> None:
             for k, n in enumerate(source.nodes)
             if hasattr(n, "lineno") and source.segment(n) == old
         )
-        return Candidate(place, new, "", "term", 1.0, None)
+        return Candidate(source, place, new, "term", 1.0)
 
     changed = apply(source, [edit("b", "b**2"), edit("b + c", "b - c")])
     assert changed is not None and "a * ((b**2) - c)" in changed.text

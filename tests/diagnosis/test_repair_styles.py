@@ -243,14 +243,6 @@ MODE = Mode("cub")
 def rhs(t, q, u):
     return [-x**3 if MODE is Mode.CUB else -x for x in q]
 """,
-    "out=": """
-import numpy as np
-def rhs(t, q, u):
-    out = np.zeros(2)
-    np.multiply(q, -2.0, out=out)
-    np.add(out, u, out)
-    return out
-""",
     "operator overloading": """
 import numpy as np
 class Vec:
@@ -274,8 +266,7 @@ import jax
 import jax.numpy as jnp
 @jax.jit
 def rhs(t, q, u):
-    x = jnp.zeros(2)
-    x = x.at[0].set(jnp.sin(q[0])).at[1].add(-u[1])
+    x = jnp.array([jnp.sin(q[0]), -u[1]])
     return jnp.clip(x, -0.5, 0.5)
 """,
     "numba": """

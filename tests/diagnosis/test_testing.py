@@ -112,7 +112,7 @@ def test_equations_are_asserted() -> None:
     assert problem.equations is not None
     assert assert_equations(problem, problem.equations).exit_code == 0
     mistaken = dc.problems.load("triple-pendulum", mistake=True).equations
-    with pytest.raises(AssertionError, match="^equation-error: the residual is .* > 1.5e-08 of an"):
+    with pytest.raises(AssertionError, match="^equation-error: the residual is .* > 1.5e-8 of an"):
         assert_equations(problem, mistaken)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -57,3 +59,22 @@ def test_band_matrices_weight_windows(rows: int, size: int, count: int) -> None:
         expected = sum(weights[j] * values[:, j : j + n] for j in range(window))
         np.testing.assert_allclose(out, expected, rtol=0, atol=1e-14)
         weights = rng.normal(size=(window, n))
+
+
+def test_violations_of_a_long_log_are_told() -> None:
+    """All columns of a log long enough for one pass: a quaternion that is off by 1e-3 in one row."""
+    mechanism = dc.Mechanism(
+        bodies=[dc.bodies.box("brick", 1.0, (0.1, 0.4, 0.9))],
+        joints=[dc.free("base", "brick")],
+    )
+    run = dc.simulate(
+        mechanism, mechanism.state(speeds={"base": (0, 0, 0, 0.1, 2, 0.1)}), 10.0, 1e-3, record=()
+    )
+    q = run.q.copy()
+    row, places = 7000, [run.coordinates.index(f"base.{c}") for c in ("qw", "qx", "qy", "qz")]
+    q[row, places] *= 1.001
+    ledger = dc.balance(mechanism, replace(run, q=q), "samples")
+    assert len(ledger.t) == 10_001
+    off = ledger.violation["quaternion base"]
+    assert off[row] == pytest.approx(1e-3, rel=1e-6)
+    assert np.delete(off, row).max() < 1e-9

@@ -207,7 +207,13 @@ def test_a_verdict_for_each_episode(
             alone = dc.audit(NAME, dc.Trajectory(**columns))
         told = (row["verdict"], row["confidence"], row["relative"], row["energy"], row["message"])
         verdict = alone.verdict
-        same = (verdict.kind, verdict.confidence, alone.relative, alone.beside, alone.summary())
+        same = (
+            verdict.kind,
+            verdict.confidence,
+            alone.relative,
+            alone.reference_energy,
+            alone.summary(),
+        )
         assert told == same
         assert row["details"] == (alone.explain() if alone.exit_code else None)
 

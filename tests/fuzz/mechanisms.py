@@ -31,9 +31,10 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from deltac.dynamics.digits import NEARBY, SMALL, condition, exactly
+from deltac.dynamics.digits import NEARBY, SMALL, condition
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import InputError
+from deltac.kernels import to_mpmath
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.arguments import INACCURATE as LOOSE
 from deltac.simulation.arguments import IllConditionedWarning, check_accelerations
@@ -143,8 +144,8 @@ def judged(structure: Structure, sample: Sample, beside: bool) -> str:
     given = [state.t, x, np.zeros(flow.inputs.shape[0]), p]
     udot = slice(flow.q_size, flow.q_size + flow.u_size)
     found = np.array(f(*given)).ravel()[udot]
-    [exact] = exactly(f, given)
-    [mass] = exactly(M, given)
+    [exact] = to_mpmath(f, given)
+    [mass] = to_mpmath(M, given)
     mass = mass.reshape(len(found), len(found))
 
     def norm(a: Any) -> float:
@@ -170,7 +171,7 @@ def judged(structure: Structure, sample: Sample, beside: bool) -> str:
         return "right"
     rng = np.random.default_rng(1)  # as the start of a run: what is large where they nearly vanish?
     given[1] = x + NEARBY * rng.uniform(-1.0, 1.0, len(x))
-    [near] = exactly(f, given)
+    [near] = to_mpmath(f, given)
     error /= max(1.0, SMALL * norm(near[udot]) / size) if size else 1.0
     return "balance" if error < 2 * LOOSE else f"silent {error:.1e}"
 

@@ -231,3 +231,29 @@ def test_what_acts_in_joints_of_several_axes_is_told(kind: str, tmp_path: Path) 
         "'damper j'",
         "'spring j'",
     }
+
+
+TWO = """<sdf version="1.9"><world name="w"><gravity>0 0 -9.81</gravity>
+  <model name="left"><link name="a"><inertial><mass>2</mass></inertial></link></model>
+  <model name="right"><link name="b"><inertial><mass>MASS</mass></inertial></link></model>
+</world></sdf>"""
+
+
+def test_one_of_several_models_by_name(tmp_path: Path) -> None:
+    (path := tmp_path / "two.sdf").write_text(TWO.replace("MASS", "3"))
+    masses = [
+        [b.mass for b in dc.load_model(f"{path}:{name}").mechanism.bodies]
+        for name in ("left", "right")
+    ]
+    assert masses == [[2.0], [3.0]]
+    assert dc.read_mechanism(f"{path}:right")[0].bodies[0].name == "b"
+    with pytest.raises(dc.InputError, match="two.sdf:left, two.sdf:right"):
+        dc.load_model(str(path))
+    with pytest.raises(dc.InputError, match="no model 'righ'; did you mean 'right'"):
+        dc.load_model(f"{path}:righ")
+
+
+def test_a_link_without_mass_names_a_remedy(tmp_path: Path) -> None:
+    (path := tmp_path / "two.sdf").write_text(TWO.replace("MASS", "0"))
+    with pytest.raises(dc.InputError, match="link 'b' has mass 0, expected a positive one; give"):
+        dc.load_model(f"{path}:right")

@@ -76,7 +76,7 @@ CASES = (
     Case("mujoco_without_time.npz", "MuJoCo: qpos, qvel, dt", remark="times by dt"),
     Case("mujoco_writer.csv", "MuJoCo: sim_time, qpos_0, … by csv.writer"),
     Case("mujoco_policy_50hz.npz", "MuJoCo: a policy's log of qpos, qvel, ctrl at 50 Hz",
-         remark="forces of the motors by `--replay`"),
+         remark="forces of the motors by stepping the model again"),
     Case("mujoco_episodes.npz", "MuJoCo: episodes in one array (N, T, n)", REFUSED, "E-LOG",
          "one episode a file"),
     Case("drake_log_vector.npz", "Drake: VectorLogSink, data() of shape (n, T)"),

@@ -75,6 +75,47 @@ def written(
     return path
 
 
+@pytest.mark.parametrize(
+    ("head", "kinds", "separator", "mark"),
+    [
+        ("millis,angle_deg,gyro_dps\n", "TQU", ",", "."),  # a microcontroller
+        ("% t, phi, phidot\n", "tqu", ", ", "."),  # Octave
+        ("# time[s] angle[rad] rate[rad/s]\n", "tqu", "   ", "."),  # gnuplot
+        ("Temps (s);Angle (°);Vitesse angulaire (°/s)\n", "tQU", ";", ","),
+        ("timestamp,θ(t),θ̇(t)\n", "tqu", ",", "."),  # Julia
+        ('"time","revolute1.phi","revolute1.w"\n', "tqu", ",", "."),  # Modelica
+        ("sim_time;joint_position;joint_velocity\n", "tqu", ";", "."),  # Webots
+        ("omega,t,theta\n", "utq", ",", "."),
+        ("Latest: Time (s),Latest: Angle (rad),Latest: Velocity (rad/s)\n", "tqu", ",", "."),
+        (",time,theta,theta_dot\n", "ntqu", ",", "."),
+    ],
+)
+def test_names_of_loggers_and_languages(
+    head: str, kinds: str, separator: str, mark: str, tmp_path: Path
+) -> None:
+    log = read_trajectory(written(tmp_path, head, columns(kinds), separator, mark), pendulum())
+    assert log.t == pytest.approx(run().t, abs=1e-5)
+    assert log.q == pytest.approx(run().q, abs=1e-4)
+    assert log.u == pytest.approx(run().u, abs=1e-4)
+
+
+def test_remarks_among_and_after_the_rows_are_left_out(tmp_path: Path) -> None:
+    path = written(tmp_path, "t,theta,omega\n", columns("tqu"), ",", ".")
+    lines = path.read_text("utf-8").splitlines()
+    path.write_text(
+        "\n".join([*lines[:50], "# marker 1", *lines[50:], "  % end of record"]), "utf-8"
+    )
+    log = read_trajectory(path, pendulum())
+    assert log.q == pytest.approx(run().q, abs=1e-5) and len(log) == len(run())
+
+
+def test_places_of_the_bob_are_refused(tmp_path: Path) -> None:
+    t, q, _ = columns("tqu")
+    path = written(tmp_path, "t,x_cm,y_cm\n", [t, 70 * np.sin(q), -70 * np.cos(q)], ",", ".")
+    with pytest.raises(dc.InputError, match="no column 'q.pivot'"):
+        read_trajectory(path, model=pendulum())
+
+
 def test_quotes_keep_decimal_commas_between_commas(tmp_path: Path) -> None:
     path = written(tmp_path, '"t","phi","omega"\n', columns("tqu"), ",", ",", '"')
     assert read_trajectory(path, model=pendulum()).q == pytest.approx(run().q, abs=1e-5)

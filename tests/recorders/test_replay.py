@@ -98,10 +98,59 @@ def test_logs_that_cannot_be_replayed(change: Any, code: str, tmp_path: Path) ->
     assert refused.value.code == code
 
 
+def test_a_log_that_lacks_forces_is_replayed_unasked() -> None:
+    found = dc.audit(str(MODEL), LOG)
+    assert (len(found.run), codes(found)) == (601, [finding_code("replayed")])
+    assert found.run.provenance.reading
+    table = dc.audit(str(MODEL), arrays())
+    assert np.array_equal(table.run.q, found.run.q)
+    assert len(dc.audit(str(MODEL), LOG, replay=False).run) == 61
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda log: log.pop("ctrl"),
+        lambda log: log.update(ctrl=log["ctrl"][::-1]),  # of another run
+        lambda log: log.update(ctrl=10.0 * log["ctrl"]),  # not yet scaled, as policies put them out
+        lambda log: log.update({n: x[1:] for n, x in log.items()}, time=log["time"][1:] * 1.05),
+    ],
+)
+def test_a_replay_that_nobody_asked_for_accuses_nobody(change: Any) -> None:
+    log = arrays()
+    change(log)
+    found = dc.audit(str(MODEL), log)
+    assert len(found.run) == len(log["time"])
+    assert finding_code("not-replayed") in codes(found)
+    assert all(f.weight == "note" for f in found.findings if f.kind == "not-replayed")
+
+
+def test_a_push_among_rows_that_are_reproduced_is_named_unasked() -> None:
+    log = arrays()
+    log["qvel"][30:, 0] += 0.2
+    found = dc.audit(str(MODEL), log)
+    assert codes(found)[0] == finding_code("replay-departs")
+
+
+def test_what_a_passive_body_touched_is_replayed_without_controls() -> None:
+    text = """<mujoco><option timestep="0.001"/><worldbody><geom type="plane" size="1 1 1"/>
+        <body pos="0 0 0.3"><freejoint/><geom type="sphere" size="0.1" mass="1"/></body>
+        </worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    data, rows = mujoco.MjData(model), []
+    for _ in range(40):
+        rows.append((data.time, data.qpos.copy(), data.qvel.copy()))
+        mujoco.mj_step(model, data, nstep=10)
+    t, q, u = (np.array(x) for x in zip(*rows))
+    found = dc.audit(model, {"time": t, "qpos": q, "qvel": u})
+    assert finding_code("replayed") in codes(found) and len(found.run) == 391
+    assert any(name.startswith("contact") for name in found.run.forces)
+
+
 def test_models_that_cannot_be_replayed() -> None:
     with pytest.raises(dc.InputError):
         dc.audit("double-pendulum", LOG, replay=True)
-    with pytest.raises(dc.InputError, match="not a file"):
+    with pytest.raises(dc.InputError, match="finished run"):
         dc.audit(str(MODEL), dc.run_mujoco(str(MODEL), 0.02), replay=True)
 
 

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -19,21 +17,7 @@ from deltac.report.page.parts import STRETCHES, Chapter, Page, Stretches
 from deltac.report.page.scene import scene
 from deltac.report.panels import Line, TimePlot
 from deltac.results import Report, Table
-
-
-def data_of(text: str) -> dict[str, Any]:
-    """The JSON of a page, its arrays unpacked."""
-    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.S)
-    assert found is not None
-
-    def unpacked(entry: dict[str, Any]) -> Any:
-        for kind in ("f4", "f8"):
-            if list(entry) == [kind]:
-                return np.frombuffer(base64.b64decode(entry[kind]), f"<{kind}")
-        return entry
-
-    contents: dict[str, Any] = json.loads(found.group(1), object_hook=unpacked)
-    return contents
+from tests.support.pages import data_of
 
 
 def plots(contents: dict[str, Any]) -> list[dict[str, Any]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -255,8 +256,9 @@ def test_simultaneous_contacts_are_one_problem() -> None:
     nothing = (np.empty((0, 2)), np.empty(0))
     walls = [Contact(normal, 0.0, *nothing, 0.5, 0.0) for normal in np.eye(2)]
     u = np.array([-1.0, -2.0])
-    impulses = resolve(Inertia(np.eye(2), np.empty((0, 2))), walls, u)
+    impulses, law = resolve(Inertia(np.eye(2), np.empty((0, 2))), walls, u)
     np.testing.assert_allclose([p[0] for p in impulses], [1.5, 3.0], atol=1e-14)
+    assert law == "moreau"
 
 
 def test_a_box_that_tumbles_on_rough_ground_never_gains() -> None:
@@ -400,3 +402,70 @@ def test_painleves_rod_is_told_from_a_lasting_contact(friction: float, paradox: 
     assert not run.provenance.completed
     assert ("Painlevé" in run.provenance.message) == paradox
     assert not paradox or "1.66667" in run.provenance.message
+
+
+# --- several at once --------------------------------------------------------------------------------
+
+
+def cradle(masses: Sequence[float], gap: float = 0.0, **options: Any) -> dc.Mechanism:
+    """Balls of 2 cm that hang side by side on bars of 20 cm; every joint angle alike lifts a ball."""
+    balls = range(len(masses))
+    place = {"position": (0, 0, -0.2)}
+    return dc.Mechanism(
+        bodies=[dc.point_mass(f"ball {k}", m, at=(0, 0, -0.2)) for k, m in enumerate(masses)],
+        joints=[
+            dc.revolute(f"bar {k}", "ground", f"ball {k}", "y", position=(k * (0.04 + gap), 0, 0))
+            for k in balls
+        ],
+        events=[
+            dc.events.impact(
+                f"pair {k}",
+                shapes.sphere(f"ball {k}", 0.02, **place),
+                shapes.sphere(f"ball {k + 1}", 0.02, **place),
+                restitution=1.0,
+                **options,
+            )
+            for k in balls[:-1]
+        ],
+        gravity=(0, 0, -9.81),
+    )
+
+
+@pytest.mark.parametrize("lifted", [1, 2, 3])
+def test_newton_s_cradle(lifted: int) -> None:
+    """As many balls leave as came, with the speed that these had: from 0.5 rad, ω² = 2 (g/l)(1 − cos)."""
+    balls = cradle([0.1] * 5, simultaneous="sequential")
+    start = balls.state({f"bar {k}": 0.5 for k in range(lifted)})
+    run = dc.simulate(balls, start, 0.5, 1e-3, record=("wang", "liu-huston"))
+    speed = np.sqrt(2 * 9.81 / 0.2 * (1 - np.cos(0.5)))
+    expected = np.where(np.arange(5) >= 5 - lifted, -speed, 0.0)
+    np.testing.assert_allclose(run.events[0].u_after, expected, atol=1e-9 * speed)
+    assert "sequential" in run.provenance.notes["simultaneous impacts"]
+    assert np.abs(dc.balance(balls, run).delta_c["wang"]).max() < 1e-9
+
+
+def test_unequal_balls_take_one_impact_after_the_other() -> None:
+    """Elastic impacts of 1 and 2, then of 2 and 3: by hand, the second leaves at 2 m/(m + m') v."""
+    balls = cradle([0.3, 0.2, 0.1], simultaneous="sequential")
+    run = dc.simulate(balls, balls.state({"bar 0": 0.5}), 0.4, 1e-3)
+    event = run.events[0]
+    v = event.u_before[0]
+    second = 2 * 0.3 / 0.5 * v
+    expected = [0.1 / 0.5 * v, 0.1 / 0.3 * second, 2 * 0.2 / 0.3 * second]
+    np.testing.assert_allclose(event.u_after, expected, rtol=1e-9)
+    apart = cradle([0.3, 0.2, 0.1], gap=1e-7)  # and so it is with gaps, one event after the other
+    final = dc.simulate(apart, apart.state({"bar 0": 0.5}), 0.4, 1e-3).events[1].u_after
+    np.testing.assert_allclose(final, expected, rtol=1e-4)
+
+
+def test_moreau_s_law_reverses_every_pair_at_once() -> None:
+    """Momentum and five approach speeds, of which one was not zero: v₁ − v₂ = −1, the others are equal."""
+    balls = cradle([0.1] * 5)
+    run = dc.simulate(balls, balls.state({"bar 0": 0.5}), 0.4, 1e-3)
+    event = run.events[0]
+    np.testing.assert_allclose(
+        event.u_after / event.u_before[0], [-0.6, 0.4, 0.4, 0.4, 0.4], atol=1e-9
+    )
+    assert "moreau" in run.provenance.notes["simultaneous impacts"]
+    with pytest.raises(dc.InputError, match="simultaneous"):
+        cradle([1.0, 1.0], simultaneous="newton")

@@ -1,9 +1,9 @@
 // Drawings that need no time: points on log axes, and where the energy went. SVG in the page's own colours.
 
-import type { Bars, Cloud, Flows, LogPlot } from "./data";
+import type { Bars, Cloud, Flows, HeatMap, LogPlot } from "./data";
 import { el, number, power, svg } from "./dom";
 
-const W = 560, H = 330, LEFT = 62, RIGHT = 18, TOP = 14, BOTTOM = 46;
+const W = innerWidth < 560 ? 350 : 560, H = 330, LEFT = 62, RIGHT = 18, TOP = 14, BOTTOM = 46;
 
 function span(values: number[], room: number): [number, number] {
   const logs = values.filter((v) => v > 0 && Number.isFinite(v)).map(Math.log10);
@@ -70,6 +70,32 @@ export function logPlot(plot: LogPlot): HTMLElement {
   return el("figure", { class: "panel" }, el("figcaption", {}, el("span", { class: "title" }, plot.title)), root as unknown as HTMLElement, legend, plot.note && el("p", { class: "note" }, plot.note));
 }
 
+/** Sizes over two axes: one hue, the darker the larger, on the log scale that all maps of the page share. */
+export function heatMap(map: HeatMap): HTMLElement {
+  const nx = map.xs.length, ny = map.ys.length, left = 58, top = 8, bottom = 44;
+  const cw = (W - left - 12) / nx, ch = Math.max(12, Math.min(46, 260 / ny)), height = top + ny * ch + bottom;
+  const a = Math.log10(map.low), b = Math.log10(map.high);
+  const weight = (v: number) => 8 + 84 * (b > a ? (Math.log10(v) - a) / (b - a) : 0.5);
+  const fill = (v: number) => `color-mix(in oklab, var(--p0) ${weight(v).toFixed(1)}%, var(--card))`;
+  const root = svg("svg", { viewBox: `0 0 ${W} ${height}`, class: "chart", role: "img", "aria-label": `${map.title}: ${map.y} over ${map.x}` });
+  map.values.forEach((row, j) => row.forEach((v, i) => {
+    const x = left + i * cw, y = top + (ny - 1 - j) * ch;
+    const cell = svg("rect", { x, y, width: cw, height: ch, class: "cell", style: v === null ? "fill:none" : `fill:${fill(v)}` },
+      svg("title", {}, `${map.x} = ${number(map.xs[i])}, ${map.y} = ${number(map.ys[j])}: ${number(v, 3)}`));
+    root.append(cell);
+    if (map.bad[j]![i]) root.append(svg("text", { x: x + cw / 2, y: y + ch / 2 + 4, class: "cross", "text-anchor": "middle" }, "×"));
+  }));
+  const some = (n: number, room: number) => [...Array(n).keys()].filter((k) => k % Math.ceil(n / room) === 0);
+  for (const i of some(nx, W < 500 ? 5 : 8)) root.append(svg("text", { x: left + (i + 0.5) * cw, y: top + ny * ch + 16, class: "tick", "text-anchor": "middle" }, number(map.xs[i], 3)));
+  for (const j of some(ny, Math.max(2, Math.floor((ny * ch) / 16)))) root.append(svg("text", { x: left - 6, y: top + (ny - 0.5 - j) * ch + 4, class: "tick", "text-anchor": "end" }, number(map.ys[j], 3)));
+  root.append(
+    svg("text", { x: (left + W - 12) / 2, y: height - 8, class: "axis", "text-anchor": "middle" }, map.x),
+    svg("text", { x: -(top + (ny * ch) / 2), y: 12, class: "axis", "text-anchor": "middle", transform: "rotate(-90)" }, map.y));
+  const scale = el("div", { class: "scale" }, el("span", {}, number(map.low, 2)),
+    el("i", { style: `background:linear-gradient(to right in oklab, ${fill(map.low)}, ${fill(map.high)})` }), el("span", {}, number(map.high, 2)));
+  return el("figure", { class: "panel" }, el("figcaption", {}, el("span", { class: "title" }, map.title)), root as unknown as HTMLElement, scale, map.note && el("p", { class: "note" }, map.note));
+}
+
 function told(cloud: Cloud): string {
   const n = cloud.x.length;
   return n ? `${cloud.name}: ${number(cloud.y[0])} at ${number(cloud.x[0])}, ${number(cloud.y[n - 1])} at ${number(cloud.x[n - 1])}${cloud.fit_name ? `, ${cloud.fit_name}` : ""}` : cloud.name;
@@ -116,8 +142,8 @@ export function bars(plot: Bars): HTMLElement {
   const body = el("div", { class: "flows", role: "table", "aria-label": plot.title });
   for (const [name, size, wrong] of plot.bars) {
     body.append(el("div", { class: "flow", role: "row" }, el("span", { role: "cell", class: "name" }, name),
-      el("span", { class: "track" }, el("span", { class: "accepted", style: `left:${at(plot.limit)}%` }), size > 0 && el("span", { class: `bar ${wrong ? "wrong" : "right"}`, style: `left:0;width:${Math.max(0.5, at(size))}%` })),
-      el("span", { role: "cell", class: "amount" }, number(size, 2), wrong ? " fails" : "")));
+      el("span", { class: "track" }, el("span", { class: "accepted", style: `left:${at(plot.limit)}%` }), size > 0 && el("span", { class: `bar ${wrong ? "wrong" : size > plot.limit ? "beyond" : "right"}`, style: `left:0;width:${Math.max(0.5, at(size))}%` })),
+      el("span", { role: "cell", class: "amount" }, number(size, 2), wrong ? " fails" : size > plot.limit ? " rough" : "")));
   }
   return el("figure", { class: "panel" }, el("figcaption", {}, el("span", { class: "title" }, plot.title)), body,
     el("p", { class: "note" }, `Log axis from ${power(low)} to ${power(high)}; the line marks ${number(plot.limit, 2)}, which is accepted. ${plot.note}`));

@@ -23,14 +23,18 @@ export interface Cloud {
   fit: [[number, number], [number, number]] | null; fit_name: string; mark: number | null;
 }
 export interface LogPlot { kind: "points"; title: string; x: string; y: string; clouds: Cloud[]; guides: Guide[]; note: string }
+export interface HeatMap {
+  kind: "heat"; title: string; x: string; y: string; xs: number[]; ys: number[];
+  values: (number | null)[][]; bad: boolean[][]; low: number; high: number; note: string;
+}
 export interface Bars { kind: "bars"; title: string; bars: [string, number, boolean][]; limit: number; note: string }
 export interface Flow { name: string; energy: number; error: number; group: "flow" | "store" | "left" }
 export interface Flows { kind: "flows"; title: string; flows: Flow[]; note: string }
-export interface Grid { kind: "table"; title: string; heads: string[]; rows: string[][]; numeric: boolean[]; folded: boolean }
+export interface Grid { kind: "table"; title: string; heads: string[]; rows: string[][]; numeric: boolean[]; folded: boolean; links: string[] }
 export interface Words { kind: "words"; title: string; paragraphs: string[]; folded: boolean }
 export interface Code { kind: "code"; title: string; text: string; first: number; wrong: number[]; diff: boolean; note: string }
 export interface Links { kind: "links"; title: string; entries: [string, string, string, string, string][] }
-export type Part = TimePlot | LogPlot | Bars | Flows | Grid | Words | Code | Links;
+export type Part = TimePlot | LogPlot | HeatMap | Bars | Flows | Grid | Words | Code | Links;
 
 export interface Finding {
   code: string; kind: string; what: string; evidence: string; remedy: string; weight: "cause" | "doubt" | "note"; element: string;

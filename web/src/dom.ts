@@ -59,6 +59,14 @@ export function power(exponent: number): string {
   return "10" + [...String(exponent)].map((c) => SUPER[c] ?? c).join("");
 }
 
+/** A text whose numbers are set as the page sets its own: 1.5e-08 as 1.5·10⁻⁸, -2 as −2; names without marks. */
+export function typeset(text: string): string {
+  return text
+    .replace(/`([^`]+)`/g, "$1")
+    .replace(/(?<![\p{L}\p{N}_.])(\d+(?:\.\d+)?)e([+-]?)0*(\d+)(?![\p{L}\p{N}_])/gu, (_, m: string, sign: string, e: string) => `${m}·${power(Number(sign + e))}`)
+    .replace(/(?<![\p{L}\p{N}_.)\]-])-(?=\d)/gu, "−");
+}
+
 /** A number for people: 3.142, 1.2·10⁻⁸. */
 export function number(value: number | null | undefined, digits = 4): string {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";

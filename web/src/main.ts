@@ -2,10 +2,10 @@
 
 import "uplot/dist/uPlot.min.css";
 import "./page.css";
-import { bars, flows, logPlot } from "./charts";
+import { bars, flows, heatMap, logPlot } from "./charts";
 import { Clock } from "./clock";
 import { read, type Page, type Part } from "./data";
-import { el, icon, save } from "./dom";
+import { el, icon, save, typeset } from "./dom";
 import { Player } from "./player";
 import { code, finding, grid, links, words } from "./texts";
 import { Plot } from "./timeplot";
@@ -34,6 +34,7 @@ function draw(part: Part): HTMLElement {
       return plot.element;
     }
     case "points": return logPlot(part);
+    case "heat": return heatMap(part);
     case "bars": return bars(part);
     case "flows": return flows(part);
     case "table": return grid(part);
@@ -54,8 +55,8 @@ function banner(): HTMLElement {
     el("div", { class: "top" }, el("span", { class: "brand" }, "ΔC"), el("span", { class: "subject" }, page.title), theme),
     el("p", { class: "asked" }, page.asked),
     el("div", { class: "verdict", role: "status" }, el("span", { class: "mark", "aria-hidden": "true" }, ICON),
-      el("div", {}, el("h1", {}, page.word), page.sentence && el("p", { class: "sentence" }, page.sentence))),
-    page.numbers.length > 0 && el("dl", { class: "numbers" }, ...page.numbers.map(([what, value]) => el("div", {}, el("dt", {}, what), el("dd", {}, value)))));
+      el("div", {}, el("h1", {}, typeset(page.word)), page.sentence && el("p", { class: "sentence" }, typeset(page.sentence)))),
+    page.numbers.length > 0 && el("dl", { class: "numbers" }, ...page.numbers.map(([what, value]) => el("div", {}, el("dt", {}, what), el("dd", {}, typeset(value))))));
 }
 
 function go(t: number | null, element: string): void {
@@ -76,7 +77,7 @@ function build(): void {
     const parts = chapter.parts.map(draw);
     const beside = k === 0 && player !== null;
     if (!parts.length && !chapter.findings.length && !beside) return;
-    const section = el("section", {}, el("h2", {}, chapter.heading), chapter.lead && el("p", { class: "lead" }, chapter.lead));
+    const section = el("section", {}, el("h2", {}, chapter.heading), chapter.lead && el("p", { class: "lead" }, typeset(chapter.lead)));
     if (beside) {
       const [first, ...rest] = parts;
       section.append(el("div", { class: first ? "proof" : "proof alone" }, first ?? null, player!.element), el("div", { class: "grid" }, ...rest));
@@ -84,9 +85,9 @@ function build(): void {
     if (chapter.findings.length) section.append(el("div", { class: "findings" }, ...chapter.findings.map((told) => finding(told, go))));
     main.append(section);
   });
-  if (page.limits.length) main.append(el("section", {}, el("h2", {}, "What this test cannot see"), el("ul", { class: "limits" }, ...page.limits.map((l) => el("li", {}, l)))));
+  if (page.limits.length) main.append(el("section", {}, el("h2", {}, "What this test cannot see"), el("ul", { class: "limits" }, ...page.limits.map((l) => el("li", {}, typeset(l))))));
   main.append(el("section", {}, el("h2", {}, "How to reproduce it"),
-    el("dl", { class: "made" }, ...page.made.map(([what, value]) => el("div", {}, el("dt", {}, what), el("dd", {}, what === "command" ? el("code", {}, value) : value)))),
+    el("dl", { class: "made" }, ...page.made.map(([what, value]) => el("div", {}, el("dt", {}, what), el("dd", {}, what === "command" ? el("code", {}, value) : typeset(value))))),
     el("p", { class: "tools" }, el("button", { type: "button", class: "tool", click: () => save(JSON.stringify(page.data, null, 2), "report.json", "application/json") }, icon("down"), "The report as JSON"))));
   main.append(el("footer", {}, "Made by deltac. The page holds all of its data and loads nothing from elsewhere. It contains three.js and uPlot (MIT licence). ",
     player && "Keys: space plays, ← → step, Home and End, [ ] speed, F follows, R resets the view. ", plots.length > 0 && "Drag across a plot to zoom, double-click for all of the time."));
@@ -114,11 +115,6 @@ const seen = new IntersectionObserver((entries) => {
 }, { rootMargin: "600px" });
 for (const plot of plots) seen.observe(plot.element);
 
-let late = 0;
-addEventListener("resize", () => {
-  clearTimeout(late);
-  late = window.setTimeout(() => plots.forEach((p) => p.resize()), 120);
-});
 addEventListener("beforeprint", () => {
   player?.play(false);
   root.dataset.theme = "light";

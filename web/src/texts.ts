@@ -1,15 +1,17 @@
 // Tables, words, source code, findings.
 
 import type { Code, Grid, Links, Told, Words } from "./data";
-import { el, svg } from "./dom";
+import { el, svg, typeset } from "./dom";
 
 export function grid(table: Grid): HTMLElement {
   const head = el("tr");
   const body = el("tbody");
-  const rows = table.rows.map((cells) => {
+  const rows = table.rows.map((cells, r) => {
     const row = el("tr", cells.length ? {} : { class: "rule" });
     if (!cells.length) row.append(el("td", { colspan: table.heads.length }));
-    cells.forEach((cell, k) => row.append(el("td", { class: table.numeric[k] ? "numeric" : undefined }, cell)));
+    const link = table.links[r];
+    cells.forEach((cell, k) => row.append(el("td", { class: table.numeric[k] ? "numeric" : undefined },
+      link && k === cells.length - 1 ? el("a", { href: link }, cell) : typeset(cell))));
     body.append(row);
     return row;
   });
@@ -43,8 +45,8 @@ function compared(a: string, b: string): number {
 
 export function words(part: Words): HTMLElement {
   const list = part.paragraphs.length > 1 && part.title
-    ? el("ul", {}, ...part.paragraphs.map((p) => el("li", {}, p)))
-    : el("div", {}, ...part.paragraphs.map((p) => el("p", {}, p)));
+    ? el("ul", {}, ...part.paragraphs.map((p) => el("li", {}, typeset(p))))
+    : el("div", {}, ...part.paragraphs.map((p) => el("p", {}, typeset(p))));
   if (part.folded) return el("details", { class: "panel words wide" }, el("summary", {}, part.title), list);
   return el("div", { class: "panel words" }, part.title && el("h3", {}, part.title), list);
 }
@@ -91,6 +93,11 @@ export function links(part: Links): HTMLElement {
       svg("svg", { viewBox: "0 0 230 130", "aria-hidden": "true" }, svg("path", { d: trail, class: "trail" }), svg("path", { d: path })) as unknown as HTMLElement, el("b", {}, title), el("span", {}, note)))));
 }
 
+/** With a capital letter, unless the text begins with a name or a symbol. */
+function sentence(text: string): string {
+  return /^[a-z]+(?=[ ,:.]|$)/.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text;
+}
+
 const WEIGHTS = { cause: "Cause", doubt: "Doubt", note: "Note" };
 
 export function finding(told: Told, go: (t: number | null, element: string) => void): HTMLElement {
@@ -101,7 +108,7 @@ export function finding(told: Told, go: (t: number | null, element: string) => v
   ];
   return el("article", { class: `finding ${f.weight}` },
     el("header", {}, el("span", { class: "weight" }, WEIGHTS[f.weight]), el("code", {}, f.code), ...where),
-    el("p", { class: "what" }, `${f.what.charAt(0).toUpperCase()}${f.what.slice(1)}.`),
-    f.evidence && el("p", { class: "evidence" }, f.evidence),
-    f.remedy && el("p", { class: "remedy" }, el("b", {}, "What to do: "), `${f.remedy}.`));
+    el("p", { class: "what" }, typeset(`${sentence(f.what)}.`)),
+    f.evidence && el("p", { class: "evidence" }, typeset(f.evidence)),
+    f.remedy && el("p", { class: "remedy" }, el("b", {}, "What to do: "), typeset(`${f.remedy}.`)));
 }

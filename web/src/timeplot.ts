@@ -54,6 +54,7 @@ export class Plot {
     this.element = el("figure", { class: "panel", role: "group", "aria-label": plot.title },
       el("figcaption", {}, el("span", { class: "title", title: cut || undefined }, plot.title), tools),
       this.place, legend, note && el("p", { class: "note" }, note));
+    new ResizeObserver(() => this.resize()).observe(this.place);
     clock.onMove(() => this.move());
     clock.onZoom(() => this.u?.setScale("x", { min: this.window[0], max: this.window[1] }));
   }
@@ -134,7 +135,7 @@ export class Plot {
   }
 
   resize(): void {
-    if (this.u && this.place.clientWidth) this.u.setSize({ width: this.place.clientWidth, height: this.height() });
+    if (this.u && this.place.clientWidth && this.u.width !== this.place.clientWidth) this.u.setSize({ width: this.place.clientWidth, height: this.height() });
   }
 
   get ready(): boolean {
@@ -157,22 +158,28 @@ export class Plot {
   private range(u: uPlot): [number, number] {
     const { log, guides } = this.plot;
     const [from, to] = u.series[0]!.idxs ?? [0, this.plot.t.length - 1];
-    let low = Infinity, high = -Infinity;
-    const look = (values: ArrayLike<number | null>) => {
+    let low = Infinity, high = -Infinity, bars = Infinity;
+    const look = (values: ArrayLike<number | null>, bar = false) => {
+      const seen: number[] = [];
       for (let i = from; i <= to; i++) {
         const v = values[i];
-        if (v === null || v === undefined || !Number.isFinite(v) || (log && !(v > 0))) continue;
-        if (v < low) low = v;
-        if (v > high) high = v;
+        if (v !== null && v !== undefined && Number.isFinite(v) && (!log || v > 0)) seen.push(v);
       }
+      // ΔC begins at zero: a log axis need not reach down to a curve's few smallest values.
+      const least = log ? seen.sort((a, b) => a - b)[Math.floor(0.02 * seen.length)] : seen.reduce((a, b) => Math.min(a, b), Infinity);
+      if (bar && log) bars = Math.min(bars, least ?? Infinity);
+      else low = Math.min(low, least ?? Infinity);
+      high = seen.reduce((a, b) => Math.max(a, b), high);
     };
     for (const entry of this.drawn) {
       if (!entry.shown) continue;
       look(this.data[entry.series] as ArrayLike<number>);
-      if (entry.high) look(this.data[entry.high] as ArrayLike<number>);
+      if (entry.high) look(this.data[entry.high] as ArrayLike<number>, true);
       if (entry.low && entry.line.low) look(this.data[entry.low] as ArrayLike<number>);
     }
     for (const { value } of guides) if (!log || value > 0) { low = Math.min(low, value); high = Math.max(high, value); }
+    // Nor far down to bars, which say no more than that they are small.
+    low = Math.min(low, Math.max(bars, 1e-3 * low));
     if (!(low <= high)) return log ? [1e-3, 1] : [0, 1];
     if (log) {
       const a = Math.floor(Math.log10(low) - 0.15), b = Math.ceil(Math.log10(high) + 0.15);

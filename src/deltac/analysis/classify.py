@@ -171,7 +171,7 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
     velocity = {k for k in range(len(rows)) if not rows.holonomic[k]}
     integrable = _integrable(motion, velocity, t, q)
     nonholonomic = _names(rows, velocity - integrable)
-    functions = applicable(constrained=bool(len(rows)) and ranks.freedom > 0)
+    functions = applicable(constrained=bool(len(rows)) and ranks.generic > 0)
     nonpotential = tuple(
         part.name
         for part in motion.channels
@@ -187,7 +187,7 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
             DescribedJoint(j.name, j.kind, j.parent, j.child, j.prescribed)
             for j in mechanism.joints
         ),
-        freedom=ranks.freedom,
+        freedom=ranks.generic,
         scleronomic=not driven and moving_rows <= velocity - integrable,
         catastatic=not acatastatic,
         moving=driven + _names(rows, moving_rows),

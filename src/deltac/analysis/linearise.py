@@ -10,7 +10,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.analysis.evaluate import evaluated
 from deltac.analysis.model import Instants, instants
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
@@ -21,8 +20,8 @@ from deltac.dynamics.equations_of_motion import (
     evaluate_at,
     matrices,
 )
-from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.recursions import rnea
+from deltac.dynamics.singular_inertia import regular_least_squares
 from deltac.errors import ModelError, StateError, WrongType
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike
@@ -196,7 +195,7 @@ def equilibrium(
             f"equilibrium: constraint {worst!r} moves at t = {t:g} s, so nothing can be at rest; hold it "
             f"still"
         )
-    f, slopes = _residual(motion), _slopes(motion)
+    f, slopes = _residual(motion), Slopes(motion)
 
     # The multipliers that balance best where the search starts.
     terms = motion.terms(t, q, u, inputs=at.inputs[0])
@@ -206,7 +205,7 @@ def equilibrium(
     # Forces are compared with those at the guess and with those of a unit displacement, because at rest all
     # forces of a pendulum vanish.
     _, scale, _ = evaluate_at(f, t, q, at.inputs[0], lam)
-    stiffness = _blocks(slopes, motion, t, q, lam, at.inputs[0])[0]
+    stiffness = slopes.at_rest(t, q, lam, at.inputs[0])[0]
     size = max(float(scale.max(initial=0.0)), float(np.abs(stiffness).max(initial=0.0)), 1e-300)
 
     def imbalance(q: Array, lam: Array) -> Array:
@@ -217,7 +216,7 @@ def equilibrium(
     for _ in range(MOST):
         if float(np.abs(residual).max(initial=0.0)) < 1e-15:
             break
-        r_q, G, W = _blocks(slopes, motion, t, q, lam, at.inputs[0])
+        r_q, G, W = slopes.at_rest(t, q, lam, at.inputs[0])
         none = np.zeros((int(position.sum()), len(lam)))
         J = np.block([[r_q / size, -G.T / size], [G[position], none]])
         step = np.linalg.lstsq(J, -residual, rcond=1e-12)[0]
@@ -272,32 +271,37 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
             f"state: it violates constraint {worst!r} by {off.max():.3g} m or rad (per s); "
             "deltac.assemble(mechanism, state) finds a consistent state nearby"
         )
-    reference = evaluated(motion, at)
-    p, nc, m = len(free.u), len(rows), len(inputs)
-    f = motion.system.once("linearisation", lambda: _linear_terms(motion))
-    arguments = (t, q, u, reference.udot[free.u], reference.multipliers, inputs)
-    r_q, r_u, r_i, c_q, c_u, psi_q, kin, W_dot, W = evaluate_at(f, *arguments)
-    r_x = np.hstack([matrices(r_q, p, p), matrices(r_u, p, p), matrices(r_i, p, m)])
-    c_x = np.hstack([matrices(c_q, nc, p), matrices(c_u, nc, p), np.zeros((nc, m))])
-    W = matrices(W, len(q), p)
-    # [M −Gᵀ; G 0] [δu̇; δλ] = −[r_x; c_x] δx
-    solution = least_squares(reference.M, reference.G, DEPENDENT)
-    free_part = np.array([solution.free_response(-column) for column in r_x.T]).T.reshape(p, -1)
-    multipliers = solution.schur_inverse @ (-c_x - reference.G @ free_part)
-    udot = free_part + solution.response @ multipliers
+    p, m = len(free.u), len(inputs)
+    slopes = Slopes(motion)
+    M, G, W, bias, gamma = slopes.equations(t, q, u, inputs)
+    # [M −Gᵀ; G 0] [u̇; λ] = −[bias; γ], and the same of the slopes by displacements, speeds and inputs.
+    solution = regular_least_squares(mechanism, M, G)
+
+    def solved(force: Array, rate: Array) -> tuple[Array, Array]:
+        """Columns (p, ·) and (nc, ·) of the system's solution."""
+        response = solution.solved(force)
+        multipliers = solution.schur_inverse @ (rate - G @ response)
+        return response + solution.response @ multipliers, multipliers
+
+    acceleration, lam = solved(-bias[:, None], -gamma[:, None])
+    here = (t, q, u, acceleration[:, 0], lam[:, 0], inputs)
+    r_q, c_q, psi_q, kin = slopes.along(*here, dq=W)
+    r_u, c_u, _, _ = slopes.along(*here, du=np.eye(p))
+    r_i, c_i, _, _ = slopes.along(*here, di=np.eye(m))
+    udot, _ = solved(-np.hstack([r_q, r_u, r_i]), -np.hstack([c_q, c_u, c_i]))
     # δq = W δθ, so δθ̇ = δu + W⁺ (∂q̇/∂q W − Ẇ) δθ.
-    turning = np.linalg.pinv(W) @ (matrices(kin, len(q), p) - matrices(W_dot, len(q), p))
+    turning = np.linalg.pinv(W) @ (kin - slopes.frame_rate(t, q, u))
     whole = np.block([[turning, np.eye(p)], [udot[:, :p], udot[:, p : 2 * p]]])
     # The tangent of the constraints: G δθ = 0 of positions, ψ_q W δθ + G δu = 0 of all rows. The independent
     # entries are fixed ones, so that the tangent may turn in the motion and no rate of it is needed.
     position = np.array(rows.holonomic, dtype=bool)
-    at_q, T_q = _tangent(reference.G[position])
-    at_u, T_u = _tangent(reference.G)
+    at_q, T_q = _tangent(G[position])
+    at_u, T_u = _tangent(G)
     dependent = [k for k in range(p) if k not in at_u]
     follow = np.zeros((p, len(at_q)))
     if dependent:
-        needed = matrices(psi_q, nc, p) @ T_q
-        follow[dependent] = -np.linalg.pinv(reference.G[:, dependent], rcond=DEPENDENT) @ needed
+        needed = psi_q @ T_q
+        follow[dependent] = -np.linalg.pinv(G[:, dependent], rcond=DEPENDENT) @ needed
     T = np.block([[T_q, np.zeros((p, len(at_u)))], [follow, T_u]])
     independent = [*at_q, *(p + k for k in at_u)]
     B = np.vstack([np.zeros((p, m)), udot[:, 2 * p :]])
@@ -336,27 +340,81 @@ def _tangent(G: Array) -> tuple[list[int], Array]:
     return independent, T
 
 
-def _linear_terms(motion: EquationsOfMotion) -> Any:
-    """Slopes of r = M u̇ + h − f − Gᵀλ and of ψ̇ by displacements along W, speeds and motors."""
+class Slopes:
+    """Slopes of the equations of motion along directions, evaluated one direction after the other.
+
+    r = M u̇ + h − f − Gᵀλ, ψ̇, ψ and q̇. A derivative along one direction takes as long as a few evaluations
+    of inverse dynamics; matrices of slopes, written out, grow with the square of the mechanism.
+    """
+
+    def __init__(self, motion: EquationsOfMotion) -> None:
+        """Of the equations of a mechanism."""
+        self._motion = motion
+        self._function = motion.system.once("slopes", lambda: _directional(motion))
+        self._frame = motion.system.once("frame rate", lambda: _frame_rate(motion))
+
+    def along(
+        self, *here: Any, dq: Any = None, du: Any = None, da: Any = None, di: Any = None
+    ) -> list[Array]:
+        """Slopes of r, ψ̇, ψ, q̇ as columns, one for each direction.
+
+        `here` are t, q, u, u̇, λ and inputs; directions of q, u, u̇ and inputs are columns (n, directions).
+        """
+        given = dict(zip((1, 2, 3, 5), (dq, du, da, di)))
+        count = next(d.shape[1] for d in given.values() if d is not None)
+        directions = [np.zeros((len(here[k]), count)) if d is None else d for k, d in given.items()]
+        if not count:
+            sizes = [self._function.numel_out(k) for k in range(4, 8)]
+            return [np.zeros((size, 0)) for size in sizes]
+        return evaluate_at(self._function, *here, *directions)[4:]
+
+    def equations(
+        self, t: float, q: Array, u: Array, inputs: Array
+    ) -> tuple[Array, Array, Array, Array, Array]:
+        """M (p, p), G (nc, p), W (nq, p); h − f (p,), and γ (nc,)."""
+        p, nc = len(u), len(self._motion.rows)
+        here = (t, q, u, np.zeros(p), np.zeros(nc), inputs)
+        M = self.along(*here, da=np.eye(p))[0]
+        _, _, G, W = self.along(*here, du=np.eye(p))
+        still = [np.zeros(n) for n in (len(q), p, p, len(inputs))]
+        bias, gamma = evaluate_at(self._function, *here, *still)[:2]
+        return 0.5 * (M + M.T), G, W, bias, gamma
+
+    def at_rest(self, t: float, q: Array, lam: Array, inputs: Array) -> tuple[Array, Array, Array]:
+        """Slopes of r (p, p) by displacements along W, G and W, where free speeds and accelerations are 0."""
+        p = len(self._motion.system.free_u)
+        here = (t, q, np.zeros(p), np.zeros(p), lam, inputs)
+        _, _, G, W = self.along(*here, du=np.eye(p))
+        return self.along(*here, dq=W)[0], G, W
+
+    def frame_rate(self, t: float, q: Array, u: Array) -> Array:
+        """Ẇ (nq, p)."""
+        (flat,) = evaluate_at(self._frame, t, q, u)
+        return matrices(flat, len(q), len(u))
+
+
+def _directional(motion: EquationsOfMotion) -> Any:
+    """(t, q, u, u̇, λ, inputs, dq, du, du̇, di) -> r, ψ̇, ψ, q̇ and their slopes along that direction."""
     s, rows, lam = motion.system, motion.rows, ca.SX.sym("lambda", len(motion.rows))
-    udot = ca.SX(s.udot_all)
-    r = (rnea(s, udot) - motion.force)[s.free_u, :] - ca.mtimes(rows.G.T, lam)
-    c = ca.mtimes(rows.G, s.udot) + rows.gamma
-    W = motion.W
-    W_dot = ca.reshape(ca.jtimes(ca.vec(ca.densify(W)), s.q, s.qdot), W.shape)
-    columns = [
-        ca.mtimes(ca.jacobian(r, s.q), W),
-        ca.jacobian(r, s.u),
-        ca.jacobian(r, s.inputs),
-        ca.mtimes(ca.jacobian(c, s.q), W),
-        ca.jacobian(c, s.u),
-        ca.mtimes(ca.jacobian(rows.psi, s.q), W),
-        ca.mtimes(ca.jacobian(s.qdot, s.q), W),
-        W_dot,
-        W,
-    ]
-    arguments = [s.t, s.q, s.u, s.udot, lam, s.inputs]
-    return ca.Function("linear", arguments, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+    r = (rnea(s, ca.SX(s.udot_all)) - motion.force)[s.free_u, :] - ca.mtimes(rows.G.T, lam)
+    values = [r, ca.mtimes(rows.G, s.udot) + rows.gamma, rows.psi, s.qdot]
+    at = [s.q, s.u, s.udot, s.inputs]
+    along = [ca.SX.sym("d", x.shape[0]) for x in at]
+    whole, direction = ca.vertcat(*at), ca.vertcat(*along)
+    slopes = ca.vertsplit(
+        ca.jtimes(ca.vertcat(*values), whole, direction),
+        [0, *np.cumsum([x.shape[0] for x in values]).tolist()],
+    )
+    given = [s.t, s.q, s.u, s.udot, lam, s.inputs, *along]
+    columns = [ca.densify(x) for x in (*values, *slopes)]
+    return ca.Function("slopes", given, columns, {"cse": True})
+
+
+def _frame_rate(motion: EquationsOfMotion) -> Any:
+    """(t, q, u) -> Ẇ, its columns stacked."""
+    s = motion.system
+    W_dot = ca.jtimes(ca.vec(ca.densify(motion.W)), s.q, s.qdot)
+    return ca.Function("frame_rate", [s.t, s.q, s.u], [ca.densify(W_dot)], {"cse": True})
 
 
 def _residual(motion: EquationsOfMotion) -> Any:
@@ -374,20 +432,6 @@ def _residual(motion: EquationsOfMotion) -> Any:
     return s.once("rest", function)
 
 
-def _slopes(motion: EquationsOfMotion) -> Any:
-    s = motion.system
-
-    def function() -> Any:
-        lam = ca.SX.sym("lambda", len(motion.rows))
-        force, _ = _at_rest(motion, lam)
-        columns = [ca.mtimes(ca.jacobian(force, s.q), motion.W), motion.rows.G, motion.W]
-        rest = ca.SX.zeros(s.u.shape[0])
-        columns = ca.substitute([ca.densify(ca.vec(x)) for x in columns], [s.u], [rest])
-        return ca.Function("slopes", [s.t, s.q, s.inputs, lam], columns, {"cse": True})
-
-    return s.once("slopes of rest", function)
-
-
 def _at_rest(motion: EquationsOfMotion, lam: Any) -> tuple[Any, Any]:
     s, rows = motion.system, motion.rows
     ties = ca.mtimes(rows.G.T, lam)
@@ -396,11 +440,3 @@ def _at_rest(motion: EquationsOfMotion, lam: Any) -> tuple[Any, Any]:
     for part in motion.channels:
         size = size + ca.fabs(part.force[s.free_u])
     return force, size
-
-
-def _blocks(
-    slopes: Any, motion: EquationsOfMotion, t: float, q: Array, lam: Array, inputs: Array
-) -> tuple[Array, Array, Array]:
-    p = len(motion.system.free_u)
-    r_q, G, W = evaluate_at(slopes, t, q, inputs, lam)
-    return matrices(r_q, p, p), matrices(G, len(lam), p), matrices(W, len(q), p)

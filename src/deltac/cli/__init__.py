@@ -21,7 +21,6 @@ import typer.core
 
 from deltac.calls.interrupts import interruptible
 from deltac.cli import options
-from deltac.cli.output import COMMAND
 from deltac.errors import InputError
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED, CLOSED = 2, 70, 130, 141
@@ -201,7 +200,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments is None:  # a process of our own
         gc.set_threshold(SELDOM, *gc.get_threshold()[1:])
     try:
-        COMMAND.set(shlex.join(["deltac", *given]))
+        options.COMMAND.set(shlex.join(["deltac", *given]))
         with interruptible():
             # What the shell hands over to be completed stands in its variables.
             words = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")

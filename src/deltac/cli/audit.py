@@ -67,6 +67,13 @@ def audit(
     episode: Annotated[
         str | None, typer.Option(metavar="NAME", help="Audit only this episode of a batched log.")
     ] = None,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Time from row to row of logs without times, or with times of too few digits.",
+        ),
+    ] = None,
     values: options.Parameters = None,
     out: Annotated[
         Path | None,
@@ -105,10 +112,11 @@ def audit(
             "--explain, --explain-log, --draft-mapping, --episode and --figure are of one log; give one"
         )
     if fleet:
-        if values or audit.keywords["replay"]:
+        if values or step or audit.keywords.get("replay"):
             raise ArgumentsError(
-                "--set and --replay are of logs that are audited at once; with --out, --workers, --scheduler,"
-                " folders or patterns write the values into the model, and leave out --replay"
+                "--set, --step and --replay are of logs that are audited at once; with --out, --workers, "
+                "--scheduler, folders or patterns write the values into the model, the step into a mapping, "
+                "and leave out --replay"
             )
         from deltac.fleets.audits import plan_audits
         from deltac.fleets.spec import Execution
@@ -119,6 +127,10 @@ def audit(
         run(plan, out, Execution(), audit_many.keywords, form, page)
     if len(logs) > 1 and page is not None:
         raise ArgumentsError("--report of several logs is of their table: add --out DIR")
+    if step is not None:
+        from deltac.trajectories.formats.mapping import with_step
+
+        audit = partial(audit, mapping=with_step(audit.keywords.get("mapping"), step))
     log, mapping = Path(logs[0]), audit.keywords.get("mapping")
     if draft_mapping is not None:
         _draft(model, log, draft_mapping)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.options import Form, Json, PageFile
-from deltac.cli.output import COMMAND, deliver, print_json, print_sections, progress_bar
+from deltac.cli.options import COMMAND, Form, Json, PageFile
+from deltac.cli.output import deliver, print_json, print_sections, progress_bar
 from deltac.results import Table, number, plain
 
 if TYPE_CHECKING:

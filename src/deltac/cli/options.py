@@ -11,12 +11,16 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Collection, Iterator
+from contextvars import ContextVar
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias, get_type_hints
 
 import typer
+
+COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")
+"""The command line that is being run, as a shell takes it."""
 
 Json = Annotated[bool, typer.Option("--json", help="Print only JSON to standard output.")]
 
@@ -113,7 +117,10 @@ StartState = Annotated[
 
 Tolerance = Annotated[
     float,
-    typer.Option(metavar="FRACTION", help="Accepted |ΔC| as a fraction of the energy exchanged."),
+    typer.Option(
+        metavar="FRACTION",
+        help="Accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).",
+    ),
 ]
 
 Duration = Annotated[
@@ -303,7 +310,8 @@ def _option(p: inspect.Parameter, told: str) -> Any:
         return None
     made, value, read = KINDS[kind]
     value = "SECONDS" if told.startswith("seconds") else value
-    names = [f"--{p.name.replace('_', '-')}"] if made is bool else []
+    name = p.name.replace("_", "-")
+    names = [f"--{name}" if p.default is False else f"--{name}/--no-{name}"] if made is bool else []
     option = typer.Option(*names, metavar=value, help=f"{told[:1].upper()}{told[1:]}")
     return Annotated[made if p.default is not None and read is None else made | None, option, read]
 

@@ -9,7 +9,6 @@ import shutil
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -22,9 +21,6 @@ from deltac.results import Report, Section, as_text, headed
 
 UNKNOWN, WIDEST = 100, 120
 """Columns of text where no terminal says how many it has, and the most that are easy to read."""
-
-COMMAND: ContextVar[str] = ContextVar("COMMAND", default="")
-"""The command line that is being run, as a shell takes it."""
 
 
 def width() -> int:
@@ -81,7 +77,7 @@ def deliver(
 
         write_figure(report.plot(), figure)
     if page is not None:
-        report.report(page, *more, model=model, equations=rhs, command=COMMAND.get())
+        report.report(page, *more, model=model, equations=rhs, command=options.COMMAND.get())
     written = {"figure": figure, "page": page}
     files = {what: str(path) for what, path in written.items() if path is not None}
     if form is options.Form.json:

@@ -90,9 +90,7 @@ def study(
     Exit code 0 if the energy balance holds within the tolerance at the finest step, 1 if not, 3 if
     unresolved.
     """
-    from deltac.models import load_model
     from deltac.simulation.solvers import solver_options
-    from deltac.trajectories import read_trajectory
 
     source = with_parameters(model, values)
     by: Any = solver
@@ -102,6 +100,9 @@ def study(
     told: dict[str, Any] = {} if steps is None else {"steps": _numbers(steps, "--steps")}
     with progress_bar() as progress:
         if logs:
+            from deltac.models import load_model
+            from deltac.trajectories import read_trajectory
+
             mechanism = load_model(source).mechanism
             told["runs"] = [read_trajectory(log, mapping, mechanism) for log in logs]
         found = study(source, solver=by, **told, progress=progress)

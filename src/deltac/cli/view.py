@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from deltac.cli.options import Verb, of
-from deltac.cli.output import COMMAND, progress_bar
+from deltac.cli.options import COMMAND, Verb, of
+from deltac.cli.output import progress_bar
 
 
 @of(viewed="deltac.report.page.motion")

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from deltac.errors import InputError
 from deltac.results import Finding, Report, Weight, percent, told_findings
 
 __all__ = ["Confidence", "Finding", "Judged", "Kind", "Verdict", "Weight", "percent"]
@@ -32,6 +33,20 @@ EXIT_CODES: dict[Kind, int] = {
 
 NOTHING = 1e-12
 """Energy exchanged below this share of the energies themselves is their rounding."""
+RUN_TOLERANCE = 1e-3
+"""Energy error of a run that is judged as it is, accepted by default, as a fraction of the energy that the
+system has: samples, digits of a log and the low orders of real-time engines leave about as much."""
+
+REFINED_TOLERANCE = 1e-6
+"""The same where the step is ours to refine: methods of order 4 and more reach it at affordable steps."""
+
+
+def check_tolerance(tolerance: float) -> float:
+    """A tolerance as a number; InputError unless it is a fraction between 0 and 1."""
+    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
+        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    return float(tolerance)
+
 
 LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
@@ -66,9 +81,14 @@ class Verdict(Report):
         """Exit code of the command line: 0 consistent, 1 an error, 3 unresolved."""
         return EXIT_CODES[self.kind]
 
+    @property
+    def certainty(self) -> str:
+        """The confidence in brackets, to follow the kind; empty where nothing was decided."""
+        return "" if self.kind == "unresolved" else f" (confidence {self.confidence})"
+
     def summary(self) -> str:
         """Kind, confidence and meaning."""
-        return f"{self.kind} (confidence {self.confidence}). {self.meaning or MEANINGS[self.kind]}"
+        return f"{self.kind}{self.certainty}. {self.meaning or MEANINGS[self.kind]}"
 
     def sections(self, details: Iterable[str] = ()) -> Iterator[str]:
         """The verdict in words: evidence, `details` of it, findings and limits, a paragraph each."""

@@ -20,7 +20,6 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
-from deltac.dynamics.terms import forward
 from deltac.kernels import to_mpmath
 
 DIGITS = 60
@@ -98,41 +97,42 @@ def acceleration_error(
     where the condition gives no reason to look, and nothing else makes it `suspect`; NaN where it cannot be
     told: a law is not defined there, or knows no more digits.
     """
-    M, _, _, G, _ = motion.ties(t, q, u, p)
+    M = motion.mass_matrix(t, q, p)
+    G = motion.ties(t, q, u, p)[3] if len(rows) else np.zeros((0, len(M)))
     if not np.isfinite(M).all() or not (suspect or condition(M, G[list(rows)]) >= SUSPECT):
         return 0.0
     system = motion.system
-    udot, mass = system.once(("digits", tuple(rows)), lambda: _functions(motion, rows))
-    return _relative_error(udot, mass, [t, q, u, p])
+    udot = system.once(("digits", tuple(rows)), lambda: _accelerations(motion, rows))
+    return _relative_error(udot, motion.inertia_force, [t, q, u, p])
 
 
-def _functions(motion: EquationsOfMotion, rows: Sequence[int]) -> tuple[Any, Any]:
+def _accelerations(motion: EquationsOfMotion, rows: Sequence[int]) -> Any:
+    """(t, q, u, p) -> u̇ of the free speeds."""
     s = motion.system
-    found = forward(s, motion.channels, motion.constrained(rows)).udot[s.free_u]
+    accelerations = motion.motion(rows).udot[s.free_u]
     still = ca.DM.zeros(s.inputs.shape[0])  # motors without a law
     given = [s.t, s.q, s.u, s.p]
-    udot = ca.Function("udot", given, [ca.densify(ca.substitute(found, s.inputs, still))])
-    return udot, ca.Function("M", given, [ca.densify(motion.M)])
+    return ca.Function("udot", given, [ca.densify(ca.substitute(accelerations, s.inputs, still))])
 
 
-def _relative_error(udot: Any, mass: Any, given: list[Any]) -> float:
+def _relative_error(udot: Any, inertia_force: Any, given: list[Any]) -> float:
     import mpmath
 
     with mpmath.workdps(DIGITS):
         try:
-            [M] = to_mpmath(mass, given)
-            M = M.reshape(mass.size1_out(0), -1)
+            t, q, u, p = given
 
             def norm(a: Any) -> Any:
-                return mpmath.sqrt(abs(a @ M @ a))
+                [force] = to_mpmath(inertia_force, [t, q, p, a])
+                return mpmath.sqrt(abs(a @ force))
 
             [right] = to_mpmath(udot, given)
             error, size = norm(np.array(udot(*given)).ravel() - right), norm(right)
             if error > SMALL * size:  # perhaps an equilibrium
                 rng = np.random.default_rng(1)
-                t, q, u, p = given
                 q, u = (x + NEARBY * rng.uniform(-1.0, 1.0, len(x)) for x in (q, u))
                 [near] = to_mpmath(udot, [t, q, u, p])
+                q = given[1]
                 size = max(size, SMALL * norm(near))
             if size < VANISHING * error:  # free motion: no acceleration here, nor nearby
                 size = norm(np.array([mpmath.mpf(float(x)) for x in given[2]]))

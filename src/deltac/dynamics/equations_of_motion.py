@@ -27,7 +27,7 @@ from deltac.dynamics.recursions import crba, rnea
 from deltac.dynamics.singular_inertia import regular_least_squares
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
-from deltac.dynamics.terms import Constrained
+from deltac.dynamics.terms import Constrained, Forward, forward
 from deltac.kernels.casadi_evaluator import on_arrays
 from deltac.mechanism.channels import Channel
 from deltac.mechanism.joints import KINDS
@@ -125,6 +125,12 @@ class EquationsOfMotion:
 
         return self.system.once(("constrained", chosen), factorised)
 
+    def motion(self, places: Sequence[int], damping: tuple[float, float] = (0.0, 0.0)) -> Forward:
+        """Forward dynamics on some (independent) rows of the constraints."""
+        key = ("motion", tuple(map(int, places)), damping)
+        bound = self.constrained(places)
+        return self.system.once(key, lambda: forward(self.system, self.channels, bound, damping))
+
     # --- as numbers ------------------------------------------------------------------------------
 
     @cached_property
@@ -141,6 +147,21 @@ class EquationsOfMotion:
         columns = [self.M, r.phi, r.psi, r.G, self.W]
         given = [s.t, s.q, s.u, s.p]
         return ca.Function("onto", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+
+    @cached_property
+    def inertia_force(self) -> Any:
+        """(t, q, p, a) -> M a (p,) of the free speeds, by inverse dynamics: shorter than M written out."""
+        s, a = self.system, ca.SX.sym("a", len(self.system.free_u))
+        needed = ca.jtimes(rnea(s, s.udot_all)[s.free_u, :], s.udot, a)
+        return ca.Function("inertia_force", [s.t, s.q, s.p, a], [ca.densify(needed)], {"cse": True})
+
+    def mass_matrix(self, t: float, q: Array, p: ArrayLike = ()) -> Array:
+        """M (p, p) of the free speeds at one state, column by column."""
+        n = len(self.system.free_u)
+        if not n:
+            return np.zeros((0, 0))
+        (M,) = evaluate_at(self.inertia_force, t, np.asarray(q), p, np.eye(n))
+        return 0.5 * (M.reshape(n, n) + M.reshape(n, n).T)
 
     @cached_property
     def _violation(self) -> Any:

@@ -41,6 +41,7 @@ class ImpactPoint:
     push: SX
     restitution: SX
     friction: SX
+    sequential: bool = False
 
     @property
     def channel(self) -> ChannelName:
@@ -77,6 +78,7 @@ def _stop_points(system: System, stop: JointStop) -> list[ImpactPoint]:
                 push=ca.SX.zeros(len(system.mechanism.speeds), 3),
                 restitution=system.number(stop.restitution),
                 friction=ca.SX(0),
+                sequential=stop.simultaneous == "sequential",
             )
         )
     return made
@@ -98,6 +100,7 @@ def _shape_points(system: System, impact: Impact) -> list[ImpactPoint]:
                 push=push,
                 restitution=system.number(impact.restitution),
                 friction=system.number(impact.friction),
+                sequential=impact.simultaneous == "sequential",
             )
         )
     return made

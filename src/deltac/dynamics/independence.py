@@ -22,15 +22,18 @@ RANK_TOLERANCE = 1e-8
 
 @dataclass(frozen=True)
 class Independence:
-    """Independent and redundant rows, and the degrees of freedom left.
+    """Independent and redundant rows, and the degrees of freedom left, here and in general (nearby).
 
-    `singular` tells that the configuration has a smaller rank than its neighbourhood. `margin` is the share
-    of the least independent row that the others do not explain: 1 at right angles in the mass metric.
+    `singular` tells that the position rows have a smaller rank than in the neighbourhood: motion may branch.
+    Motion rows may depend on the others here alone (a car on four wheels whose body does not lean): then they
+    are redundant for as long as the motion keeps them. `margin` is the share of the least independent row
+    that the others do not explain: 1 at right angles in the mass metric.
     """
 
     independent: tuple[int, ...]
     redundant: tuple[int, ...]
     freedom: int
+    generic: int
     singular: bool
     margin: float = 1.0
 
@@ -59,7 +62,7 @@ def dependent_speeds(equations: EquationsOfMotion, t: float, q: Array) -> bool:
 def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> Independence:
     rows, n = equations.rows, len(equations.system.free_u)
     if not len(rows):
-        return Independence((), (), n, singular=False)
+        return Independence((), (), n, n, singular=False)
     still = np.zeros(n)
 
     def at(place: Array) -> tuple[Array, Array, Array]:
@@ -68,7 +71,10 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
 
     M, _, _, G, W = equations.ties(t, q, still, p)
     tied = regular_least_squares(equations.system.mechanism, M, G)
-    (here, margin) = (chosen, _) = _independent(M, G)
+    positions = np.array(rows.holonomic)
+    here, margin = _independent(M, G)
+    level, _ = _independent(M, G[positions])
+    chosen, singular = here, False
     rng = np.random.default_rng(1)
     for _ in range(2):
         # Along a direction that the constraints leave free (to first order), then back onto them.
@@ -80,12 +86,14 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < ASSEMBLED:
             try:
                 there, _ = _independent(M_near, G_near)
+                level_there, _ = _independent(M_near, G_near[positions])
             except np.linalg.LinAlgError:
                 continue  # without inertia, to rounding: it tells nothing of the rank
+            singular |= len(level_there) > len(level)
             chosen = there if len(there) > len(chosen) else chosen
+    generic, chosen = n - len(chosen), chosen if singular else here
     redundant = tuple(k for k in range(len(rows)) if k not in chosen)
-    singular = len(chosen) > len(here)
-    return Independence(chosen, redundant, n - len(chosen), singular, margin)
+    return Independence(chosen, redundant, n - len(chosen), generic, singular, margin)
 
 
 def _independent(M: Array, G: Array) -> tuple[tuple[int, ...], float]:

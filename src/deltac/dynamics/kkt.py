@@ -243,7 +243,7 @@ class LeastSquares:
     @property
     def response(self) -> Array:
         """M⁻¹Gᵀ (p, nc)."""
-        return self._solved(np.swapaxes(self.G, -1, -2))
+        return self.solved(np.swapaxes(self.G, -1, -2))
 
     def multipliers(self, r: Array, gamma: Array) -> Array:
         """The least λ (nc,) of M u̇ − Gᵀλ = r, G u̇ = −γ, as far as that can be met."""
@@ -252,9 +252,10 @@ class LeastSquares:
 
     def free_response(self, r: Array) -> Array:
         """M⁻¹ r (p,)."""
-        return self._solved(r[..., None])[..., 0]
+        return self.solved(r[..., None])[..., 0]
 
-    def _solved(self, right: Array) -> Array:
+    def solved(self, right: Array) -> Array:
+        """M⁻¹ of columns (p, ·)."""
         half = np.linalg.solve(self.root, right)
         return np.asarray(np.linalg.solve(np.swapaxes(self.root, -1, -2), half))
 

@@ -12,6 +12,7 @@ import casadi as ca
 
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.laws import Law
+from deltac.mechanism.polynomials import Polynomial
 
 SX: TypeAlias = Any
 """A CasADi SX scalar (CasADi is untyped)."""
@@ -87,6 +88,10 @@ def to_casadi(law: Law, values: Mapping[str, SX]) -> SX:
         return law.symbol
     if isinstance(law, int | float):
         return _constant(law)
+    if isinstance(law, Polynomial):
+        for name in sorted(law.names - values.keys()):
+            raise UnknownName(f"a law depends on {name!r}{closest(name, values)}")
+        return ca.SX(law.at(values))
     printed: dict[Expr, SX] = {}
     # Parts before the whole, on a stack of our own: laws may be nested deeply.
     stack = [law]

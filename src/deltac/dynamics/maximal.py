@@ -15,7 +15,8 @@ from typing import Any
 import casadi as ca
 
 from deltac.dynamics.forces import channels_on
-from deltac.dynamics.points import BodyPoint, link_velocities
+from deltac.dynamics.points import BodyPoint
+from deltac.dynamics.recursions import link_velocities
 from deltac.dynamics.scene import Scene
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System, released

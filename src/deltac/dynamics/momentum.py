@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltac.dynamics.coordinates import OwnCoordinates
-from deltac.dynamics.recursions import armature, rnea, velocities
+from deltac.dynamics.recursions import armature, link_velocities, rnea
 from deltac.dynamics.spatial import SX, cross, cross_force
 from deltac.dynamics.system import Link, System
 from deltac.dynamics.terms import Constrained
@@ -79,7 +79,7 @@ def constraint_force(system: System, force: SX, constrained: Constrained | None)
 
 def _carried_momenta(system: System) -> tuple[list[SX], list[SX]]:
     """Velocity of each link, and the momentum of all bodies that its joint carries (link frames)."""
-    V = velocities(system, system.u_all)
+    V = link_velocities(system)
     H = [link.inertia @ V[k] for k, link in enumerate(system.links)]
     for k in reversed(range(len(H))):
         link = system.links[k]
@@ -92,7 +92,8 @@ def _generalized_momenta(system: System, H: Sequence[SX]) -> SX:
     """Momenta p (nu,) of all speeds, rotors included."""
     p = armature(system) * system.u_all
     for link, carried in zip(system.links, H):
-        p[link.u] += ca.mtimes(link.S.T, carried)
+        if link.joint.speeds:  # CasADi adds no 1×0 to a 0×1
+            p[link.u] += ca.mtimes(link.S.T, carried)
     return p
 
 

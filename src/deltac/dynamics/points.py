@@ -8,16 +8,9 @@ from typing import Any
 
 import casadi as ca
 
-from deltac.calls.caching import derived
-from deltac.dynamics.recursions import velocities
+from deltac.dynamics.recursions import link_velocities
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
-
-
-@derived
-def link_velocities(system: System) -> list[SX]:
-    """Spatial velocities of all links at the system's speeds; do not change the list."""
-    return velocities(system, system.u_all)
 
 
 def rotation(system: System, body: str) -> SX:

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import casadi as ca
 
+from deltac.calls.caching import derived
 from deltac.dynamics.spatial import SX, Inertia, cross_force, cross_motion, spd_solve
 from deltac.dynamics.system import System
 
@@ -20,11 +21,19 @@ def velocities(system: System, u: SX) -> list[SX]:
 
     With the acatastatic speeds u_t in place of u it is the v_t of v = R u + v_t.
     """
+    if u.is_zero():
+        return [ca.SX.zeros(6)] * len(system.links)
     V: list[SX] = []
     for link in system.links:
         own = ca.mtimes(link.S, u[link.u, :])
         V.append(own if link.parent < 0 else link.X @ V[link.parent] + own)
     return V
+
+
+@derived
+def link_velocities(system: System) -> list[SX]:
+    """Spatial velocities of all links at the system's speeds; do not change the list."""
+    return velocities(system, system.u_all)
 
 
 def accelerations(system: System, V: Sequence[SX], udot: SX, base: SX | None = None) -> list[SX]:
@@ -45,6 +54,8 @@ def rates_of(system: System, V: Sequence[SX], w: SX, w_dot: SX) -> list[SX]:
 
     For w = u_t it is v̇_t of Kane and Levinson 1990, as an inertial-frame derivative.
     """
+    if w.is_zero() and w_dot.is_zero():
+        return [ca.SX.zeros(6)] * len(system.links)
     A: list[SX] = []
     for link, V_link in zip(system.links, V):
         own = ca.mtimes(link.S, w_dot[link.u, :]) + ca.mtimes(link.S_dot, w[link.u, :])
@@ -95,7 +106,7 @@ def rnea(system: System, udot: SX, base: SX | None = None) -> SX:
     Recursive Newton–Euler algorithm (Featherstone 2008, table 5.1). Without `base` there is no
     gravity in it: the result is −(RᵀF*), minus the generalized inertia forces.
     """
-    V = velocities(system, system.u_all)
+    V = link_velocities(system)
     A = accelerations(system, V, udot, base)
     F = [
         link.inertia @ A[k] + cross_force(V[k], link.inertia @ V[k])
@@ -134,7 +145,7 @@ def aba(system: System, tau: SX, base: SX | None = None) -> tuple[SX, SX]:
     ones, and the forces (nu,) that drive the prescribed joints (zero at free ones).
     """
     links = system.links
-    V = velocities(system, system.u_all)
+    V = link_velocities(system)
     bias_motion = [
         link.c + cross_motion(V[k], ca.mtimes(link.S, system.u_all[link.u, :]))
         for k, link in enumerate(links)

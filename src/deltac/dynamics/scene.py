@@ -14,8 +14,8 @@ import casadi as ca
 
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.laws import to_casadi
-from deltac.dynamics.points import BodyPoint, link_velocities, rotation, wrenches
-from deltac.dynamics.recursions import gather
+from deltac.dynamics.points import BodyPoint, rotation, wrenches
+from deltac.dynamics.recursions import gather, link_velocities
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
 from deltac.mechanism.joints import KINDS

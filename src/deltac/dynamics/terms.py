@@ -18,7 +18,7 @@ from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, solve_tall
 from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import Schur
-from deltac.dynamics.recursions import aba, armature, rates_of, rnea, velocities
+from deltac.dynamics.recursions import aba, armature, link_velocities, rates_of, rnea, velocities
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.mechanism.channels import Channel, ChannelName
@@ -233,18 +233,18 @@ def terms(
         reactions = reactions_from(system, udot, parts, constrained)
     drift = acatastatic(system, own, constrained, udot)
     V_t = velocities(system, drift.u)
-    V = velocities(system, system.u_all)
+    V = link_velocities(system)
     V_r = [v - v_t for v, v_t in zip(V, V_t)]
     A_t = rates_of(system, V, drift.u, drift.udot)
     rotor, u_r = armature(system), system.u_all - drift.u
     inertia = [link.inertia for link in system.links]
 
     def form(a: list[SX], b: list[SX], wa: SX, wb: SX) -> SX:
-        total = sum((ca.dot(x, I @ y) for x, I, y in zip(a, inertia, b)), start=ca.SX(0))
-        return total + ca.dot(wa, rotor * wb)
+        parts = (ca.dot(x, I @ y) for x, I, y in zip(a, inertia, b) if not y.is_zero())
+        return sum(parts, start=ca.SX(0)) + ca.dot(wa, rotor * wb)
 
     K2 = 0.5 * form(V_r, V_r, u_r, u_r)
-    K1 = form(V_t, V_r, drift.u, u_r)
+    K1 = form(V_r, V_t, u_r, drift.u)
     K0 = 0.5 * form(V_t, V_t, drift.u, drift.u)
     force = total_force(system, parts)
     powers = channel_powers(system, parts)
@@ -262,7 +262,7 @@ def terms(
         force_power=ca.dot(force, system.u_all),
         nonpotential_power=_sum({n: p for n, p in powers.items() if n not in potential}),
         transport_power=ca.dot(force, drift.u),
-        inertia_transport=ca.dot(rnea(system, udot), drift.u),
+        inertia_transport=ca.SX(0) if drift.u.is_zero() else ca.dot(rnea(system, udot), drift.u),
         prescribed_power=prescribed_power,
         correction_power=correction_power,
         rate_1990=form(V, A_t, system.u_all, drift.udot),

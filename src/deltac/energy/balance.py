@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from os import PathLike
 
 import numpy as np
@@ -89,18 +89,23 @@ def balance(
     rows = rows_of(run)
     log = LoggedForces.of(rows if rows.starts else run)
     samples, basis = checked_samples(mechanism, rows, log)
-    tied = coordinates is None and dependent_speeds(
-        equations_of_motion(mechanism), *_start(samples)
-    )
+    start = _start(samples)
+    tied = coordinates is None and dependent_speeds(equations_of_motion(mechanism), *start)
     integrated = method == "in-loop" and any(n in run.integrals for n in TESTING_FUNCTIONS)
     names = _chosen(run, method, testing, tied=tied, integrated=integrated)
     functions = testing_functions(names, constrained=tied)
     if integrated and any(f.name.startswith("kane-levinson") for f in functions):
         _require_same_division(run, coordinates)
     recorded = _recorded(run) if method == "in-loop" and not integrated else frozenset()
-    momenta, start = MOMENTUM in names, _start(samples)
     symbols, kernels = _compiled(
-        mechanism, log, functions, coordinates, potential, start, recorded, momenta=momenta
+        mechanism,
+        log,
+        functions,
+        coordinates,
+        potential,
+        start,
+        recorded,
+        momenta=MOMENTUM in names,
     )
     _check_division(symbols, samples)
     one_pass = None
@@ -110,83 +115,29 @@ def balance(
         columns = _Columns.of_all_rows(samples, rows, log, kernels)
     else:
         columns = _Columns.of_pass(one_pass, kernels)
+    discrete = discrete_work(symbols, rows, samples, log) if method == "discrete" else None
     jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, coordinates)
-    discrete = None
-    if method == "discrete":
-        discrete = discrete_work(symbols, rows, samples, log).at(rows.own)
-    taken = {n: run.works[n] - run.works[n][0] for n in run.works if method == "in-loop"}
-    if integrated:
-        delta_c, bars = _integrated(functions, symbols, columns, run)
-    else:
-        delta_c, bars = _sampled(functions, symbols, kernels, columns, run, jumped, taken, discrete)
-
-    # The works: those of forces, of impulses, and of corrections.
-    t, parts = run.t[columns.rows], columns.energies
-    growth = growth_of_rounding(columns.rows)
-    corrected = _corrections(mechanism, run)
-    power = dict(
-        zip(kernels.powers, (*columns.outputs["conservative"], *columns.outputs["channels"]))
-    )
-    potentials = dict(zip(kernels.potential, columns.outputs["potential"]))
-    if discrete is not None:
-        nothing = np.zeros(len(run))
-        works = {n: Work.exact(discrete.work.get(n, nothing), "discrete") for n in kernels.powers}
-    else:
-        left = [d + sum(corrected.values()) for d in delta_c.values()]
-        works = _works(symbols, kernels, columns, taken, left)
-    flow = sum(columns.exchanged(name, w, power[name], t) for name, w in works.items())
-    # Of K2, K1, K0, V and K; the range of the last two is exchanged.
-    energy_exchanged = flow + jumped.exchanged + float((columns.largest - columns.least)[-2:].sum())
-    sizes = np.maximum(np.abs(columns.least), np.abs(columns.largest))[:-1]
-    rounding = EPS * (energy_exchanged + float(sizes.sum())) * growth
-    impulsive = {ChannelName("impact", e.name) for e in mechanism.events if e.impulsive}
-    for name in dict.fromkeys((*impulsive, *jumped.work)):
-        added = Work.exact(jumped.work.get(name, np.zeros(len(t))), "events")
-        works[name] = works[name] + added if name in works else added
-        power.setdefault(name, np.zeros(len(t)))
-        basis.setdefault(name, "measured")
-    works |= {name: Work(value, rounding, "booked") for name, value in corrected.items()}
-    if method == "in-loop" and "wang" in delta_c:
-        free = {n: w for n, w in works.items() if n not in potentials}
-        E = parts.K + parts.V
-        missing = np.abs(E - E[0] - sum(w.value for w in free.values()) - delta_c["wang"])
-        works |= widened(free, missing)
-    momentum, delta_p = _momenta(kernels, columns, run, jumped, growth, in_loop=method == "in-loop")
-    violation = violations(mechanism, run)
-    ledger = Ledger(
-        t=t,
-        method=method,
-        K2=parts.K2,
-        K1=parts.K1,
-        K0=parts.K0,
-        potential=potentials,
-        power=power,
-        work={name: w.value for name, w in works.items()},
-        work_error={name: w.bar for name, w in works.items()},
-        work_from={name: w.way for name, w in works.items()},
-        delta_c=delta_c,
-        error_bar={name: bar + rounding for name, bar in bars.items()},
-        energy_exchanged=energy_exchanged,
-        momentum={name: departure.value for name, departure in momentum.items()},
-        momentum_bar={name: departure.bar for name, departure in momentum.items()},
-        violation=violation if one_pass is None else {},
-        basis={
-            **{n: "measured" if n in run.forces else "computed" for n in kernels.powers},
-            **basis,
-        },
-        rule="discrete" if discrete is not None else columns.rule,
-        delta_p={name: departure.value for name, departure in delta_p.items()},
-        delta_p_bar={name: departure.bar for name, departure in delta_p.items()},
-        momentum_exchanged=dict(zip(kernels.speeds, map(float, columns.momentum_exchanged))),
-    )
+    ledger = _Balance(
+        mechanism,
+        run,
+        method,
+        functions,
+        symbols,
+        kernels,
+        columns,
+        jumped,
+        None if discrete is None else discrete.at(rows.own),
+        integrated,
+    ).ledger(basis)
+    places, violation = columns.rows, violations(mechanism, run)
     if keep is None:
-        return ledger
-    places = columns.rows
+        return replace(ledger, violation=violation)
     if one_pass is None:
         places = worst_rows(ledger, places, len(run), keep)
         ledger = ledger.at(places)
-    violation = {n: np.maximum.reduceat(v, places) for n, v in violation.items()}
-    return replace(ledger, violation=violation)
+    return replace(
+        ledger, violation={n: np.maximum.reduceat(v, places) for n, v in violation.items()}
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,24 +197,6 @@ class _Columns:
         """K2, K1, K0 and V (rows,)."""
         return Energies(*self.outputs["energies"])
 
-    def lost(
-        self, symbols: LedgerSymbols, kernels: LedgerKernels, works: Mapping[ChannelName, Work]
-    ) -> dict[ChannelName, Work]:
-        """Works of channels with a potential: what it lost; `works` has that of ∂V/∂t."""
-        potential = dict(zip(kernels.potential, self.outputs["potential"]))
-        in_time = {n: ChannelName("prescribed", n.element) for n in symbols.driven}
-        growth = growth_of_rounding(self.rows)
-        return {
-            name: of_potential(
-                potential[name], works[in_time[name]] if name in in_time else None, growth
-            )
-            for name in kernels.conservative
-        }
-
-    def exchanged(self, name: ChannelName, work: Work, power: Array, t: Array) -> float:
-        """∫|P| dt of a channel over all rows of the run, as far as it is certain (J)."""
-        return exchanged(work, power, t) if self.flow is None else certain(self.flow[name], work)
-
 
 def _by_name(
     kernels: LedgerKernels, values: Array, integral: Integral, own: NDArray[np.intp] | slice
@@ -280,104 +213,220 @@ def _by_name(
     return outputs, sums
 
 
-def _integrated(
-    functions: Sequence[TestingFunction], symbols: LedgerSymbols, columns: _Columns, run: Trajectory
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """ΔC of each testing function (T,) by the solver's integrals, which have no error of quadrature."""
-    parts, delta_c = columns.energies, dict[str, Array]()
-    for function in functions:
-        E = function.E(parts)
-        for name in variants(symbols, function.name):
-            if name in run.integrals:
-                flowed = run.integrals[name]
-                delta_c[name] = E - E[0] - (flowed - flowed[0])
-    return delta_c, {name: np.zeros(len(run)) for name in delta_c}
+@dataclass(frozen=True, eq=False)
+class _Balance:
+    """A balance part by part: from what its rows come to (`columns`), the works, ΔC and the ledger.
 
-
-def _sampled(
-    functions: Sequence[TestingFunction],
-    symbols: LedgerSymbols,
-    kernels: LedgerKernels,
-    columns: _Columns,
-    run: Trajectory,
-    jumped: Jumps,
-    taken: Mapping[ChannelName, Array],
-    discrete: DiscreteWork | None,
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """ΔC of each testing function (T,) by quadrature or by `discrete` work, and the bar of that.
-
-    `taken` are works that a recorder took, of channels whose powers the kernels lack.
+    `integrated`: the powers of the testing functions were integrated in the loop; `discrete`: the works of a
+    scheme, where these are asked for; `jumped`: what impacts and other jumps did.
     """
-    integrals, parts = dict(zip(kernels.functions, columns.sums["functions"])), columns.energies
-    potential = columns.lost(
-        symbols, kernels, dict(zip(kernels.channels, columns.sums["channels"]))
-    )
-    delta_c: dict[str, Array] = {}
-    bars: dict[str, Array] = {}
-    for function in functions:
-        E = function.E(parts)
+
+    mechanism: Mechanism
+    run: Trajectory
+    method: str
+    functions: Sequence[TestingFunction]
+    symbols: LedgerSymbols
+    kernels: LedgerKernels
+    columns: _Columns
+    jumped: Jumps
+    discrete: DiscreteWork | None
+    integrated: bool
+
+    @cached_property
+    def growth(self) -> Array:
+        """Of rounding, at the rows."""
+        return growth_of_rounding(self.columns.rows)
+
+    @cached_property
+    def potential(self) -> dict[ChannelName, Array]:
+        """V of each source (rows,), J."""
+        return dict(zip(self.kernels.potential, self.columns.outputs["potential"]))
+
+    @cached_property
+    def power(self) -> dict[ChannelName, Array]:
+        """Of each channel of forces (rows,), W."""
+        outputs = self.columns.outputs
+        return dict(zip(self.kernels.powers, (*outputs["conservative"], *outputs["channels"])))
+
+    @cached_property
+    def recorded(self) -> dict[ChannelName, Array]:
+        """Works that a solver or a recorder took in the loop (T,), J."""
+        works = self.run.works.items() if self.method == "in-loop" else ()
+        return {name: work - work[0] for name, work in works}
+
+    @cached_property
+    def corrections(self) -> dict[ChannelName, Array]:
+        """Work (T,) of what the run was corrected by, by channel, J."""
+        integrals, works = self.run.integrals, dict[ChannelName, Array]()
+        if ENERGY_CORRECTION in integrals:
+            works[ENERGY_CORRECTION] = (
+                integrals[ENERGY_CORRECTION] - integrals[ENERGY_CORRECTION][0]
+            )
+        if self.mechanism.constraints and any(name in integrals for name in CORRECTIONS):
+            works[PROJECTION] = _projected(self.run, potential=True)
+            works[PROJECTION] = works[PROJECTION] - works.get(ENERGY_CORRECTION, 0.0)
+        return works
+
+    @cached_property
+    def sampled(self) -> dict[ChannelName, Work]:
+        """Works by quadrature, of channels without a potential."""
+        return dict(zip(self.kernels.channels, self.columns.sums["channels"]))
+
+    def lost(self, works: Mapping[ChannelName, Work]) -> dict[ChannelName, Work]:
+        """Works of channels with a potential: what it lost; `works` has that of ∂V/∂t."""
+        in_time = {n: ChannelName("prescribed", n.element) for n in self.symbols.driven}
+        return {
+            name: of_potential(
+                self.potential[name],
+                works[in_time[name]] if name in in_time else None,
+                self.growth,
+            )
+            for name in self.kernels.conservative
+        }
+
+    @cached_property
+    def delta_c(self) -> dict[str, Work]:
+        """ΔC of each testing function, with the bar of its quadrature."""
+        delta_c: dict[str, Work] = {}
+        for function in self.functions:
+            E = function.E(self.columns.energies)
+            for name, flowed in self._flowed(function):
+                delta_c[name] = Work(E - E[0] - (flowed.value - flowed.value[0]), flowed.bar)
+        return delta_c
+
+    def _flowed(self, function: TestingFunction) -> Iterator[tuple[str, Work]]:
+        """What flowed in by each variant of a testing function: by the solver, a scheme, or quadrature."""
+        names, run, nothing = (
+            variants(self.symbols, function.name),
+            self.run,
+            np.zeros(len(self.run)),
+        )
+        if self.integrated:
+            yield from ((n, Work(run.integrals[n], nothing)) for n in names if n in run.integrals)
+            return
+        jump = self.jumped.functions.get(function.name, 0.0)
+        if self.discrete is not None:
+            flowed = self.discrete.of(function.name) + jump
+            yield from ((name, Work(flowed, nothing)) for name in names)
+            return
+        potential = self.lost(self.sampled)
         entering = [
-            potential[name] if name in potential else Work.exact(taken[name], "in-loop")
-            for name in sorted(kernels.entering(function.name))
+            potential[n] if n in potential else Work.exact(self.recorded[n], "in-loop")
+            for n in sorted(self.kernels.entering(function.name))
         ]
-        for name in variants(symbols, function.name):
-            if discrete is not None:
-                flowed, bar = discrete.of(function.name), np.zeros(len(run))
-            else:
-                flow = sum(entering, start=integrals[name])
-                flowed, bar = flow.value, flow.bar
-                if run.integrals.keys() & BOOKED:
-                    flowed = flowed + _projected(run, potential=function.name != "liu-huston")
-            flowed = flowed + jumped.functions.get(function.name, 0.0)
-            delta_c[name] = E - E[0] - (flowed - flowed[0])
-            bars[name] = bar
-    return delta_c, bars
+        if run.integrals.keys() & BOOKED:
+            jump = jump + _projected(run, potential=function.name != "liu-huston")
+        integrals = dict(zip(self.kernels.functions, self.columns.sums["functions"]))
+        for name in names:
+            flow = sum(entering, start=integrals[name])
+            yield name, Work(flow.value + jump, flow.bar)
 
+    @cached_property
+    def of_forces(self) -> dict[ChannelName, Work]:
+        """Works of all channels of forces; those recorded are bounded by what the functions leave."""
+        if self.discrete is not None:
+            nothing, done = np.zeros(len(self.run)), self.discrete.work
+            return {n: Work.exact(done.get(n, nothing), "discrete") for n in self.kernels.powers}
+        works = dict(self.sampled)
+        if self.recorded:
+            correction = sum(self.corrections.values())
+            errors = [np.abs(d.value + correction) for d in self.delta_c.values()]
+            unaccounted = np.maximum.accumulate(np.max(errors, axis=0))
+            for name in works.keys() & self.recorded.keys():
+                works[name] = in_loop(self.recorded[name], works[name], unaccounted)
+        works |= self.lost(works)
+        return {name: works[name] for name in self.kernels.powers}
 
-def _works(
-    symbols: LedgerSymbols,
-    kernels: LedgerKernels,
-    columns: _Columns,
-    taken: Mapping[ChannelName, Array],
-    left: Sequence[Array],
-) -> dict[ChannelName, Work]:
-    """Works of all channels of forces; those `taken` are bounded by what the functions `left`."""
-    works = dict(zip(kernels.channels, columns.sums["channels"]))
-    if taken:
-        unaccounted = np.maximum.accumulate(np.abs(left).max(axis=0))
-        for name in works.keys() & taken.keys():
-            works[name] = in_loop(taken[name], works[name], unaccounted)
-    works |= columns.lost(symbols, kernels, works)
-    return {name: works[name] for name in kernels.powers}
+    @cached_property
+    def energy_exchanged(self) -> float:
+        """∫Σ|P| dt + range(K) + range(V), as far as it is certain, J."""
+        columns, t = self.columns, self.run.t[self.columns.rows]
+        flow = sum(
+            exchanged(work, self.power[name], t)
+            if columns.flow is None
+            else certain(columns.flow[name], work)
+            for name, work in self.of_forces.items()
+        )
+        # Of K2, K1, K0, V and K the range of the last two.
+        return flow + self.jumped.exchanged + float((columns.largest - columns.least)[-2:].sum())
 
+    @cached_property
+    def rounding(self) -> Array:
+        """Of a balance, at the rows, J."""
+        sizes = np.maximum(np.abs(self.columns.least), np.abs(self.columns.largest))[:-1]
+        return np.asarray(EPS * (self.energy_exchanged + float(sizes.sum())) * self.growth)
 
-def _momenta(
-    kernels: LedgerKernels,
-    columns: _Columns,
-    run: Trajectory,
-    jumped: Jumps,
-    growth: Array,
-    *,
-    in_loop: bool,
-) -> tuple[dict[str, Work], dict[str, Work]]:
-    """p(t) − p(0) − ∫ṗ dt (T,) with its bar: of every momentum balance, and of every speed."""
-    names = (*kernels.momenta, *kernels.speeds)
-    impulses = [jumped.momentum.get(name) for name in kernels.momenta]
-    impulses += [*jumped.speeds.T] or [None] * len(kernels.speeds)
-    departures: list[Work] = []
-    own = len(kernels.momenta)
-    for k, (p, rate, impulse) in enumerate(
-        zip(columns.outputs["momentum"], columns.sums["force"], impulses)
-    ):
-        flowed, bar = rate.value, rate.bar
-        integral = run.integrals.get(f"{MOMENTUM} {names[k]}")
-        if in_loop and k >= own and integral is not None:
-            flowed, bar = integral - integral[0], np.zeros(len(p))
-        if impulse is not None:
-            flowed = flowed + impulse
-        rounding = growth * EPS * (largest(p) + largest(flowed))
-        departures.append(Work(p - p[0] - flowed, bar + rounding))
-    return dict(zip(names[:own], departures)), dict(zip(names[own:], departures[own:]))
+    @cached_property
+    def impulsive(self) -> tuple[ChannelName, ...]:
+        """Channels of impulses."""
+        events = {ChannelName("impact", e.name) for e in self.mechanism.events if e.impulsive}
+        return tuple(dict.fromkeys((*events, *self.jumped.work)))
+
+    @cached_property
+    def works(self) -> dict[ChannelName, Work]:
+        """Those of forces, of impulses, and of corrections."""
+        works, nothing = dict(self.of_forces), np.zeros(len(self.columns.rows))
+        for name in self.impulsive:
+            added = Work.exact(self.jumped.work.get(name, nothing), "events")
+            works[name] = works[name] + added if name in works else added
+        works |= {n: Work(value, self.rounding, "booked") for n, value in self.corrections.items()}
+        if self.method == "in-loop" and "wang" in self.delta_c:
+            free = {n: w for n, w in works.items() if n not in self.potential}
+            E = self.columns.energies.K + self.columns.energies.V
+            flowed = sum(w.value for w in free.values())
+            works |= widened(free, np.abs(E - E[0] - flowed - self.delta_c["wang"].value))
+        return works
+
+    @cached_property
+    def momenta(self) -> tuple[dict[str, Work], dict[str, Work]]:
+        """p(t) − p(0) − ∫ṗ dt with its bar: of every momentum balance, and of every speed."""
+        kernels, run = self.kernels, self.run
+        names, own = (*kernels.momenta, *kernels.speeds), len(kernels.momenta)
+        impulses = [self.jumped.momentum.get(name) for name in kernels.momenta]
+        impulses += [*self.jumped.speeds.T] or [None] * len(kernels.speeds)
+        departures: list[Work] = []
+        for k, (p, rate, impulse) in enumerate(
+            zip(self.columns.outputs["momentum"], self.columns.sums["force"], impulses)
+        ):
+            flowed, bar = rate.value, rate.bar
+            integral = run.integrals.get(f"{MOMENTUM} {names[k]}")
+            if self.method == "in-loop" and k >= own and integral is not None:
+                flowed, bar = integral - integral[0], np.zeros(len(p))
+            if impulse is not None:
+                flowed = flowed + impulse
+            rounding = self.growth * EPS * (largest(p) + largest(flowed))
+            departures.append(Work(p - p[0] - flowed, bar + rounding))
+        return dict(zip(names[:own], departures)), dict(zip(names[own:], departures[own:]))
+
+    def ledger(self, basis: Mapping[str, str]) -> Ledger:
+        """All of it, but for violations; `basis` says where accelerations and logged forces are from."""
+        columns, kernels, works = self.columns, self.kernels, self.works
+        momentum, delta_p = self.momenta
+        nothing = np.zeros(len(columns.rows))
+        computed = {n: "measured" if n in self.run.forces else "computed" for n in kernels.powers}
+        return Ledger(
+            t=self.run.t[columns.rows],
+            method=self.method,
+            K2=columns.energies.K2,
+            K1=columns.energies.K1,
+            K0=columns.energies.K0,
+            potential=self.potential,
+            power=dict.fromkeys(self.impulsive, nothing) | self.power,
+            work={name: w.value for name, w in works.items()},
+            work_error={name: w.bar for name, w in works.items()},
+            work_from={name: w.way for name, w in works.items()},
+            delta_c={name: d.value for name, d in self.delta_c.items()},
+            error_bar={name: d.bar + self.rounding for name, d in self.delta_c.items()},
+            energy_exchanged=self.energy_exchanged,
+            momentum={name: departure.value for name, departure in momentum.items()},
+            momentum_bar={name: departure.bar for name, departure in momentum.items()},
+            violation={},
+            basis=computed | dict.fromkeys(self.impulsive, "measured") | dict(basis),
+            rule="discrete" if self.discrete is not None else columns.rule,
+            delta_p={name: departure.value for name, departure in delta_p.items()},
+            delta_p_bar={name: departure.bar for name, departure in delta_p.items()},
+            momentum_exchanged=dict(zip(kernels.speeds, map(float, columns.momentum_exchanged))),
+        )
 
 
 def residuals(
@@ -510,18 +559,6 @@ ENERGY_CORRECTION = ChannelName("correction", "energy")
 PROJECTION = ChannelName("correction", "projection")
 
 BOOKED = {ENERGY_CORRECTION, *CORRECTIONS}
-
-
-def _corrections(mechanism: Mechanism, run: Trajectory) -> dict[ChannelName, Array]:
-    """Work (T,) of what a run was corrected by, by channel."""
-    works: dict[ChannelName, Array] = {}
-    if ENERGY_CORRECTION in run.integrals:
-        works[ENERGY_CORRECTION] = (
-            run.integrals[ENERGY_CORRECTION] - run.integrals[ENERGY_CORRECTION][0]
-        )
-    if mechanism.constraints and any(name in run.integrals for name in CORRECTIONS):
-        works[PROJECTION] = _projected(run, potential=True) - works.get(ENERGY_CORRECTION, 0.0)
-    return works
 
 
 def _projected(run: Trajectory, *, potential: bool) -> Array:

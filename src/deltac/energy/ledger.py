@@ -124,6 +124,15 @@ class Ledger(
         return largest / self.energy_exchanged if self.energy_exchanged > 0 else 0.0
 
     @property
+    def reference_energy(self) -> float:
+        """Max K + range(V), J: the energy that a system has, as far as it changes.
+
+        What every verb accepts as error of the energy is a `tolerance` of this. The energy exchanged would be
+        no measure for that: it grows with time, and a body that turns freely exchanges none.
+        """
+        return float(self.kinetic.max() + np.ptp(self.potential_energy))
+
+    @property
     def corrections(self) -> Array:
         """Work (T,) by which a simulator corrected its own state: channels ``correction …``."""
         works = (w - w[0] for name, w in self.work.items() if name.kind == "correction")

@@ -263,7 +263,8 @@ def _written_out(
     delta_c = E - new["E0"] - new["work"]
     bar = rounding + factor * paired["largest"] + (0.0 if exact else paired["jumped"])
     change = delta_c - results["delta_c"]
-    limit = settings["bound"] + settings["tolerance"] * exchanged
+    reference_energy = new["K+"] + new["V+"] - new["V-"]
+    limit = settings["bound"] + settings["tolerance"] * reference_energy
     inside = ca.fabs(delta_c) - bar <= limit
     allowed = ca.fmax(settings["rate"] * width + bar - results["error_bar"], bar)
     within = ca.logic_and(inside, ca.fabs(change) <= allowed)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,10 @@ from deltac.energy.ledger import Ledger, worst_rows
 from deltac.energy.works import Work, exchanged
 from deltac.errors import LogError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.trajectories import Chunk, Occurrence, Trajectory
+from deltac.trajectories import Occurrence, Trajectory
+
+if TYPE_CHECKING:
+    from deltac.trajectories import Chunk
 
 OVERLAP = 8
 """Rows that chunks share with their neighbours: windows of interpolation, and every fourth row of them."""

@@ -19,6 +19,7 @@ import numpy as np
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
+from deltac.diagnosis.verdict import RUN_TOLERANCE, check_tolerance
 from deltac.errors import FileError, InputError, UnknownName, closest, listed
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.fleet import Plan
@@ -158,7 +159,7 @@ def _told(found: Audit, seconds: float) -> dict[str, Any]:
         "confidence": found.verdict.confidence,
         "relative": found.relative,
         "energy_error": float(np.abs(found.energy_error).max()),
-        "energy": found.beside,
+        "energy": found.reference_energy,
         "error_bar": float(found.ledger.error_bar[found.function].max()),
         "samples": float(found.samples),
         "duration": found.run.duration,
@@ -263,7 +264,7 @@ def audit_many(
     logs: Iterable[str | Path] | str | Path,
     out: str | Path | None = None,
     *,
-    tolerance: float = 1e-3,
+    tolerance: float = RUN_TOLERANCE,
     work: str | None = None,
     mapping: str | Path | None = None,
     strict: bool = False,
@@ -288,7 +289,7 @@ def audit_many(
         model: as for `audit`.
         logs: paths, folders, patterns, or URLs that fsspec knows (``s3://…``).
         out: folder of the results; by default the model's name with ``.audits``.
-        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
         work: as for `audit`.
         mapping: path of a mapping file, for all logs.
         strict: as for `audit`.
@@ -374,14 +375,13 @@ def plan_audits(
     model: ModelLike,
     logs: Iterable[str | Path] | str | Path,
     *,
-    tolerance: float = 1e-3,
+    tolerance: float = RUN_TOLERANCE,
     work: str | None = None,
     mapping: str | Path | None = None,
     strict: bool = False,
 ) -> AuditPlan:
     """Find the logs and their episodes; nothing is audited. See `audit_many`."""
-    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
-        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    check_tolerance(tolerance)
     if work not in (None, "in-loop", "samples", "discrete"):
         ways = ("in-loop", "samples", "discrete")
         raise UnknownName(f"unknown rule for works, {work!r}{closest(str(work), ways)}")

@@ -294,7 +294,7 @@ def _single(piece: RunPiece) -> dict[str, Any]:
     seconds = time.process_time() - began
     ledger = balance(mechanism, run)
     left = float(np.abs(ledger.uncorrected("wang")).max())
-    energy = float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
+    energy = ledger.reference_energy
     lost = not run.provenance.completed
     relative, verdict = judged(
         np.array([left]), np.array([energy]), np.array([lost]), task.tolerance
@@ -353,7 +353,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
         "confidence": [found.verdict.confidence],
         "relative": [found.relative],
         "energy_error": [left],
-        "energy": [found.energy_exchanged],
+        "energy": [found.reference_energy],
         "order": [order],
         "seconds": [time.process_time() - began],
         "findings": [" ".join(f.code for f in found.findings)],

@@ -19,6 +19,7 @@ from pydantic import (
     model_validator,
 )
 
+from deltac.diagnosis.verdict import RUN_TOLERANCE
 from deltac.errors import InputError, SpecificationError, UnknownName, closest
 from deltac.foreign.files import read_text
 from deltac.foreign.limits import parse_toml
@@ -142,7 +143,7 @@ class SweepSpec(_Strict):
     step: Positive | None = None
     solver_tolerance: Positive | None = None
     duration: Positive | None = None
-    tolerance: Annotated[float, Field(gt=0.0, lt=1.0, strict=True)] = 1e-3
+    tolerance: Annotated[float, Field(gt=0.0, lt=1.0, strict=True)] = RUN_TOLERANCE
     parameter: dict[str, Number] = {}
     q: dict[str, Number] = {}
     u: dict[str, Number] = {}

@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-import html
-import io
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path, PurePath
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from deltac.errors import InputError, UnknownName, closest
 from deltac.fleets.result import WORST_FIRST, Fleet, shown_cell
 from deltac.fleets.rows import FAILED
-from deltac.report.files import check_page, write_text
+from deltac.report.files import check_page
+from deltac.report.page.document import write_page
+from deltac.report.page.parts import Chapter, Grid, Page, Part, Tone
+from deltac.report.panels import Cloud, HeatMap, LogPlot
 from deltac.results import Table, number, percent
 
 if TYPE_CHECKING:
     import polars
-    from matplotlib.figure import Figure
 
 MAPS = 6
 """Heat maps on a page, at most: one a setting."""
 
 CASES = 3
 """Worst cases that get a page of their own."""
-
-STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; color: #1b1f24; margin: 2rem auto }
-body { max-width: 62rem; padding: 0 1rem }
-h1 { font-size: 1.5rem } h2 { font-size: 1.15rem; margin-top: 2.2rem }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: 14px }
-th, td { text-align: left; padding: .25rem .8rem .25rem 0; border-bottom: 1px solid #d8dde3 }
-.verdict { font-size: 1.1rem; padding: .6rem 1rem; border-left: 5px solid; background: #f4f6f8 }
-.c0 { border-color: #2a7f4f } .c1, .c2 { border-color: #b3261e } .c3 { border-color: #a66a00 }
-figure { margin: 1rem 0; overflow-x: auto } svg { max-width: 100%; height: auto } code { font-size: 13px }
-"""
 
 
 def write_summary(
@@ -44,9 +35,9 @@ def write_summary(
     y: str | None = None,
     case: Callable[[str, Path], None] | None = None,
 ) -> None:
-    """Write the page of a fleet, without scripts and with all of its pictures inside; see `Fleet.report`."""
+    """Write the page of a fleet, with all that it shows inside; see `Fleet.report`."""
     target = check_page(path)
-    write_text(page(fleet, x=x, y=y, links=_cases(fleet, target, case)), target)
+    write_page(page_of_fleet(fleet, x=x, y=y, links=_cases(fleet, target, case)), target)
 
 
 def _cases(fleet: Fleet, target: Path, case: Callable[[str, Path], None] | None) -> dict[str, str]:
@@ -69,59 +60,60 @@ def _cases(fleet: Fleet, target: Path, case: Callable[[str, Path], None] | None)
     return links
 
 
-def page(fleet: Fleet, *, x: str | None = None, y: str | None = None, links: Any = None) -> str:
-    """The page as HTML."""
-    frame = fleet.frame
-    title = html.escape(f"{fleet.name}: {fleet.kind}")
-    parts = [
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>',
-        f"<style>{STYLE}</style><h1>{title}</h1>",
-        f'<p class="verdict c{fleet.exit_code}">{html.escape(fleet.summary())}</p>',
-    ]
+def page_of_fleet(
+    fleet: Fleet,
+    *,
+    x: str | None = None,
+    y: str | None = None,
+    links: Mapping[str, str] = MappingProxyType({}),
+) -> Page:
+    """The page: `links` are those of runs that have a page of their own, by address."""
+    frame, verdicts = fleet.frame, fleet.verdicts
+    counts = tuple((name, f"{verdicts[name]:,}") for name in WORST_FIRST if verdicts.get(name))
+    parts: list[tuple[str, list[Part]]] = [("Energy error over two axes", heat_maps(frame, x, y))]
+    parts.append(("Work and precision", work_precision(frame)))
+    if advice := recommended(frame):
+        lead = "Of the settings in which every run stays within the tolerance, the cheapest of each model"
+        parts.append(("Recommended settings", [Grid.of(lead, Table(ADVICE, advice))]))
     groups = fleet.groups()
     if fleet.kind == "sweep" and groups:
         rows = tuple((g.name, *(str(g.verdicts.get(v, 0)) for v in WORST_FIRST)) for g in groups)
-        parts += ["<h2>Settings</h2>", Table(("setting", *WORST_FIRST), rows).html()]
-    if advice := recommended(frame):
-        heads = (
-            "model",
-            "solver",
-            "step (s) or tolerance",
-            "runs",
-            "within",
-            "largest error",
-            "evaluations a run",
-        )
-        parts += [
-            "<h2>Recommended settings</h2><p>Of the settings in which every run stays within the tolerance, "
-            "the cheapest of each model.</p>",
-            Table(heads, advice).html(),
-        ]
-    for heading, figures in (
-        ("Energy error over two axes", heat_maps(frame, x, y)),
-        ("Work and precision", work_precision(frame)),
-    ):
-        if figures:
-            parts.append(f"<h2>{heading}</h2>")
-            parts += [f"<figure>{_svg(figure)}</figure>" for figure in figures]
+        parts.append(("Settings", [Grid.of("", Table(("setting", *WORST_FIRST), rows))]))
     if fleet.worst:
-        parts.append("<h2>Worst cases</h2>" + _worst_table(fleet, links or {}))
-    parts.append(
-        f"<p>Table: <code>{html.escape(str(fleet.folder / 'results.parquet'))}</code></p></html>"
+        parts.append(("Worst cases", [_worst_table(fleet, links)]))
+    return Page(
+        title=fleet.name,
+        asked=f"Which runs of the {fleet.kind} can be trusted, and at which settings?",
+        tone=TONES.get(fleet.exit_code, "bad"),
+        word=WORDS.get(fleet.exit_code, "Some have failed"),
+        sentence=f"{fleet.summary().partition(': ')[2]}.",
+        numbers=counts,
+        chapters=tuple(Chapter(heading, tuple(own)) for heading, own in parts if own),
+        made=(("table", str(fleet.folder / "results.parquet")),),
+        data=fleet.to_dict(),
     )
-    return "\n".join(parts)
 
 
-def _worst_table(fleet: Fleet, links: dict[str, str]) -> str:
+TONES: Mapping[int, Tone] = {0: "good", 1: "bad", 3: "doubt"}
+WORDS = {
+    0: "All are consistent",
+    1: "Not all can be trusted",
+    3: "Some are unresolved",
+}
+"""By exit code."""
+
+ADVICE = (
+    "model", "solver", "step (s) or tolerance", "runs", "within", "largest error", "evaluations a run",
+)  # fmt: skip
+
+
+def _worst_table(fleet: Fleet, links: Mapping[str, str]) -> Grid:
     names = [n for n in fleet.worst[0] if n != "address"]
-    lines = ["".join(f"<th>{html.escape(n)}</th>" for n in (*names, "run"))]
-    for row in fleet.worst:
-        cells = [f"<td>{html.escape(shown_cell(row.get(n), n)[:200])}</td>" for n in names]
-        address = f"<code>{row['address']}</code>"
-        link = links.get(row["address"])
-        cells.append(f'<td><a href="{link}">{address}</a></td>' if link else f"<td>{address}</td>")
-        lines.append("".join(cells))
-    return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+    rows = tuple(
+        (*(shown_cell(row.get(n), n)[:200] for n in names), row["address"]) for row in fleet.worst
+    )
+    own = tuple(links.get(row["address"], "") for row in fleet.worst)
+    return replace(Grid.of("", Table((*names, "run"), rows)), links=own)
 
 
 # --- settings ----------------------------------------------------------------------------------
@@ -184,15 +176,15 @@ def axes_of(frame: polars.DataFrame) -> list[str]:
     return sorted(varied, key=lambda n: -frame[n].n_unique())
 
 
-def heat_maps(frame: polars.DataFrame, x: str | None, y: str | None) -> list[Figure]:
-    """The largest relative energy error over two axes, a map for each model and solver."""
+def heat_maps(frame: polars.DataFrame, x: str | None, y: str | None) -> list[Part]:
+    """The largest relative energy error over two axes, a map for each model and solver, on one scale."""
     known = axes_of(frame)
     for name in (x, y):
         if name is not None and name not in frame.columns:
             raise UnknownName(f"axis {name!r}: the table has none{closest(name, known)}")
     if not {"model", "solver", "relative"} <= set(frame.columns):
         return []
-    drawn = []
+    drawn: list[HeatMap] = []
     for part in frame.partition_by("model", "solver", maintain_order=True):
         # Not all axes are of every solver: some have a step, others a tolerance.
         free = [n for n in axes_of(part) if n not in (x, y)]
@@ -204,19 +196,16 @@ def heat_maps(frame: polars.DataFrame, x: str | None, y: str | None) -> list[Fig
         drawn.append(_heat_map(part, right, up))
         if len(drawn) == MAPS:
             break
-    return drawn
+    sizes = [v for one in drawn for row in one.values for v in row if v is not None]
+    return [replace(one, low=min(sizes), high=max(sizes)) for one in drawn]
 
 
 BINS = 40
 """Cells of a heat map along an axis with more values than that."""
 
 
-def _heat_map(frame: polars.DataFrame, x: str, y: str) -> Figure:
+def _heat_map(frame: polars.DataFrame, x: str, y: str) -> HeatMap:
     import numpy as np
-    from matplotlib.colors import LogNorm
-    from matplotlib.figure import Figure as Drawn
-
-    from deltac.report.style import styled
 
     def cells(name: str) -> tuple[Any, Any]:
         values = frame[name].to_numpy()
@@ -234,28 +223,21 @@ def _heat_map(frame: polars.DataFrame, x: str, y: str) -> Figure:
     np.fmax.at(worst, (j[good], i[good]), np.maximum(error[good], 1e-17))
     bad = np.zeros_like(worst, dtype=bool)
     np.logical_or.at(bad, (j, i), np.array([v != "consistent" for v in frame["verdict"]]))
-    with styled():
-        drawn = Drawn(figsize=(7.6, 4.2), layout="constrained")
-        panel = drawn.add_subplot()
-        low, high = np.nanmin(worst), np.nanmax(worst)
-        mesh = panel.pcolormesh(
-            np.arange(len(at_x) + 1), np.arange(len(at_y) + 1), worst, cmap="viridis",
-            norm=LogNorm(low, max(high, 1.001 * low)), rasterized=worst.size > 2000,
-        )  # fmt: skip
-        rows, columns = np.nonzero(bad)
-        panel.plot(columns + 0.5, rows + 0.5, "x", color="white", markersize=4, linestyle="none")
-        for axis, values, name in ((panel.xaxis, at_x, x), (panel.yaxis, at_y, y)):
-            some = np.unique(np.linspace(0, len(values) - 1, min(6, len(values))).astype(int))
-            axis.set_ticks(some + 0.5, [f"{values[k]:.3g}" for k in some])
-            axis.set_label_text(name)
-        drawn.colorbar(mesh, ax=panel, label="largest |ΔC| as a fraction of the energy")
-        row = frame.row(0, named=True)
-        panel.set_title(f"{row['model']}, {row['solver']}; ×: not consistent", fontsize=9)
-    return drawn
+    row = frame.row(0, named=True)
+    return HeatMap(
+        f"{row['model']}, {row['solver']}",
+        x,
+        y,
+        tuple(map(float, at_x)),
+        tuple(map(float, at_y)),
+        tuple(tuple(None if np.isnan(v) else float(v) for v in line) for line in worst),
+        tuple(tuple(map(bool, line)) for line in bad),
+        note="Largest |ΔC| as a fraction of the energy that the system has; × marks what is not consistent.",
+    )
 
 
-def work_precision(frame: polars.DataFrame) -> list[Figure]:
-    """Energy errors over cost: medians and largest, a curve for each solver, a panel a model.
+def work_precision(frame: polars.DataFrame) -> list[Part]:
+    """Energy errors over cost: medians and largest, points of each solver, a plot a model.
 
     Cost is in evaluations of ẋ, or in processor time where solvers do not count these.
     """
@@ -272,41 +254,22 @@ def work_precision(frame: polars.DataFrame) -> list[Figure]:
         if counted
         else ("seconds", "processor time of a run (s)")
     )
-    from matplotlib.figure import Figure as Drawn
-
-    from deltac.report.style import styled
-
-    made = []
+    plots: list[Part] = []
     for part in usable.partition_by("model", maintain_order=True)[:MAPS]:
-        with styled():
-            drawn = Drawn(figsize=(7.6, 4.0), layout="constrained")
-            panel = drawn.add_subplot()
-            for own in part.partition_by("solver", maintain_order=True):
-                points = (
-                    own.group_by(_own_setting(own))
-                    .agg(
-                        polars.col(measure).mean().alias("cost"),
-                        polars.col("relative").median().alias("median"),
-                        polars.col("relative").max().alias("largest"),
-                    )
-                    .sort("cost")
+        clouds = []
+        for own in part.partition_by("solver", maintain_order=True):
+            points = (
+                own.group_by(_own_setting(own))
+                .agg(
+                    polars.col(measure).mean().alias("cost"),
+                    polars.col("relative").median().alias("median"),
+                    polars.col("relative").max().alias("largest"),
                 )
-                name, cost = str(own["solver"][0]), points["cost"]
-                (line,) = panel.loglog(cost, points["median"], "o-", label=f"{name}, median")
-                panel.loglog(
-                    cost, points["largest"], "v:", color=line.get_color(), label=f"{name}, largest"
-                )
-            panel.set_xlabel(label)
-            panel.set_ylabel("|ΔC| as a fraction of the energy")
-            panel.set_title(str(part["model"][0]), fontsize=9)
-            panel.legend(fontsize=8)
-        made.append(drawn)
-    return made
-
-
-def _svg(figure: Figure) -> str:
-    """A figure as a fragment of HTML."""
-    target = io.StringIO()
-    figure.savefig(target, format="svg", metadata={"Date": None})
-    text = target.getvalue()
-    return text[text.index("<svg") :]
+                .sort("cost")
+            )
+            for size in ("median", "largest"):
+                name = f"{own['solver'][0]}, {size}"
+                clouds.append(Cloud(name, tuple(points["cost"]), tuple(points[size])))
+        y = "|ΔC| as a fraction of the energy"
+        plots.append(LogPlot(str(part["model"][0]), label, y, tuple(clouds)))
+    return plots

@@ -14,12 +14,14 @@ IMPORTED = (".xml", ".mjcf", ".urdf", ".sdf")
 
 
 def with_base(source: str | Path) -> tuple[Path, str | None]:
-    """The file that ``FILE.urdf:free`` means, and how its root link is borne; None where that is not told.
+    """The file of ``FILE.urdf:free`` or ``FILE.sdf:NAME``, and what follows the colon, or None.
 
-    Raises InputError for a base of files other than URDF, which say that themselves.
+    Raises InputError for a base of files that say themselves how their root is borne.
     """
     file, colon, base = str(source).rpartition(":")
     path = Path(file)
+    if colon and path.suffix.lower() == ".sdf" and base not in BASES:
+        return path, base
     if not (colon and path.suffix.lower() in IMPORTED and base in BASES):
         return Path(source), None
     if path.suffix.lower() != ".urdf":

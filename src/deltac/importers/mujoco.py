@@ -307,8 +307,9 @@ def read_mechanism(
     actuators, fluid) are named in the report with the channel that a log supplies them in.
 
     Args:
-        source: path of an ``.xml``, ``.urdf`` or ``.sdf`` file, or a model or spec in memory. Mimic joints of
-            a URDF file are exact constraints. SDFormat is read without MuJoCo.
+        source: path of an ``.xml``, ``.urdf`` or ``.sdf`` file (``"FILE.sdf:NAME"`` for one of several
+            models), or a model or spec in memory. Mimic joints of a URDF file are exact constraints.
+            SDFormat is read without MuJoCo.
         equality: "log": forces of equality constraints come from the log, because they are soft in
             MuJoCo; "constraints": connect, weld and joint equalities become exact constraints.
         base: "fixed" or "free", for the root link of a URDF file.
@@ -319,8 +320,10 @@ def read_mechanism(
     """
     if equality not in ("log", "constraints"):
         raise ModelError(f"equality: expected 'log' or 'constraints', found {equality!r}")
-    if isinstance(source, str | Path) and Path(source).suffix.lower() == ".sdf":
-        return read_sdf(Path(source))
+    if isinstance(source, str | Path):
+        path, model_name = with_base(source)
+        if path.suffix.lower() == ".sdf":
+            return read_sdf(path, model_name)
     model, name, assumed, urdf = load_model(source, base)
     found = Findings(assumed=assumed)
     tree = read_tree(model, total_armature(model), urdf)

@@ -18,7 +18,7 @@ import numpy as np
 
 from deltac import rotations
 from deltac.arrays import Array
-from deltac.errors import ModelError, closest, shown
+from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.importers.report import ImportReport, Remark
 from deltac.importers.urdf import xml_root
 from deltac.mechanism import joints
@@ -39,18 +39,27 @@ Pose = tuple[Array, Array]
 """Rotation (3, 3) and place (3,) of a frame in another."""
 
 
-def read_sdf(path: Path) -> tuple[Mechanism, ImportReport]:
-    """The mechanism of an SDFormat file, and a report.
+def read_sdf(path: Path, model: str | None = None) -> tuple[Mechanism, ImportReport]:
+    """The mechanism of an SDFormat file, and a report; `model` is the name of one of several.
 
     Raises InputError for a file that is none, has no or several models, or what cannot be read as a tree.
     """
     root = xml_root(path)
     models = [*root.findall("model"), *root.findall("world/model")]
-    if root.tag != "sdf" or len(models) != 1:
+    if root.tag != "sdf" or not models:
         raise ModelError(
             f"model file {path.name!r}: found <{root.tag}> with {len(models)} models, expected <sdf> with one"
         )
-    return _Reader(path.name, models[0], root.find("world")).read()
+    by_name = {one.get("name", ""): one for one in models}
+    if model is None and len(models) > 1:
+        raise ModelError(
+            f"model file {path.name!r}: it holds {len(models)} models; say which: "
+            f"{', '.join(f'{path.name}:{name}' for name in by_name)}"
+        )
+    if model is not None and model not in by_name:
+        raise UnknownName(f"model file {path.name!r}: no model {model!r}{closest(model, by_name)}")
+    chosen = models[0] if model is None else by_name[model]
+    return _Reader(path.name, chosen, root.find("world")).read()
 
 
 class _Reader:
@@ -163,6 +172,11 @@ class _Reader:
         inertial = link.find("inertial")
         where = f"link {name!r}"
         mass = 1.0 if inertial is None else self.number(inertial, "mass", 1.0, where)
+        if mass == 0.0:
+            raise ModelError(
+                f"{self.file}: {where} has mass 0, expected a positive one; give it a mass, or move what it "
+                "carries to its parent's link"
+            )
         R, centre = (np.eye(3), np.zeros(3)) if inertial is None else self.pose(inertial, where)
         moments = inertial.find("inertia") if inertial is not None else None
         if inertial is None:

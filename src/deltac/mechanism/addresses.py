@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from deltac.errors import UnknownName, closest
+from deltac.mechanism.polynomials import Polynomial
 
 GROUPS = {"bodies": "body", "joints": "joint", "forces": "force", "constraints": "constraint"}
 """The parts of a mechanism whose numbers have names, and how these begin."""
@@ -53,8 +54,6 @@ def opened(mechanism: Any, names: Iterable[str], where: str = "") -> Any:
 
     Raises UnknownName, with near ones, for a name of no number; the message begins with `where`.
     """
-    import sympy
-
     wanted = [name for name in dict.fromkeys(names) if name not in mechanism.parameters]
     if not wanted:
         return mechanism
@@ -64,7 +63,7 @@ def opened(mechanism: Any, names: Iterable[str], where: str = "") -> Any:
     for name in wanted:
         if name not in known:
             raise UnknownName(f"{where}unknown parameter {name!r}{closest(name, known)}")
-        symbol = sympy.Symbol(name, real=True)
+        symbol = Polynomial.symbol(name)
         for place in places.get(name, ()):
             part = groups[place.group][place.part]
             value = _put(getattr(part, place.field), place.path, symbol)

@@ -17,14 +17,19 @@ from deltac.mechanism.shapes import Shape, check_pair
 
 Direction: TypeAlias = Literal["both", "rising", "falling"]
 
+Simultaneous: TypeAlias = Literal["moreau", "sequential"]
+"""Laws of several impacts at one instant: as one complementarity problem, or one after the other."""
+
 
 class _Impulsive(Part):
     """What reverses speeds by a `restitution` e from 0 (no rebound) to 1 (no loss).
 
     With `allow_energy_source` e may be above 1: it makes energy at every impact, which is booked like a loss.
+    Where several are hit at one instant, `simultaneous` chooses the law; "sequential" prevails.
     """
 
     restitution: Any
+    simultaneous: Simultaneous
     allow_energy_source: bool
     channel_kinds = ("impact",)
     impulsive = True
@@ -64,6 +69,7 @@ class JointStop(_Impulsive):
     upper: LawOfTime = None
     restitution: Constant = 0.0
     allow_energy_source: bool = False
+    simultaneous: Simultaneous = "moreau"
 
     noun = "joint stop"
 
@@ -98,6 +104,9 @@ class Impact(_Impulsive):
         restitution: e from 0 (no rebound) to 1 (no loss).
         friction: Coulomb's μ, 0 or more.
         allow_energy_source: accept e > 1, which makes energy at every impact; it is booked like a loss.
+        simultaneous: the law where several contacts are hit at one instant, which rigid-body mechanics does
+            not determine: "moreau", Newton's restitution at all of them at once, or "sequential", one after
+            the other, the fastest approach first (Newton's cradle).
 
     Raises:
         InputError: a pair without a gap function, a restitution outside 0 … 1, a negative friction.
@@ -109,6 +118,7 @@ class Impact(_Impulsive):
     restitution: Constant = field(default=0.0, kw_only=True)
     friction: NonNegative = field(default=0.0, kw_only=True)
     allow_energy_source: bool = field(default=False, kw_only=True)
+    simultaneous: Simultaneous = field(default="moreau", kw_only=True)
 
     noun = "impact"
 
@@ -165,6 +175,7 @@ def joint_stop(
     upper: Any = None,
     restitution: Any = 0.0,
     allow_energy_source: bool = False,
+    simultaneous: Simultaneous = "moreau",
 ) -> JointStop:
     """A hard stop of a joint; see `JointStop`.
 
@@ -175,11 +186,12 @@ def joint_stop(
         upper: largest value, likewise.
         restitution: e from 0 (no rebound) to 1 (no loss).
         allow_energy_source: accept e > 1, which makes energy at every impact; it is booked like a loss.
+        simultaneous: the law where several contacts are hit at one instant; see `Impact`.
 
     Raises:
         InputError: no limit at all, limits in the wrong order, a restitution outside 0 … 1.
     """
-    return JointStop(name, joint, lower, upper, restitution, allow_energy_source)
+    return JointStop(name, joint, lower, upper, restitution, allow_energy_source, simultaneous)
 
 
 def _check_coordinate(scope: Scope, name: str, where: str) -> None:

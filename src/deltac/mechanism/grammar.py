@@ -22,12 +22,21 @@ from deltac.mechanism.laws import (
     real_value,
     symbol_of,
 )
+from deltac.mechanism.polynomials import (
+    EXACT,
+    Polynomial,
+    is_finite,
+    path_of,
+    polynomial_in,
+    polynomial_of,
+)
 
 MAX_LENGTH = 4000
 MAX_DEPTH = 40
 MAX_EXPONENT = 1024  # also in bits, of the integers that a power makes: beyond the range of doubles
-EXACT = 2**53  # larger integers are not exact as doubles
 
+RESERVED = frozenset([*FUNCTIONS, "where", "q", "u", "pi"])
+"""Names that stand for no symbol."""
 
 COMPARISONS: dict[type[ast.cmpop], Callable[[Expr, Expr], Expr]] = {
     ast.Lt: operator.lt,
@@ -87,8 +96,10 @@ class _Reader:
         for node, depth in _depths(root):
             if depth > MAX_DEPTH:
                 self.fail(node, f"more than {MAX_DEPTH} levels deep; build it with SymPy")
+        if (short := polynomial_in(root, RESERVED)) is not None and is_finite(short):
+            return short if isinstance(short, Polynomial) else float(short)
         expr = self.number(root)
-        return expr if expr.free_symbols else real_value(expr)
+        return polynomial_of(expr) if expr.free_symbols else real_value(expr)
 
     def tree(self) -> ast.expr:
         # A comment would hide the lines after it.
@@ -155,23 +166,15 @@ class _Reader:
         import sympy
 
         if not isinstance(node, ast.Name):
-            return symbol_of(self.path(node))
+            if (path := path_of(node)) is None:
+                self.fail(node, 'names with parts start with q or u: q.base.x, u["left hip"]')
+            return symbol_of(path)
         if node.id in FUNCTIONS or node.id == "where":
             self.fail(node, f"{node.id} is a function: write {node.id}(…)")
         if node.id in ("q", "u"):
             kind = "coordinate" if node.id == "q" else "speed"
             self.fail(node, f"which {kind}? write {node.id}.<{kind}>")
         return sympy.pi if node.id == "pi" else symbol_of(node.id)
-
-    def path(self, node: ast.expr) -> str:
-        match node:
-            case ast.Attribute():
-                return f"{self.path(node.value)}.{node.attr}"
-            case ast.Subscript(slice=ast.Constant(value=str(name))):
-                return f"{self.path(node.value)}.{name}"
-            case ast.Name(id="q" | "u"):
-                return node.id
-        self.fail(node, 'names with parts start with q or u: q.base.x, u["left hip"]')
 
     def sum(self, node: ast.expr) -> Expr:
         import sympy

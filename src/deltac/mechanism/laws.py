@@ -9,7 +9,7 @@ parameters, each a real SymPy symbol of exactly that name::
     where(q.knee < 0, -k * q.knee, 0)  # or: -k*q.knee if q.knee < 0 else 0
 
 Texts are read through Python's syntax tree and a list of what is allowed, never evaluated. SymPy is
-loaded by the first law that needs it: a law that is a number does not.
+loaded by the first law that needs it: numbers and `polynomials` do not.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import math
 import numbers
 import sys
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, TypeAlias
@@ -27,6 +28,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import ModelError, UnknownName, WrongType
+from deltac.mechanism.polynomials import Polynomial, is_finite, polynomial_of
 
 Expr: TypeAlias = Any
 """A SymPy expression (SymPy is untyped, and loaded lazily)."""
@@ -135,6 +137,10 @@ def as_law(value: object, where: str) -> Law:
         return parse(value, where)
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
         return _finite(value, where)
+    if isinstance(value, Polynomial):
+        if not is_finite(value):
+            raise ModelError(f"{where}: {value!s:.200} has a number that is not finite")
+        return value
     if "sympy" in sys.modules and isinstance(value, sys.modules["sympy"].Basic):
         try:
             return _checked(_normalised(value, where), where)
@@ -183,6 +189,8 @@ def symbol_names(law: Law) -> frozenset[str]:
     """The names of the symbols that the law depends on."""
     if isinstance(law, float):
         return frozenset()
+    if isinstance(law, Polynomial):
+        return law.names
     return frozenset(symbol.name for symbol in law.free_symbols)
 
 
@@ -201,7 +209,9 @@ def is_smooth(law: Law) -> bool:
     Abs, sign, Min, Max, Piecewise, comparisons and atan2 (which jumps by 2 pi) are not. The base of
     a power that is not an integer counts as positive: sqrt(x) is smooth, sqrt(x**2) is Abs(x).
     """
-    return isinstance(law, float) or not any(type(node).__name__ in _KINKED for node in _nodes(law))
+    return isinstance(law, float | Polynomial) or not any(
+        type(node).__name__ in _KINKED for node in _nodes(law)
+    )
 
 
 def evaluate(law: Law, values: Mapping[str, float]) -> float:
@@ -212,13 +222,18 @@ def evaluate(law: Law, values: Mapping[str, float]) -> float:
     """
     if isinstance(law, float):
         return law
-    import sympy
-
     check_symbols(law, values.keys(), "value of a law")
-    point = {symbol: sympy.Float(values[symbol.name]) for symbol in law.free_symbols}
-    value = real_value(law.xreplace(point))
+    value = math.nan
+    if isinstance(law, Polynomial):
+        with suppress(ArithmeticError):
+            value = float(law.at(values))
+    else:
+        import sympy
+
+        point = {symbol: sympy.Float(values[symbol.name]) for symbol in law.free_symbols}
+        value = real_value(law.xreplace(point))
     if not math.isfinite(value):
-        at = ", ".join(f"{symbol} = {float(x):g}" for symbol, x in point.items())
+        at = ", ".join(f"{name} = {float(values[name]):g}" for name in sorted(symbol_names(law)))
         raise ModelError(f"the law {law} has no finite real value at {at}")
     return value
 
@@ -227,6 +242,9 @@ def with_values(law: Law, values: Mapping[str, float]) -> Law:
     """The law with numbers in place of the symbols that have the given names."""
     if isinstance(law, float):
         return law
+    if isinstance(law, Polynomial):
+        symbols = {name: values.get(name, Polynomial.symbol(name)) for name in law.names}
+        return as_law(law.at(symbols), str(law))
     import sympy
 
     known = {s: sympy.Float(values[s.name]) for s in law.free_symbols if s.name in values}
@@ -237,6 +255,8 @@ def at_times(law: Law, t: Array) -> Array:
     """The values (T,) of a law of t alone at the times `t` (T,)."""
     if isinstance(law, float):
         return np.full(len(t), law)
+    if isinstance(law, Polynomial):
+        return np.broadcast_to(np.asarray(law.at({"t": t}), dtype=float), t.shape)
     import sympy
 
     return np.broadcast_to(
@@ -253,7 +273,7 @@ def rate(law: Law) -> Law:
     Raises:
         InputError: the derivative has functions that laws do not have.
     """
-    if isinstance(law, float):
+    if isinstance(law, float) or "t" not in symbol_names(law):
         return 0.0
     import sympy
 
@@ -308,7 +328,7 @@ def _checked(expr: Expr, where: str) -> Law:
         raise ModelError(f"{where}: found {expr!s:.80}, expected an expression with a real value")
     if problem := problem_of(expr, set()):
         raise ModelError(f"{where}: {problem}\n    in {expr!s:.200}\n{ALLOWED}")
-    return expr if expr.free_symbols else real_value(expr)
+    return polynomial_of(expr) if expr.free_symbols else real_value(expr)
 
 
 def _normalised(expr: Expr, where: str) -> Expr:

@@ -21,6 +21,8 @@ from deltac.recorders.pinocchio_recorder import PinocchioRecorder as PinocchioRe
 from deltac.recorders.pinocchio_recorder import record_pinocchio as record_pinocchio
 from deltac.recorders.pybullet_recorder import PybulletRecorder as PybulletRecorder
 from deltac.recorders.pybullet_recorder import record_pybullet as record_pybullet
+from deltac.recorders.recorder import Columns as Columns
+from deltac.recorders.recorder import Recorder as Recorder
 from deltac.recorders.recorder import TrajectoryBuilder as TrajectoryBuilder
 from deltac.recorders.replay import Replay as Replay
 from deltac.recorders.replay import replay_mujoco as replay_mujoco

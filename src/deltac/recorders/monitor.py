@@ -93,9 +93,9 @@ class Monitor:
         Args:
             model: what the motion is tested against; what `load_model` takes.
             bound: accepted |ΔC|, J; None: any, if there is no tolerance either.
-            tolerance: accepted |ΔC| as a fraction of the energy exchanged so far, added to `bound`. Alone
-                it is strict at the start of a motion, when hardly any energy was exchanged: a method of first
-                order is off by a large part of it in its first steps.
+            tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of
+                V so far), added to `bound`. Alone it is strict at the start of a motion from rest, when the
+                system hardly has any: a method of first order is off by much of it in its first steps.
             rate: accepted change of ΔC per second (W), for each step; None: any. For solvers that control
                 their step by it.
             on_exceed: what happens beyond. "raise": `BoundExceeded`; a function: it is called with the
@@ -151,7 +151,7 @@ class Monitor:
 
     @property
     def limit(self) -> float:
-        """What |ΔC| is compared with: bound + tolerance · energy_exchanged, J."""
+        """What |ΔC| is compared with: bound + tolerance · (max K + range of V), J."""
         return self._result("limit", self.bound)
 
     @property

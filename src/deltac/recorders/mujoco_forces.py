@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -87,6 +88,7 @@ class Elements:
         )
 
 
+@cache
 def _mujoco() -> Any:
     return simulator("mujoco", "mujoco")
 

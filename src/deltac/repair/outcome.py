@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from deltac.diagnosis.check.matching import explain_residual
+from deltac.diagnosis.check.location import Blame
 from deltac.diagnosis.residuals.states import told
 from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.program import Program
@@ -44,7 +44,7 @@ class Fix(Serialisable, omit=("text",)):
 
     def __str__(self) -> str:
         return "; ".join(
-            f"{self.file}:{line}: {said}" for line, said in zip(self.lines, self.words)
+            f"{self.file}:{line}: {words}" for line, words in zip(self.lines, self.words)
         )
 
 
@@ -72,13 +72,13 @@ class Repair(Report, also=("right",)):
     file: str
     function: str
     residual: float
-    equations: tuple[str, ...]
-    fixes: tuple[Fix, ...]
-    certain: bool
-    varied: tuple[str, ...]
-    suspects: tuple[str, ...]
-    complete: bool
-    seconds: float
+    equations: tuple[str, ...] = ()
+    fixes: tuple[Fix, ...] = ()
+    certain: bool = False
+    varied: tuple[str, ...] = ()
+    suspects: tuple[str, ...] = ()
+    complete: bool = True
+    seconds: float = 0.0
     terms: tuple[str, ...] = ()
     undefined: str = ""
     contradicted: tuple[str, ...] = ()
@@ -124,9 +124,7 @@ class Repair(Report, also=("right",)):
             yield f"{name} is right at all states (residual {self.residual:.1g}); nothing to repair."
             return
         if self.unread:
-            yield (
-                f"It cannot be read ({self.unread}). So single edits of its text were tried by running them."
-            )
+            yield f"It cannot be read ({self.unread}), so it was run."
         where = ", ".join(self.equations)
         wrong = f"residual {self.residual:.2g} of the terms, in the equation of {where}"
         yield f"{name} is wrong: {self.undefined or wrong}."
@@ -139,7 +137,7 @@ class Repair(Report, also=("right",)):
         elif self.undefined:
             yield "No edit was found."
         elif self.terms:
-            yield "No one or two edits were found that make it right. What is wrong there:"
+            yield "No edit was found that makes it right. What is wrong there:"
             yield from (f"  {term}" for term in self.terms)
         elif self.residual > 0.3 and self.complete:
             yield (
@@ -216,20 +214,9 @@ def suspects(source: Source, places: Iterable[int]) -> list[str]:
     return [f"{source.name}:{line}: {short(text)}" for line, text in sorted(widest.items())]
 
 
-def terms(program: Program, target: Target) -> tuple[str, ...]:
-    """What each wrong equation's residual consists of, at the model's own parameters."""
-    test = target.test()
-    udot = program.run()[: len(test.speeds), program.samples.group == 0]
-    if udot.shape != test.acceleration.shape or not np.isfinite(udot).all():
-        return ()
-    found = []
-    residual = test.residual(udot)
-    for row in np.flatnonzero(~(np.abs(test.relative(udot)).max(axis=1) < RIGHT)):
-        matches = explain_residual(test, residual[row], udot, int(row))
-        if matches:
-            said = " and ".join(map(str, matches))
-            found.append(f"equation {row + 1} ({test.speeds[row]}): {said}")
-    return tuple(found)
+def blamed_terms(blamed: Iterable[Blame]) -> tuple[str, ...]:
+    """What each wrong equation's residual consists of, where that could be told, in words."""
+    return tuple(str(b) for b in blamed if b.terms or b.solved or b.monomials)
 
 
 def undefined(program: Program, target: Target) -> str:

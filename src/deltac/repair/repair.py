@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import itertools
 import re
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -16,15 +18,17 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
+from deltac.diagnosis.check.location import blame, blame_at
 from deltac.diagnosis.residuals.function import Caller
-from deltac.errors import InputError, SourceError
+from deltac.diagnosis.residuals.states import States
+from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair import sandbox
-from deltac.repair.edits.by_running import found_by_running, text_edits
 from deltac.repair.edits.candidates import Candidate, apply, unified_diff
+from deltac.repair.edits.running import right_edits, text_edits
 from deltac.repair.edits.search import Search, confirmed, pairs
-from deltac.repair.outcome import Fix, Repair, suspects, terms, undefined
+from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects, undefined
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import (
     Program,
@@ -34,14 +38,15 @@ from deltac.repair.tracing.program import (
     read,
     reading,
 )
-from deltac.repair.tracing.samples import RIGHT, Target
+from deltac.repair.tracing.samples import RIGHT, Samples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
-from deltac.repair.tracing.tape import ELEMENTARY, Slot, Tape
+from deltac.repair.tracing.tape import Slot, Tape
 from deltac.repair.tracing.tracer import Endless, Failed, Refused, branches
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN
 
-Found: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
+Edited: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
+"""Edits with the source that they make."""
 
 TIME_LIMIT = 60.0
 """Time for a search (s)."""
@@ -84,6 +89,9 @@ AS_RUN, AS_RUN_TO = 4, 1e-5
 RUN_AT = 4
 """States at which edits of functions that cannot be read are tried; what is right there is run at all."""
 
+SANDBOX_TIME = 10.0
+"""Time in which Python runs the edited functions (s)."""
+
 PERTURBED = 0.37
 """By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
 
@@ -118,11 +126,10 @@ def repair_equations(
         InputError: no source, no Python, or a function with too many branches on the state, side effects,
             endless loops, or calls that cannot be traced; file and line are named.
     """
-    found = load_model(model)
-    chosen = chosen_map(found, coordinates, equations)
-    return repair_source(
-        source_of(equations), Target(found.mechanism, chosen, seed, found.first), time_limit
-    )
+    loaded = load_model(model)
+    own = chosen_map(loaded, coordinates, equations)
+    target = Target(loaded.mechanism, own, seed, loaded.first)
+    return repair_source(source_of(equations), target, time_limit)
 
 
 def repair_loaded(
@@ -134,49 +141,49 @@ def repair_loaded(
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
 ) -> Repair:
-    """`repair_equations` of ``FILE.py:NAME``, which has been loaded: `function` is what it gave.
+    """`repair_equations` of what has been loaded: ``FILE.py:NAME``, a function of a library.
 
-    The text is read; live values stand in only for what the text does not say.
+    The text is read; live values stand in only for what the text does not say. A function that cannot be read
+    is run: with single edits of its text where it has one, else to say which terms are wrong.
     """
-    found = load_model(model)
+    start = time.monotonic()
+    loaded = load_model(model)
     equations = function if isinstance(function, Equations) else Equations(function)
-    plain, told = equations.rhs, (equations.form, equations.order)
-    chosen = chosen_map(found, coordinates, function)
-    target = Target(found.mechanism, chosen, seed, found.first)
-    python = innermost(plain)
-    test = target.test()
-    caller = Caller(plain, text, test.kane)
+    own = chosen_map(loaded, coordinates, function)
+    target = Target(loaded.mechanism, own, seed, loaded.first)
+    caller = Caller(equations.rhs, text, target.test().kane)
     with contextlib.suppress(InputError):  # the search says what cannot be called
-        caller.find_form(test, equations, len(found.mechanism.motors))
+        caller.find_form(target.test(), equations, len(loaded.mechanism.motors))
     if caller.form.momenta:
-        raise SourceError(
-            f"{text} is written in momenta ∂K/∂u; an edit is sought in functions of coordinates and speeds"
+        return _by_running(
+            text, caller, target, start, time_limit, f"{text} is written in momenta ∂K/∂u"
         )
-    try:
-        source = replace(
-            read_source(partial_in(plain) or (text if ".py:" in text else plain)), told=told
-        )
-        if python is not None:
-            source = replace(source, outside=dict(python.__globals__))
-        _as_run(source, plain, target)
-        return repair_source(source, target, time_limit)
-    except Refused as refused:
-        if isinstance(refused, Endless):
+    failure: InputError | None = None
+    for read_text in _sources(text, equations):
+        try:
+            source = read_text()
+            _as_run(source, equations.rhs, target)
+            return repair_source(source, target, time_limit)
+        except Endless:
             raise
-        if python is not None:
-            with contextlib.suppress(InputError):
-                source = replace(read_source(plain), told=told)
-                _as_run(source, plain, target)
-                return repair_source(source, target, time_limit)
-        failed = isinstance(refused, Failed)
-        ran = None
-        with contextlib.suppress(*([InputError] if failed else [])):
-            ran = _by_running(read_source(text), equations, target, time_limit, str(refused))
-        if ran is None and failed:  # raised again where no edit of its line helps
-            return repair_source(replace(read_source(text), told=told), target, time_limit)
-        if ran is None:
-            raise
-        return ran
+        except InputError as error:
+            failure = failure or error
+    assert failure is not None
+    with contextlib.suppress(*([InputError] if isinstance(failure, Failed) else [])):
+        return _by_running(text, caller, target, start, time_limit, str(failure))
+    # An error of Python's: an edit of its line is sought.
+    return repair_source(next(_sources(text, equations))(), target, time_limit)
+
+
+def _sources(text: str, equations: Equations) -> Iterator[Callable[[], Source]]:
+    """How to read a function that has been loaded: from its file, then as what it is."""
+    function, declared = equations.rhs, (equations.form, equations.order)
+    python = innermost(function)
+    outside = {} if python is None else dict(python.__globals__)
+    first = partial_in(function) or (text if ".py:" in text else function)
+    yield lambda: replace(read_source(first), declared=declared, outside=outside)
+    if python is not None:
+        yield lambda: replace(read_source(function), declared=declared)
 
 
 def _as_run(source: Source, function: Callable[..., Any], target: Target) -> None:
@@ -185,62 +192,65 @@ def _as_run(source: Source, function: Callable[..., Any], target: Target) -> Non
     samples = target.samples()
     some = samples.at(np.arange(min(AS_RUN, len(samples.t))))
     states = target.test().states.take(np.arange(len(some.t)))
-    kane = target.test().kane
-    called = Caller(function, source.qualified, kane, False, form=source.form or PLAIN)
-    rates, accelerations = called.whole(states)
-    read_so = reading(source, some).run()
-    right = np.concatenate([accelerations, rates])[: len(read_so)]
-    size = np.abs(right).max(initial=1e-300)
-    if not np.allclose(
-        read_so[: len(right)], right, rtol=0.0, atol=AS_RUN_TO * size, equal_nan=True
-    ):
+    caller = Caller(
+        function, source.qualified, target.test().kane, False, form=source.form or PLAIN
+    )
+    traced, called = reading(source, some).run(), _called(caller, states)
+    rows = min(len(traced), len(called))
+    close = AS_RUN_TO * np.abs(called[: len(traced)]).max(initial=1e-300)
+    if not np.allclose(traced[:rows], called[:rows], rtol=0.0, atol=close, equal_nan=True):
         raise Refused(f"{source.name}: {source.qualified} gives something else than its text says")
 
 
+def _called(caller: Caller, states: States) -> Array:
+    """What a function gives when it is called: u̇, then q̇ where it returns it."""
+    rates, accelerations = caller.whole(states)
+    return np.concatenate([accelerations, rates])
+
+
 def _by_running(
-    source: Source, equations: Equations, target: Target, time_limit: float, why: str
-) -> Repair | None:
-    """Repair a function that cannot be read (`why`) by running edits of it; None if it does not run."""
-    start = time.monotonic()
+    text: str, caller: Caller, target: Target, start: float, time_limit: float, why: str
+) -> Repair:
+    """Run edits of a function that cannot be read (`why`); where none helps, say which terms are wrong."""
     deadline = start + time_limit
-    test = target.test()
-    caller = Caller(equations.rhs, source.qualified, test.kane)
-    caller.find_form(test, equations, len(target.mechanism.motors))
-    source = replace(source, form=caller.form)
-    every = target.samples()
-    samples = every.at(np.arange(min(RUN_AT, len(every.t))))
-    one = sandbox.task(source)
-    (answer,) = ("",) if one is None else sandbox.run([one], every, time_limit)
-    if isinstance(answer, str) or not every.fits(answer):
-        return None
-    wrong = every.wrong(answer)
-    found = [] if wrong < RIGHT else found_by_running(source, samples, deadline)
-    tasks = [sandbox.task(changed) for _, changed in found]
-    answers = sandbox.run([t for t in tasks if t is not None], every, time_limit) if found else []
-    found = [
-        edit
-        for edit, said in zip(found, answers)
-        if not isinstance(said, str) and every.fits(said) and every.wrong(said) < RIGHT
-    ]
-    fixes = [
-        replace(_fix(source, members), ran=True)
-        for members in _groups(source, found, [0] * len(found))
-    ]
-    off = every.wrong_rows(answer)
-    names = (*every.speeds, *(f"q̇ of {name}" for name in test.kane.told_names))
+    test, samples = target.test(), target.samples()
+    result = _called(caller, test.states)
+    right: Edited = []
+    fixes: list[Fix] = []
+    if ".py:" in text and not caller.form.momenta and not samples.wrong(result) < RIGHT:
+        source = replace(read_source(text), form=caller.form)
+        some = samples.at(np.arange(min(RUN_AT, len(samples.t))))
+        one = sandbox.task(source)
+        if one is not None and not isinstance(sandbox.run([one], some, time_limit)[0], str):
+            right = right_edits(source, some, deadline)
+        tasks = [task for _, changed in right if (task := sandbox.task(changed)) is not None]
+        answers = sandbox.run(tasks, samples, time_limit)
+        right = [edit for edit, answer in zip(right, answers) if _fits(answer, samples)]
+        groups = _groups(source, right, [0] * len(right))
+        fixes = [replace(_fix(source, group), ran=True) for group in groups]
+    wrong = np.flatnonzero(samples.wrong_rows(result))
+    terms: tuple[str, ...] = ()
+    if len(wrong) and not right:
+        limit = np.full(len(test.speeds), RIGHT)
+        terms = blamed_terms(blame(caller, test, result[: len(test.speeds)], limit))
+    names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.told_names))
+    file, _, function = text.rpartition(":")
     return Repair(
-        file=source.name,
-        function=source.qualified,
-        residual=wrong,
-        equations=tuple(name for name, wrong in zip(names, off) if wrong),
+        file=file,
+        function=function,
+        residual=samples.wrong(result),
+        equations=tuple(names[k] for k in wrong),
         fixes=tuple(fixes),
-        certain=False,
-        varied=(),
-        suspects=(),
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
+        terms=terms,
         unread=why.partition(". The function is traced")[0],
     )
+
+
+def _fits(answer: Array | str, samples: Samples) -> bool:
+    """Whether what a function gave, when it was run, is right."""
+    return not isinstance(answer, str) and samples.fits(answer) and samples.wrong(answer) < RIGHT
 
 
 def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT) -> Repair:
@@ -248,62 +258,56 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     start = time.monotonic()
     deadline = start + time_limit
     try:
-        reading = read(source, target)
+        program = read(source, target)
     except Failed as failed:
         repaired = _failing(source, target, failed, start, deadline)
         if repaired is None:
             raise
         return repaired
-    if reading.wrong < RIGHT:
-        return _report(reading, target, [], start, deadline)
-    found, suspected = _search(reading, target, deadline)
+    if program.wrong < RIGHT:
+        return _report(program, target, [], start, deadline)
+    right, suspected = _search(program, target, deadline)
     coincidence = False
-    if not found and reading.varied:
+    if not right and program.varied:
         # Its numbers may hold for the model's parameters only; then an edit may fit these by chance.
-        plain = read(source, target, vary=False)
-        found, more = _search(plain, target, deadline)
-        if found or not suspected:
-            reading, suspected, coincidence = plain, more, True
-    return _report(reading, target, found, start, deadline, suspected, coincidence)
+        nominal = read(source, target, vary=False)
+        right, more = _search(nominal, target, deadline)
+        if right or not suspected:
+            program, suspected, coincidence = nominal, more, True
+    return _report(program, target, right, start, deadline, suspected, coincidence)
 
 
 def _failing(
     source: Source, target: Target, failed: Failed, start: float, deadline: float
 ) -> Repair | None:
     """Repair a function that raises an error of Python's, by an edit of the statement where it does."""
-    statements = [n for n in source.nodes if isinstance(n, ast.stmt)]
-    within = {
-        line: [n for n in statements if n.lineno <= line <= (n.end_lineno or n.lineno)]
-        for line in failed.lines
-    }
     if failed.file != source.name:
         return None
-    found: list[tuple[tuple[Candidate, ...], Source]] = []
+    statements = [n for n in source.nodes if isinstance(n, ast.stmt)]
+    covering = (
+        [n for n in statements if n.lineno <= line <= (n.end_lineno or n.lineno)]
+        for line in failed.lines
+    )
+    right: list[tuple[tuple[Candidate, ...], Source]] = []
     end = time.process_time() + FAILING_TIME
-    innermost_ones = [covering[-1] for covering in within.values() if covering]
-    tried = sorted(text_edits(source, innermost_ones), key=lambda c: (c.cost, c.place))
-    for candidate in tried:
+    for candidate in text_edits(source, [nodes[-1] for nodes in covering if nodes]):
         late = time.monotonic() > deadline or time.process_time() > end
-        if late or (found and candidate.cost > found[0][0][0].cost):
+        if late or (right and candidate.cost > right[0][0][0].cost):
             break
         changed = apply(source, [candidate])
         with contextlib.suppress(InputError):
             changed = None if changed is None else formed(changed, target)
             if changed is not None and read(changed, target, vary=False).wrong < RIGHT:
-                found.append(((candidate,), changed))
-    formulas, _ = _formulas(target, [changed for _, changed in found])
-    fixes, contradicted = _fixes(source, target, _groups(source, found, formulas))
+                right.append(((candidate,), changed))
+    formulas, _ = _formulas(target, [changed for _, changed in right])
+    fixes, contradicted = _fixes(source, target, _groups(source, right, formulas))
     if not fixes:
         return None
     return Repair(
         file=source.name,
         function=source.qualified,
         residual=np.inf,
-        equations=(),
         fixes=fixes,
-        certain=False,
-        varied=(),
-        suspects=(),
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
         undefined=str(failed).partition(". The function is traced")[0],
@@ -311,43 +315,42 @@ def _failing(
     )
 
 
-def _search(reading: Reading, target: Target, deadline: float) -> tuple[Found, list[str]]:
+def _search(reading: Reading, target: Target, deadline: float) -> tuple[Edited, list[str]]:
     """Edits with the sources they make, confirmed, cheapest first; and the suspects.
 
     Where the function branches on the state, each wrong branch is searched; where none of their edits
     makes all branches right, one of each branch is combined.
     """
-    suspected: list[str] = []
+    suspected: dict[str, None] = {}
     alone: list[list[Candidate]] = []
     searches = []
+
+    def confirmed_first(kinds: Iterable[Iterable[tuple[Candidate, ...]]]) -> Edited:
+        return next(filter(None, (_confirm(reading, target, kind, deadline) for kind in kinds)), [])
+
     for program in reading.faulty:
         search = Search(program, target, deadline)
         search.require()
         singles = search.single()
-        found = _confirm(reading, target, ((c,) for c in singles), deadline)
-        suspected += suspects(program.source, [r.place for r in search.whole])
-        if found and found[0][0][0].cost > TWO:
-            kinds = (_confirm(reading, target, kind, deadline) for kind in pairs(search, True))
-            two = next(filter(None, kinds), [])
-            found = sorted([*found, *two], key=lambda f: sum(e.cost for e in f[0]))
-        if found:
-            return found, list(dict.fromkeys(suspected))
+        right = _confirm(reading, target, ((c,) for c in singles), deadline)
+        suspected |= dict.fromkeys(suspects(program.source, [r.place for r in search.whole]))
+        if right and right[0][0][0].cost > TWO:
+            right = sorted([*right, *confirmed_first(pairs(search, True))], key=_total_cost)
+        if right:
+            return right, list(suspected)
         searches.append(search)
         alone.append(singles[:BRANCHES])
-    if len(alone) == 2:
-        both = sorted(
-            ((a, b) for a in alone[0] for b in alone[1] if a.place != b.place),
-            key=lambda pair: pair[0].cost + pair[1].cost,
-        )
-        found = _confirm(reading, target, both, deadline)
-        if found:
-            return found, list(dict.fromkeys(suspected))
-    for search in searches:
-        for kind in pairs(search):
-            found = _confirm(reading, target, kind, deadline)
-            if found:
-                return found, list(dict.fromkeys(suspected))
-    return [], list(dict.fromkeys(suspected))
+    both = sorted(
+        ((a, b) for a in alone[0] for b in alone[-1] if a.place != b.place),
+        key=lambda pair: pair[0].cost + pair[1].cost,
+    )
+    one_each = [both] if len(alone) == 2 else []
+    kinds = (kind for search in searches for kind in pairs(search))
+    return confirmed_first(itertools.chain(one_each, kinds)), list(suspected)
+
+
+def _total_cost(edit: tuple[tuple[Candidate, ...], Source]) -> float:
+    return sum(e.cost for e in edit[0])
 
 
 def _confirm(
@@ -355,66 +358,68 @@ def _confirm(
     target: Target,
     candidates: Iterable[tuple[Candidate, ...]],
     deadline: float,
-) -> Found:
-    found: list[tuple[tuple[Candidate, ...], Source]] = []
-    seen: set[str] = set()
-    places: dict[tuple[int, ...], int] = {}
+) -> Edited:
+    """Those of some edits that are right at fresh states, cheapest first, with the sources they make."""
+    right: list[tuple[tuple[Candidate, ...], Source]] = []
+    texts: set[str] = set()
+    places: Counter[tuple[int, ...]] = Counter()
     cheapest, end = np.inf, np.inf
-    for tried, edits in enumerate(candidates):
+    for count, edits in enumerate(candidates):
         cost = sum(e.cost for e in edits)
         late = time.monotonic() > deadline or time.process_time() > end
-        if tried >= TRIED or late or cost > cheapest + DEARER:
+        if count >= TRIED or late or cost > cheapest + DEARER:
             break
-        where = tuple(reading.source.statement(e.place).lineno for e in edits)
-        if places.get(where, 0) >= ALIKE:
+        lines = tuple(reading.source.statement(e.place).lineno for e in edits)
+        if places[lines] >= ALIKE:
             continue
         changed = confirmed(reading.source, target, edits, reading.varied)
-        if changed is not None and changed.text not in seen:
-            seen.add(changed.text)
-            places[where] = places.get(where, 0) + 1
+        if changed is not None and changed.text not in texts:
+            texts.add(changed.text)
+            places[lines] += 1
             cheapest = min(cheapest, cost)
             end = min(end, time.process_time() + MORE_TIME)
-            found.append((edits, changed))
-    return found
+            right.append((edits, changed))
+    return right
 
 
 def _report(
     reading: Reading,
     target: Target,
-    found: Found,
+    right: Edited,
     start: float,
     deadline: float,
     suspected: Sequence[str] = (),
     coincidence: bool = False,
 ) -> Repair:
-    source, program = reading.source, reading.worst
-    names = (
-        *program.samples.speeds,
-        *(f"q̇ of {name}" for name in target.test().kane.told_names),
-    )
+    source, program, test = reading.source, reading.worst, target.test()
+    names = (*program.samples.speeds, *(f"q̇ of {name}" for name in test.kane.told_names))
     wrong = np.zeros(len(names), dtype=bool)
     for piece in reading.pieces:
-        off = ~(np.abs(piece.samples.residual(piece.run())).max(axis=1) < RIGHT)
-        wrong[: len(off)] |= off
-    formulas, varied = _formulas(target, [changed for _, changed in found])
-    fixes, contradicted = _fixes(source, target, _groups(source, found, formulas))
+        rows = piece.samples.wrong_rows(piece.run())
+        wrong[: len(rows)] |= rows
+    formulas, varied = _formulas(target, [changed for _, changed in right])
+    fixes, contradicted = _fixes(source, target, _groups(source, right, formulas))
+    terms: tuple[str, ...] = ()
+    nominal = program.run()[: len(test.speeds), program.samples.group == 0]
+    if not fixes and nominal.shape == test.acceleration.shape and np.isfinite(nominal).all():
+        terms = blamed_terms(blame_at(test, nominal, np.full(len(test.speeds), RIGHT)))
     return Repair(
         file=source.name,
         function=source.qualified,
         residual=reading.wrong,
-        equations=tuple(name for name, off in zip(names, wrong) if off),
+        equations=tuple(name for name, fails in zip(names, wrong) if fails),
         fixes=fixes,
         certain=bool(fixes)
         and not contradicted
         and len(set(formulas)) == 1
         and not coincidence
-        and (varied or _about_the_state(program, found))
-        and not _odd_number(found[0][0]),
+        and (varied or _about_the_state(program, right))
+        and not _odd_number(right[0][0]),
         varied=reading.varied,
         suspects=tuple(suspected),
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
-        terms=() if fixes else terms(program, target),
+        terms=terms,
         undefined=undefined(program, target),
         contradicted=contradicted,
     )
@@ -429,26 +434,36 @@ def _odd_number(edits: Sequence[Candidate]) -> bool:
     )
 
 
-def _groups(source: Source, found: Found, formulas: Sequence[int]) -> Sequence[Found]:
+def _groups(source: Source, right: Edited, formulas: Sequence[int]) -> Sequence[Edited]:
     """Edits of the same statements that come to the same formula, together."""
     groups: dict[tuple[int, ...], list[tuple[tuple[Candidate, ...], Source]]] = {}
-    for (edits, changed), formula in zip(found, formulas):
+    for (edits, changed), formula in zip(right, formulas):
         lines = tuple(source.statement(e.place).lineno for e in edits)
         groups.setdefault((formula, *lines), []).append((edits, changed))
     return list(groups.values())[:GROUPS]
 
 
 def _fixes(
-    source: Source, target: Target, groups: Sequence[Found]
+    source: Source, target: Target, groups: Sequence[Edited]
 ) -> tuple[tuple[Fix, ...], tuple[str, ...]]:
-    """One fix for each group, with what else could be written there; and edits that Python contradicts."""
-    fixes = [_fix(source, members) for members in groups]
-    return _tried(source, target, fixes, [members[0][1] for members in groups])
+    """One fix for each group, after Python has run it; and, in words, those that give something else then."""
+    samples = target.samples()
+    fixes = [_fix(source, group) for group in groups]
+    tasks = [sandbox.task(group[0][1]) for group in groups]
+    answers = iter(sandbox.run([t for t in tasks if t is not None], samples, SANDBOX_TIME))
+    for k, task in enumerate(tasks):
+        answer = "only the running session has it" if task is None else next(answers)
+        if isinstance(answer, str):
+            fixes[k] = replace(fixes[k], not_run=answer)
+        else:
+            fixes[k] = replace(fixes[k], ran=samples.wrong(answer) < RIGHT)
+    contradicted = tuple(str(fix) for fix in fixes if fix.ran is False)
+    return tuple(fix for fix in fixes if fix.ran is not False), contradicted
 
 
-def _fix(source: Source, members: Found) -> Fix:
+def _fix(source: Source, group: Edited) -> Fix:
     """The first of some edits that come to the same, with the others beside it."""
-    edits, changed = members[0]
+    edits, changed = group[0]
     return Fix(
         file=source.name,
         lines=tuple(getattr(source.nodes[e.place], "lineno", 0) for e in edits),
@@ -457,59 +472,19 @@ def _fix(source: Source, members: Found) -> Fix:
         cost=round(sum(e.cost for e in edits), 3),
         diff=unified_diff(source, changed),
         text=changed.text,
-        others=tuple("; ".join(e.words for e in other) for other, _ in members[1:]),
+        others=tuple("; ".join(e.words for e in other) for other, _ in group[1:]),
     )
-
-
-def _tried(
-    source: Source, target: Target, fixes: Sequence[Fix], sources: Sequence[Source]
-) -> tuple[tuple[Fix, ...], tuple[str, ...]]:
-    """The fixes after Python has run them; and, in words, those left out that give something else then."""
-    samples = target.samples()
-    kept = list(fixes)
-    tasks, places = [], []
-    for k, changed in enumerate(sources):
-        one = sandbox.task(changed)
-        if one is None:
-            kept[k] = replace(kept[k], not_run="only the running session has it")
-        elif not _nothing_new(source, changed):
-            kept[k] = replace(kept[k], not_run="the edit calls what the function did not call")
-        else:
-            tasks.append(one)
-            places.append(k)
-    answers = sandbox.run(tasks, samples, limit=10.0) if tasks else []
-    for k, answer in zip(places, answers):
-        if isinstance(answer, str):
-            kept[k] = replace(kept[k], not_run=answer)
-        else:
-            kept[k] = replace(kept[k], ran=samples.wrong(answer) < RIGHT)
-    contradicted = tuple(str(fix) for fix in kept if fix.ran is False)
-    return tuple(fix for fix in kept if fix.ran is not False), contradicted
-
-
-def _nothing_new(source: Source, changed: Source) -> bool:
-    """Whether an edit brings no import and no call other than of elementary functions."""
-
-    def used(tree: ast.Module) -> tuple[list[str], set[str]]:
-        nodes = list(ast.walk(tree))
-        imports = [ast.unparse(n) for n in nodes if isinstance(n, ast.Import | ast.ImportFrom)]
-        called = {ast.unparse(n.func) for n in nodes if isinstance(n, ast.Call)}
-        return imports, called
-
-    before, after = used(source.module), used(changed.module)
-    new = {name.rpartition(".")[2] for name in after[1] - before[1]}
-    return before[0] == after[0] and new <= ELEMENTARY.keys()
 
 
 STATE_KINDS = ("sign", "order", "function", "name", "index", "power")
 
 
-def _about_the_state(program: Program, found: Found) -> bool:
+def _about_the_state(program: Program, right: Edited) -> bool:
     """Whether the least edit changes how the result depends on the state, not on constants alone.
 
     States are drawn at random, so that nothing that depends on them fits by chance; constants can.
     """
-    edits, _ = found[0]
+    edits, _ = right[0]
     tape = program.tape
 
     def varies(place: int) -> bool:
@@ -530,35 +505,34 @@ def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], boo
     at = target.samples()
     readings = [branches(source, at.t, at.q, at.u) for source in sources]
     traces = [parts[0][1] for parts in readings]
-    names = set.intersection(*(set(found.parameters) for found in traces))
+    names = set.intersection(*(set(trace.parameters) for trace in traces))
     rng = np.random.default_rng(0)
     factors = {name: 1.0 + PERTURBED * rng.uniform(-1.0, 1.0) for name in sorted(names)}
     kinds: list[Array] = []
     formulas = []
     varied = True
     for parts in readings:
-        result = np.full((len(at.u) + len(at.q), len(at.t)), 0.0)
-        for which, found in parts:
+        result = np.zeros((len(at.u) + len(at.q), len(at.t)))
+        for which, trace in parts:
             moved = {
-                slot: found.tape.values[slot] * factors[name]
-                for name, slot in found.parameters.items()
+                slot: trace.tape.values[slot] * factors[name]
+                for name, slot in trace.parameters.items()
                 if name in factors
             }
-            outputs = (*found.outputs, *found.rates)
-            result[: len(outputs), which] = found.tape.run(outputs, values=moved)
+            outputs = (*trace.outputs, *trace.rates)
+            result[: len(outputs), which] = trace.tape.run(outputs, values=moved)
+            links = named_parameters(trace, target)
+            linked = {slot for name, slot in trace.parameters.items() if name in links}
+            # Of the numbers that count, those that were not varied are what the edit may fit by chance.
+            varied = varied and not any(
+                slot not in linked and _own_number(trace.tape, slot)
+                for slot in trace.tape.before(outputs)
+            )
         size = np.abs(result).max() + 1e-300
         same = (k for k, other in enumerate(kinds) if np.abs(other - result).max() <= AGREE * size)
         formulas.append(next(same, len(kinds)))
         if formulas[-1] == len(kinds):
             kinds.append(result)
-        for _, found in parts:
-            links = named_parameters(found, target)
-            linked = {slot for name, slot in found.parameters.items() if name in links}
-            # Of the numbers that count, those that were not varied are what the edit may fit by chance.
-            varied = varied and not any(
-                slot not in linked and _own_number(found.tape, slot)
-                for slot in found.tape.before((*found.outputs, *found.rates))
-            )
     return formulas, varied
 
 

@@ -50,13 +50,14 @@ def task(source: Source) -> Task | None:
     folder = "" if source.path is None else str(source.path.resolve().parent)
     text = ast.unparse(module_for(source.module, source.qualified.partition(".")[0]))
     partial = partial_in(source.root)
-    given = {} if partial is None else partial.keywords
+    arguments = {} if partial is None else partial.keywords
     if any(
-        not isinstance(value, int | float | str | list | tuple | dict) for value in given.values()
+        not isinstance(value, int | float | str | list | tuple | dict)
+        for value in arguments.values()
     ):
         return None
-    if given:
-        values = ", ".join(f"{name}={value!r}" for name, value in given.items())
+    if arguments:
+        values = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
         text += f"\nimport functools\n{source.qualified} = functools.partial({source.qualified}, {values})"
     return Task(
         text, source.qualified, form.arguments, form.order, form.controls, form.column, folder
@@ -84,14 +85,14 @@ def stream(
     states = {"t": samples.t.tolist(), "q": samples.q.T.tolist(), "u": samples.u.T.tolist()}
     order = json.dumps({"tasks": [vars(one) for one in tasks], "limit": limit, **states})
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    with tempfile.TemporaryFile("w+") as given, tempfile.TemporaryFile("w+") as said:
-        given.write(order)
-        given.seek(0)
+    with tempfile.TemporaryFile("w+") as orders, tempfile.TemporaryFile("w+") as errors:
+        orders.write(order)
+        orders.seek(0)
         process = subprocess.Popen(
             [sys.executable, "-I", str(WORKER)],
-            stdin=given,
+            stdin=orders,
             stdout=subprocess.PIPE,
-            stderr=said,
+            stderr=errors,
             text=True,
             env=environment,
         )
@@ -106,8 +107,8 @@ def stream(
                 yield answer if isinstance(answer, str) else np.array(answer, dtype=float).T
             process.wait()
             if answered < len(tasks):
-                said.seek(0)
-                why = f"ended with status {process.returncode}: {said.read().strip()[-200:]}"
+                errors.seek(0)
+                why = f"ended with status {process.returncode}: {errors.read().strip()[-200:]}"
                 if not late.is_alive():
                     why = f"did not end within {limit:g} s"
                 yield from [why] * (len(tasks) - answered)

@@ -27,8 +27,8 @@ def _limits(seconds: float) -> None:
         cpu = int(seconds) + 2
         resource.setrlimit(resource.RLIMIT_CPU, (cpu, cpu + 1))
         _, hard = resource.getrlimit(resource.RLIMIT_AS)
-        wanted = MEMORY if hard == resource.RLIM_INFINITY else min(MEMORY, hard)
-        resource.setrlimit(resource.RLIMIT_AS, (wanted, hard))
+        memory = MEMORY if hard == resource.RLIM_INFINITY else min(MEMORY, hard)
+        resource.setrlimit(resource.RLIMIT_AS, (memory, hard))
 
 
 def function_named(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
@@ -46,15 +46,15 @@ def function_named(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
     with contextlib.suppress(TypeError, ValueError):
         parameters = inspect.signature(value).parameters.values()
         if all(p.default is not p.empty for p in parameters):
-            made = value()
-            value = made if callable(made) else value
-    found: Callable[..., Any] = getattr(value, "rhs", value)
-    return found
+            result = value()
+            value = result if callable(result) else value
+    function: Callable[..., Any] = getattr(value, "rhs", value)
+    return function
 
 
 def _arguments(task: dict[str, Any], t: float, q: list[float], u: list[float]) -> list[Any]:
     entries = [*q, *u]
-    known: dict[str, Any] = {
+    values: dict[str, Any] = {
         "t": t,
         "q": np.array(q),
         "u": np.array(u),
@@ -62,20 +62,20 @@ def _arguments(task: dict[str, Any], t: float, q: list[float], u: list[float]) -
         "augmented": np.array([entries[k] for k in task["order"]] + [0.0] * task["controls"]),
         "control": np.zeros(task["controls"]) if task["controls"] else 0.0,
     }
-    given = [known[what] for what in task["arguments"]]
-    return [x.reshape(-1, 1) if task["column"] and np.ndim(x) else x for x in given]
+    arguments = [values[what] for what in task["arguments"]]
+    return [x.reshape(-1, 1) if task["column"] and np.ndim(x) else x for x in arguments]
 
 
 def _sorted(value: Any, task: dict[str, Any], nq: int, nu: int) -> list[float]:
     """u̇, then q̇ where it is returned."""
     parts = value if isinstance(value, tuple | list) else [value]
-    found = np.concatenate([np.asarray(p, dtype=float).ravel() for p in parts])
+    rates = np.concatenate([np.asarray(p, dtype=float).ravel() for p in parts])
     if "augmented" in task["arguments"]:
-        found = found[: nq + nu]
-    if len(found) != nq + nu:
-        return [float(x) for x in found]
+        rates = rates[: nq + nu]
+    if len(rates) != nq + nu:
+        return [float(x) for x in rates]
     back = np.empty(nq + nu)
-    back[task["order"] or np.arange(nq + nu)] = found
+    back[task["order"] or np.arange(nq + nu)] = rates
     return [float(x) for x in (*back[nq:], *back[:nq])]
 
 

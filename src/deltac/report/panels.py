@@ -5,7 +5,7 @@ A panel says what is shown, not how: `plots` draws panels with matplotlib, pages
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -103,6 +103,26 @@ class LogPlot(Panel):
 
 
 @dataclass(frozen=True)
+class HeatMap(Panel):
+    """Sizes over two axes on one log scale, `low` to `high`, which maps beside each other share.
+
+    `values` are rows along y, None where there is none; `bad` marks cells.
+    """
+
+    title: str
+    x: str
+    y: str
+    xs: tuple[float, ...]
+    ys: tuple[float, ...]
+    values: tuple[tuple[float | None, ...], ...]
+    bad: tuple[tuple[bool, ...], ...]
+    low: float = 0.0
+    high: float = 1.0
+    note: str = ""
+    kind = "heat"
+
+
+@dataclass(frozen=True)
 class Bars(Panel):
     """Sizes on a log axis, a bar each: (name, size, whether it is too large); `limit` is what is accepted."""
 
@@ -141,7 +161,7 @@ MOST_LINES = 8
 
 
 def audit_errors(report: Audit) -> TimePlot:
-    """|ΔC| with its error bar, beside what is accepted and what was exchanged."""
+    """|ΔC| with its error bar, beside what is accepted and what the system has."""
     ledger = report.ledger
     lines = [
         Line(
@@ -167,16 +187,16 @@ def audit_errors(report: Audit) -> TimePlot:
         tuple(lines),
         "J",
         log=True,
-        guides=scales(report.tolerance * report.beside, ledger.energy_exchanged),
+        guides=scales(report.tolerance * report.reference_energy, report.reference_energy),
         note="Shaded: how far |ΔC| may be off numerically. A right log stays inside it, or far below "
         "the dashed line.",
         tall=True,
     )
 
 
-def scales(accepted: float, exchanged: float) -> tuple[Guide, ...]:
+def scales(accepted: float, reference: float) -> tuple[Guide, ...]:
     """What |ΔC| is compared with, where it is more than nothing."""
-    guides = [("accepted", accepted), ("energy exchanged", exchanged)]
+    guides = [("accepted", accepted), ("energy of the system", reference)]
     return tuple(Guide(name, value) for name, value in guides if value > 0.0)
 
 
@@ -185,6 +205,16 @@ def floored(values: Array, ledger: Ledger) -> Array:
     floor = EPS * ledger.energy_exchanged if ledger.energy_exchanged > 0.0 else EPS
     sized: Array = np.maximum(np.abs(values), floor)
     return sized
+
+
+SPIKE = 0.02
+"""Part of a curve's values that a log axis need not reach down to: ΔC begins at zero, and grows from it."""
+
+
+def lowest(curves: Iterable[Array]) -> float:
+    """Where a log axis may begin: below all values of the curves but their few smallest; inf without any."""
+    positive = [y[np.isfinite(y) & (y > 0.0)] for y in curves]
+    return min((float(np.quantile(y, SPIKE)) for y in positive if len(y)), default=np.inf)
 
 
 def all_functions(ledger: Ledger) -> TimePlot:
@@ -198,7 +228,7 @@ def all_functions(ledger: Ledger) -> TimePlot:
         ),
         "J",
         log=True,
-        guides=scales(0.0, ledger.energy_exchanged),
+        guides=scales(0.0, ledger.reference_energy),
         tall=True,
     )
 
@@ -329,7 +359,7 @@ def study_errors(report: Study) -> TimePlot:
         tuple(lines),
         "J",
         log=True,
-        guides=scales(report.tolerance * report.energy_exchanged, report.energy_exchanged),
+        guides=scales(report.tolerance * report.reference_energy, report.reference_energy),
         note="An integrator's error falls with the step; an error of the equations stays where it is.",
         tall=True,
     )
@@ -352,11 +382,11 @@ def orders(report: Study) -> LogPlot:
 
     An order may be of a part of the runs alone: what it was fitted to is then drawn as points of their own.
     """
-    exchanged = report.energy_exchanged or 1.0
+    energy_scale = report.reference_energy or 1.0
     steps = np.asarray(report.measures.steps)
-    left = np.asarray(report.measures.left) / exchanged
+    left = np.asarray(report.measures.left) / energy_scale
     energy, state = report.observed_order[report.function], report.observed_order["state"]
-    fitted = np.asarray(energy.sizes) / exchanged
+    fitted = np.asarray(energy.sizes) / energy_scale
     common = steps[len(steps) - len(fitted) :]
     limited = energy.trend == "tends to a limit"
     whole = bool((np.abs(fitted - left[len(steps) - len(fitted) :]) <= SEEN * fitted).all())
@@ -373,11 +403,11 @@ def orders(report: Study) -> LogPlot:
             state,
         ),
     ]
-    limit = (Guide("limit of |ΔC|", energy.limit / exchanged),) if limited else ()
+    limit = (Guide("limit of |ΔC|", energy.limit / energy_scale),) if limited else ()
     return LogPlot(
         "How the errors fall with the step",
         "step h (s)" if report.measures.unit else "tolerance",
-        "share of the energy exchanged, or of the ranges",
+        "share of the energy of the system, or of the ranges",
         tuple(cloud for cloud in clouds if cloud is not None),
         (Guide("accepted", report.tolerance), *limit),
         note="" if report.nominal is None else f"The solver's own order is {report.nominal}.",
@@ -444,7 +474,7 @@ def residuals(report: EquationCheck) -> Bars:
 
 def fronts(report: Recommendation) -> Iterator[LogPlot]:
     """Work and precision: |ΔC| of every trial over the time that it took, then the error of the motion."""
-    yield _front(report, "energy", "|ΔC|, share of the energy exchanged")
+    yield _front(report, "energy", "|ΔC|, share of the energy of the system")
     if any(np.isfinite(trial.motion) and trial.motion > 0.0 for trial in report.trials):
         yield _front(report, "motion", "error of q and u, share of their ranges")
 

@@ -28,6 +28,7 @@ from deltac.report.panels import (
     energy_plots,
     flows_of,
     fronts,
+    lowest,
     momentum_functions,
     orders,
     residuals,
@@ -204,7 +205,8 @@ def _time(panel: Axes, plot: TimePlot) -> None:
         panel.set_yscale("log")
     _guides(panel, plot.guides, plot.unit)
     if plot.log:
-        panel.set_ylim(bottom=floor)
+        least = min([lowest(line.y for line in shown), *guides, 1e300])
+        panel.set_ylim(bottom=max(floor, 0.5 * least))
     panel.margins(x=0)
     panel.set_title(plot.title)
     panel.set_xlabel("time t (s)")
@@ -288,7 +290,7 @@ def _guides(panel: Axes, guides: Sequence[Guide], unit: str, *, upright: bool = 
     """Levels that curves are compared with; what is accepted is green."""
     for guide in guides:
         line = panel.axvline if upright else panel.axhline
-        colour = GREY if guide.name == "energy exchanged" else GREEN
+        colour = GREY if guide.name == "energy of the system" else GREEN
         label = f"{guide.name}, {number(guide.value, unit, 3)}"
         line(guide.value, color=colour, linewidth=1.1, linestyle=DASHED, label=label)
 

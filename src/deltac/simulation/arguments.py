@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.calls.caching import LRUCache, derived
+from deltac.calls.caching import LRUCache
 from deltac.dynamics.digits import NOISY, acceleration_error, noise
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
-from deltac.dynamics.recursions import crba
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.errors import (
     NO_NUMBER,
@@ -229,14 +226,13 @@ def _start_error(
     _, u_part, _ = flow.parts
     error = 0.0
     if flow.equations is None:
-        n = len(flow.system.free_u)
-        (M,) = evaluate_at(_inertias(flow), state.t, x0, p)
-        if singular := singular_inertia(mechanism, M.reshape(n, n)):
+        free, motion = mechanism.free, equations_of_motion(mechanism, vary)
+        M = motion.mass_matrix(state.t, state.q[free.q], p)
+        if singular := singular_inertia(mechanism, M):
             raise singular
         suspect = False
-        if flow.traced and controller is None and len(x0[u_part]) == n:
-            suspect = noise(_at_start(flow, state.t, p), M.reshape(n, n), x0) > NOISY
-        free, motion = mechanism.free, equations_of_motion(mechanism, vary)
+        if flow.traced and controller is None and len(x0[u_part]) == len(M):
+            suspect = noise(_at_start(flow, state.t, p), M, x0) > NOISY
         at = (state.t, state.q[free.q], state.u[free.u], p)
         error = acceleration_error(motion, rows, *at, suspect=suspect)
     bad = np.flatnonzero(~np.isfinite(xdot[u_part]))
@@ -253,13 +249,6 @@ def _start_error(
 def _at_start(flow: Flow, t: float, p: Array) -> Callable[[Array], Array]:
     """The accelerations as a function of the state."""
     return lambda x: np.asarray(evaluate_at(flow.rate, t, x, p)[0][flow.parts[1]])
-
-
-@derived
-def _inertias(flow: Flow) -> Any:
-    """(t, x; p) -> the mass matrix of the free speeds, as a CasADi function."""
-    system, free = flow.system, flow.system.free_u
-    return ca.Function("M", [flow.t, flow.x, flow.p], [ca.densify(crba(system)[free, free])])
 
 
 def positive(value: float, what: str) -> float:
@@ -315,9 +304,9 @@ def sample_grid(
 ) -> StepGrid | None:
     """Samples `step` apart, the end included; None for the own steps of a solver that tells them."""
     if step is None:
-        if solver.family in ("scipy", "adaptive"):
+        if solver.family == "scipy":
             return None
         step = duration / 200
-    looks = LOOKS if watching and solver.family not in ("scipy", "adaptive") else 1
+    looks = LOOKS if watching and solver.family != "scipy" else 1
     count = math.ceil(duration / step * looks * (1 - 1e-12))
     return StepGrid(start, step / looks, count, start + duration, looks)

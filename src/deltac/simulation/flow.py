@@ -31,7 +31,6 @@ from deltac.dynamics.terms import (
     Reactions,
     Terms,
     channel_powers,
-    forward,
     reaction_powers,
     reactions_from,
     terms,
@@ -105,7 +104,8 @@ class Flow(Once):
     `driving` forces and the constraints' `reactions` are full vectors of the mechanism. `bound` holds the
     constraints that the equations are built on, `energies` the testing functions' E, K and V of (t, x);
     `split` are the generalized speeds of the testing functions, where they are not the mechanism's;
-    `damping` is Baumgarte's (α, β).
+    `damping` is Baumgarte's (α, β); `slip` is ψ of the motion rows that were left out as redundant, of the
+    constraints `slipping`.
     """
 
     system: System
@@ -134,6 +134,8 @@ class Flow(Once):
     driving: SX
     reactions: Mapping[ChannelName, SX]
     energies: SX
+    slip: SX
+    slipping: tuple[str, ...]
 
     @cached_property
     def traced(self) -> bool:
@@ -282,7 +284,7 @@ def build_flow(
         damping = (constraints.alpha, constraints.beta)
     given, told = ca.SX(0, 1), None
     if written is None:
-        motion = forward(system, parts, bound, damping)
+        motion = mechanics.motion(rows, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
         q, u, qdot, udot = system.q, system.u, system.qdot, udot_all[system.free_u, :]
     else:
@@ -317,6 +319,7 @@ def build_flow(
     potential = {part.name for part in parts if part.potential is not None}
     working = {n: p for n, p in by_channel.items() if n not in potential and ca.sparsify(p).nnz()}
     tied = constraint_forces(bound, reactions.multipliers)
+    idle = [k for k, h in enumerate(mechanics.rows.holonomic) if not (h or k in rows)]
     outputs = {
         "q": ca.SX(system.q_all),
         "u": ca.SX(system.u_all),
@@ -324,6 +327,7 @@ def build_flow(
         "driving": reactions.driving,
         "P": _integrands(known, list(working.values()), names, integrals, momenta),
         "E": ca.vertcat(*(function.E(known) for function in functions), known.K, known.V),
+        "slip": mechanics.rows.psi[idle],
         **{str(name): force for name, force in tied.items()},
     }
     if written is not None:
@@ -360,6 +364,8 @@ def build_flow(
         driving=outputs["driving"],
         reactions={n: outputs[n] for n in tied},
         energies=outputs["E"],
+        slip=outputs["slip"],
+        slipping=tuple(mechanics.rows.names[k] for k in idle),
     )
 
 

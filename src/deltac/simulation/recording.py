@@ -75,9 +75,11 @@ def observer(flow: Flow) -> Kernel:
             "u": flow.u_all,
             "udot": flow.udot_all,
             "driving": flow.driving,
+            **({"energies": flow.energies} if flow.testing else {}),
             **{str(name): force for name, force in flow.reactions.items()},
             **({} if flow.bound is None else {"pivot": smallest_pivot(flow)}),
             **({"phi": flow.bound.rows.phi} if flow.bound is not None and flow.projecting else {}),
+            **({"slip": flow.slip} if flow.slipping else {}),
         },
         flow.p,
         name="observation",
@@ -174,20 +176,33 @@ def while_assembled(flow: Flow, motion: Motion, seen: dict[str, Array]) -> Motio
     """The motion up to where its constraints can no longer be met, and words for it.
 
     A mechanism at the end of its reach cannot follow a constraint that moves on: projection fails, and
-    what comes after is no motion.
+    what comes after is no motion. Motion constraints that were redundant at the start may cease to be so.
     """
-    if "phi" not in seen or flow.bound is None:
+    names: tuple[str, ...] = flow.slipping
+    columns = [seen["slip"].reshape(len(motion.t), -1)] if names else []
+    if "phi" in seen and flow.bound is not None:
+        names += flow.bound.rows.names
+        columns.append(seen["phi"].reshape(len(motion.t), -1))
+    if not columns:
         return motion
-    rows, phi = flow.bound.rows, np.abs(seen["phi"].reshape(len(motion.t), -1))
-    if phi.max(initial=0.0) <= LOST:  # no NaN is
+    off = np.abs(np.hstack(columns))
+    if off.max(initial=0.0) <= LOST:  # no NaN is
+        if not motion.message or "phi" not in seen:
+            return motion
         locked = "; or the mechanism is locked, and its constraints cannot be met any further"
-        return replace(motion, message=motion.message + locked) if motion.message else motion
-    first = max(1, int(np.argmax(~(phi <= LOST).all(axis=1))))
-    name = rows.names[int(np.nanargmax(phi[first]))]
+        return replace(motion, message=motion.message + locked)
+    first = max(1, int(np.argmax(~(off <= LOST).all(axis=1))))
+    worst = int(np.nanargmax(off[first]))
+    if worst < len(flow.slipping):
+        unit = "m/s"
+        why = "it followed from the other constraints at the start, and does not any more"
+        remedy = "use fewer constraints, or let something slip"
+    else:
+        unit, why = "m or rad", "the mechanism is locked or at the end of its reach"
+        remedy = "let the motion end earlier, or change the constraint"
     message = (
-        f"stopped: constraint {name!r} can no longer be met at t = {motion.t[first]:.9g} s (off by "
-        f"{np.nanmax(phi[first]):.2g} m or rad): the mechanism is locked or at the end of its reach. What "
-        "was computed until then is kept; let the motion end earlier, or change the constraint"
+        f"stopped: constraint {names[worst]!r} can no longer be met at t = {motion.t[first]:.9g} s (off by "
+        f"{np.nanmax(off[first]):.2g} {unit}): {why}. What was computed until then is kept; {remedy}"
     )
     return Motion(motion.t[:first], motion.x[:first], motion.inputs[:first], message)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -12,7 +12,7 @@ from deltac.arrays import Array
 from deltac.calls.caching import LRUCache
 from deltac.calls.progress import Progress
 from deltac.dynamics.coordinates import check_split
-from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
 from deltac.errors import warn_user
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
@@ -47,7 +47,6 @@ from deltac.simulation.recording import (
 )
 from deltac.simulation.solvers import (
     DEFAULT_RADIUS,
-    Adaptive,
     Options,
     Scipy,
     Solver,
@@ -56,9 +55,10 @@ from deltac.simulation.solvers import (
     find_solver,
     solver_options,
 )
+from deltac.simulation.step_size.energy_error import energy_error, refuted
+from deltac.simulation.step_size.sizes import state_sizes
 from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
-from deltac.simulation.stepping.adaptive import AdaptiveMethod, AdaptiveSteps
 from deltac.simulation.stepping.explicit import FixedMethod, FixedSteps
 from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
 from deltac.simulation.stepping.interpreted import Finish, StageRate
@@ -135,7 +135,7 @@ def simulate(
     else:
         p_run = p
     compiled = flow.traced and controller is None
-    stepper = _stepper(made, options, rate, p_run, duration, compiled=compiled)
+    stepper = _stepper(made, options, rate, p_run, state.t, x0, duration, compiled=compiled)
     careful = None
     if found.passes_singular and compiled and flow.bound is not None and equations is None:
         explicit = found if found.step else find_solver("ode5")
@@ -157,10 +157,7 @@ def simulate(
         motion = explained(flow, found, duration / steps, p, x0, motion)
     seen = observed(flow, made.observe, motion, p)
     motion = while_assembled(flow, motion, seen)
-    if motion.message:
-        warn_user(motion.message, SimulationStoppedWarning)
-    if flow.correcting:
-        check_correction_held(flow, motion.t, motion.x, p)
+    error = energy_error(flow, seen, motion) if flow.testing else None
     provenance = Provenance(
         simulator="deltac",
         solver=found.name,
@@ -169,9 +166,16 @@ def simulate(
         model=mechanism.name,
         model_hash=mechanism.hash,
         completed=not motion.message,
-        message=motion.message,
+        energy_error=None if error is None else error.largest,
         **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
     )
+    if error is not None:
+        motion = refuted(flow, found, error, motion, p, provenance)
+    if motion.message:
+        warn_user(motion.message, SimulationStoppedWarning)
+        provenance = replace(provenance, message=motion.message)
+    if flow.correcting:
+        check_correction_held(flow, motion.t, motion.x, p)
     run = recorded(mechanism, flow, seen, motion, p, provenance, guarded=careful is not None)
     if events is None:
         return run
@@ -180,12 +184,11 @@ def simulate(
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
 
-Method: TypeAlias = FixedMethod | ImplicitMethod | AdaptiveMethod
+Method: TypeAlias = FixedMethod | ImplicitMethod
 
 METHODS: dict[str, type[Method]] = {
     "fixed": FixedMethod,
     "implicit": ImplicitMethod,
-    "adaptive": AdaptiveMethod,
 }
 """Families whose steps are compiled ahead, on a flow; the others bring their own."""
 
@@ -258,25 +261,26 @@ def _stepper(
     options: Options,
     rate: StageRate,
     p: Array,
+    t: float,
+    x: Array,
     duration: float,
     *,
     compiled: bool,
 ) -> Stepper:
-    """What takes the steps of one run."""
+    """What takes the steps of one run from (t, x)."""
     flow, method = made.moving, made.method
     if isinstance(method, FixedMethod):
         return FixedSteps(method, rate, p, compiled=compiled)
-    if isinstance(method, AdaptiveMethod):
-        assert isinstance(options, Adaptive)
-        return AdaptiveSteps(method, rate, p, options.tolerance, duration, compiled=compiled)
     if isinstance(method, ImplicitMethod):
         return ImplicitSteps(method, rate, p, getattr(options, "spectral_radius", DEFAULT_RADIUS))
     if isinstance(options, Taylor):
         return TaylorSteps(flow, p, options.tolerance, quad=options.quad)
+    xdot = evaluate_at(flow.rate, t, x, p)[0] if compiled else rate(t, x)
+    sizes = state_sizes(flow, t, x, xdot, p, duration)
     assert isinstance(options, Sundials | Scipy)
     if isinstance(options, Sundials):
-        return SundialsSteps(flow, options.solver, p, options.tolerance)
-    return ScipySteps(flow, options.solver, rate, p, options.tolerance, compiled=compiled)
+        return SundialsSteps(flow, options.solver, p, options.tolerance, sizes)
+    return ScipySteps(flow, options.solver, rate, p, options.tolerance, sizes, compiled=compiled)
 
 
 def _circumstances(
@@ -292,7 +296,14 @@ def _circumstances(
     held: tuple[ChannelName, ...] | None = None
     if controller is not None and controller.hold:
         held = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
+    notes = {}
+    if events is not None and events.simultaneous:
+        laws = (f"{law!r} at {n} instants" for law, n in events.simultaneous.items())
+        notes["simultaneous impacts"] = (
+            f"resolved by {', '.join(laws)}; rigid-body mechanics does not determine their outcome"
+        )
     return {
+        "notes": notes,
         "corrected": "energy" if flow.correcting else "",
         "ended": "" if events is None else events.ended,
         "equations": "" if equations is None else equations.name,

@@ -20,9 +20,9 @@ from deltac.simulation.stepping.runge_kutta import (
 class Solver:
     """A solver: its Simulink name, its family, its order.
 
-    Families: "fixed" (explicit) and "implicit" take steps of the user's length; "adaptive", "scipy",
-    "sundials" and "taylor" choose their own. `step` advances the explicit ones of family "fixed", at the cost
-    of `stages` evaluations of ẋ; `order` is None where it varies along the run. Of a `multistep` method the
+    Families: "fixed" (explicit) and "implicit" take steps of the user's length; "scipy", "sundials"
+    and "taylor" choose their own. `step` advances the explicit ones of family "fixed", at the cost of
+    `stages` evaluations of ẋ; `order` is None where it varies along the run. Of a `multistep` method the
     state may not be changed between steps.
     """
 
@@ -42,7 +42,7 @@ class Solver:
     @property
     def passes_singular(self) -> bool:
         """Whether steps near dependent constraints are taken with multipliers by least squares."""
-        return self.step is not None or self.family in ("adaptive", "scipy")
+        return self.step is not None or self.family == "scipy"
 
 
 SOLVERS: dict[str, Solver] = {
@@ -57,9 +57,6 @@ SOLVERS: dict[str, Solver] = {
         Solver(
             "semi-implicit-euler", "fixed", 1, semi_implicit_euler_step, 2, ("symplectic-euler",)
         ),
-        Solver("ode3-adaptive", "adaptive", 3, stages=4),
-        Solver("ode5-adaptive", "adaptive", 5, stages=7),
-        Solver("ode8-adaptive", "adaptive", 8, stages=13),
         Solver("ode1be", "implicit", 1, stages=1, aliases=("backward-euler",)),
         Solver("implicit-midpoint", "implicit", 2, stages=1, aliases=("midpoint",)),
         Solver("generalized-alpha", "implicit", 2, stages=1, aliases=("chung-hulbert",)),
@@ -143,38 +140,11 @@ class GeneralizedAlpha(Options):
 
 
 @dataclass(frozen=True)
-class Adaptive(Options):
-    """An explicit method of ours that chooses its steps by the local error and by ΔC.
-
-    `method` is "ode3", "ode5" or "ode8". `tolerance` bounds both the local error of coordinates and speeds,
-    relative, and |ΔC| at the end of the run, as a fraction of the energy that takes part (the largest kinetic
-    energy and the range of the potential one): each step may use up its share. ΔC is that of the testing
-    functions which the run records; with none, the local error decides alone.
-    """
-
-    method: str = "ode5"
-    tolerance: float = DEFAULT_TOLERANCE
-
-    def __post_init__(self) -> None:
-        names = [n.removesuffix("-adaptive") for n, s in SOLVERS.items() if s.family == "adaptive"]
-        if self.method not in names:
-            raise SolverError(
-                f"Adaptive: method is {self.method!r}; expected one with an embedded method: "
-                f"{', '.join(names)}"
-            )
-        _check_tolerance(self.tolerance)
-
-    @property
-    def name(self) -> str:
-        """What runs call it."""
-        return f"{self.method}-adaptive"
-
-
-@dataclass(frozen=True)
 class Scipy(Options):
     """An adaptive solver of SciPy: RK23, RK45, DOP853, Radau, BDF or LSODA.
 
-    `tolerance` is relative; a thousandth of it is the absolute one.
+    `tolerance` is relative to each state; near zero, to a thousandth of its size, which is estimated at the
+    start in the state's own unit (energies by the kinetic energy that the motion reaches).
     """
 
     name: str = "DOP853"
@@ -190,7 +160,8 @@ class Scipy(Options):
 class Sundials(Options):
     """CVODES, of u̇ = f, or IDAS, of the equations of motion unsolved.
 
-    `tolerance` is relative; a thousandth of it is the absolute one.
+    `tolerance` is relative to each state; near zero, to a thousandth of its size, which is estimated at the
+    start in the state's own unit (energies by the kinetic energy that the motion reaches).
     """
 
     name: str = "CVODES"
@@ -244,8 +215,6 @@ def solver_options(solver: str | Options, tolerance: float | None = None) -> Opt
     if found.family == "taylor":
         return Taylor(tolerance, found.name == "taylor-quad")
     kept = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    if found.family == "adaptive":
-        return Adaptive(found.name.removesuffix("-adaptive"), kept)
     return Scipy(found.name, kept) if found.family == "scipy" else Sundials(found.name, kept)
 
 

@@ -10,6 +10,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from deltac.diagnosis.verdict import REFINED_TOLERANCE, RUN_TOLERANCE
+
 if TYPE_CHECKING:
     from deltac.diagnosis.audit.audit import Audit
     from deltac.diagnosis.check.check import EquationCheck
@@ -27,7 +29,7 @@ Found = TypeVar("Found", bound="Report")
 def assert_balanced(
     model: ModelLike,
     run: Trajectory | str | Path,
-    tolerance: float = 1e-3,
+    tolerance: float = RUN_TOLERANCE,
     *,
     work: str | None = None,
     mapping: LogMapping | str | Path | None = None,
@@ -37,7 +39,7 @@ def assert_balanced(
     Args:
         model: a Mechanism, a Problem or its name, a MuJoCo model, a file; see `deltac.audit`.
         run: a Trajectory, or the path of a log.
-        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
         work: how works are taken, as for `deltac.balance`.
         mapping: path of a mapping file, where the log's columns have other names or units.
 
@@ -85,7 +87,7 @@ def assert_equations(
 def assert_converges(
     model: ModelLike,
     steps: Sequence[float] | None = None,
-    tolerance: float = 1e-6,
+    tolerance: float = REFINED_TOLERANCE,
     *,
     order: float | None = None,
     **options: Any,
@@ -95,7 +97,7 @@ def assert_converges(
     Args:
         model: a Mechanism, a Problem or its name, a MuJoCo model, a file.
         steps: three or more, each half of the previous one; see `deltac.study`.
-        tolerance: accepted |ΔC| at the finest step, as a fraction of the energy exchanged.
+        tolerance: accepted |ΔC| at the finest step, as a fraction of the energy that the system has.
         order: if given, the motion must converge at this order, within its error and half an order.
         options: further arguments of `deltac.study`: state, duration, solver, equations, runs, …
 

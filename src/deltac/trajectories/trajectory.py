@@ -32,6 +32,14 @@ FloatArray: TypeAlias = npt.NDArray[np.float64]
 ROWS, INTERPOLATED = "rows", "interpolated"
 """The note of a provenance that rows lie between the steps of the solver, on its interpolant."""
 
+LEFT_OUT = "left out"
+"""The note of provenance that says which rows were left out."""
+
+FRAMES = "frames"
+"""The note of provenance that says in which components velocities are that were turned."""
+
+BY_LAW = "by the laws of prescribed joints"
+"""The note of provenance that names the columns which the log lacks and the mechanism tells."""
 
 MAPPINGS = ("coordinates", "strengths", "derived", "notes")
 """Fields of a provenance that are mappings."""
@@ -57,6 +65,8 @@ class Provenance:
     coordinates  own generalized speeds in which the integrals of Kane–Levinson's functions were taken, as
                `CoordinateMap(**…)` takes them; empty for the joints' own
     corrected  what the solver corrected after each step: "energy"
+    energy_error  largest |ΔC| of a run's own testing functions, with what corrections undid, J; None where
+               none was integrated with the motion
     singular   where the constraints were dependent, in words
     held       channels whose forces were constant over each step; None where nobody said
     inputs     "held" where controls and applied forces were set before each step and kept over it, so that
@@ -87,6 +97,7 @@ class Provenance:
     equations: str = ""
     coordinates: Mapping[str, Any] = field(default_factory=dict, hash=False)
     corrected: str = ""
+    energy_error: float | None = None
     singular: str = ""
     held: tuple[str, ...] | None = None
     inputs: str = ""
@@ -122,6 +133,7 @@ class Provenance:
         if self.order is not None and not (isinstance(self.order, int) and self.order >= 1):
             raise _unfit("order", self.order, "a whole number, 1 or more, or None")
         _set(self, "tolerance", _positive("tolerance", self.tolerance, zero=True))
+        _set(self, "energy_error", _positive("energy_error", self.energy_error, zero=True))
         for name in ("ended", "equations", "corrected", "singular", "inputs", "stage", "reading"):
             if not isinstance(getattr(self, name), str):
                 raise _unfit(name, getattr(self, name), "text")
@@ -538,11 +550,33 @@ def _times(values: Any) -> FloatArray:
     back = np.flatnonzero(t[1:] <= t[:-1])
     if back.size:
         row = back[0] + 1
+        remedy = "Sort the rows, or drop the repeated ones."
         raise LogError(
             f"column 'time', {row_name(row, len(t))}: found {t[row]} after {t[row - 1]}, "
-            "expected times that strictly increase. Sort the rows, or drop the repeated ones."
+            f"expected times that strictly increase. {rounded_clock(t) or remedy}"
         )
     return t
+
+
+def rounded_clock(t: FloatArray) -> str:
+    """What to do with times (T,) that are those of an even clock, rounded to more than a row; else nothing.
+
+    The clock is the straight line through the ends: each time is within a unit of its last digit of it. Most
+    times are there twice or more; where few are, rows may be copies.
+    """
+    steps = np.diff(t)
+    unit = float(steps[steps > 0.0].min(initial=np.inf))
+    even, exact = np.linspace(t[0], t[-1], len(t)), float(t[-1] - t[0]) / (len(t) - 1)
+    near = np.abs(t - even).max() <= unit * (1.0 + 1e-6)
+    if (steps < 0.0).any() or not 0.0 < 2.0 * exact <= unit or not near:
+        return ""
+    uncertain = 2.0 * unit / (len(t) - 1)
+    shortest = (float(f"{exact:.{digits}g}") for digits in range(1, 18))
+    step = next(value for value in shortest if abs(value - exact) <= uncertain)
+    return (
+        f"The times are those of rows {step:g} s apart, rounded to {unit:.3g} s. If so, read them by --step "
+        f"{step:g}, or in a mapping by [log] time = {{ step = {step:g} }}."
+    )
 
 
 def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:

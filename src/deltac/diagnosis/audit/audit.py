@@ -14,7 +14,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Parts, Progress, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
-from deltac.diagnosis.audit.verdict import Evidence, judge, stored_energy
+from deltac.diagnosis.audit.verdict import Evidence, judge
 from deltac.diagnosis.explain.explain import explanation_of
 from deltac.diagnosis.explain.result import Cause
 from deltac.diagnosis.inference.attribution import Attribution, Share
@@ -23,7 +23,14 @@ from deltac.diagnosis.inference.inference import Inference, infer
 from deltac.diagnosis.inference.integrators import IntegratorEstimate
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.logs import Log, read_log
-from deltac.diagnosis.verdict import Finding, Judged, Kind, Verdict
+from deltac.diagnosis.verdict import (
+    RUN_TOLERANCE,
+    Finding,
+    Judged,
+    Kind,
+    Verdict,
+    check_tolerance,
+)
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import KEPT
 from deltac.errors import InputError
@@ -35,9 +42,6 @@ from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
-
-TOLERANCE = 1e-3
-"""Energy error that is accepted by default, as a fraction of the energy exchanged."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,7 @@ class Audit(
     also=(
         "relative",
         "energy_exchanged",
+        "reference_energy",
         "method",
         "delta_c",
         "error_bar",
@@ -83,8 +88,7 @@ class Audit(
         import_report: what the model's file held that the model does not, None for other models.
         function: the testing function that the verdict rests on.
         energy_error: ΔC with the work of corrections that the simulator applied (T,), J.
-        tolerance: accepted |energy_error| as a fraction of the energy exchanged, or of the energy that the
-            system has, where that is less.
+        tolerance: accepted |energy_error| as a fraction of the energy that the system has.
         inference: what the rows say of integrator and equations; None where nothing is free to move, or too
             few rows follow each other.
         attribution: ΔC in joules of `integrator`, `equations` and `log`: each has its `energy` with a
@@ -116,13 +120,14 @@ class Audit(
 
     @property
     def relative(self) -> float:
-        """Largest |energy_error| as a fraction of the energy exchanged, or that the system has, if less."""
-        return float(np.abs(self.energy_error).max()) / self.beside if self.beside > 0.0 else 0.0
+        """Largest |energy_error| as a fraction of `reference_energy`."""
+        error, energy = float(np.abs(self.energy_error).max()), self.reference_energy
+        return error / energy if energy > 0.0 else 0.0
 
     @property
-    def beside(self) -> float:
-        """The energy that the error is judged beside: exchanged, or that the system has, if less; J."""
-        return min(self.ledger.energy_exchanged, stored_energy(self.ledger))
+    def reference_energy(self) -> float:
+        """The energy that the error is compared with, J: largest K plus range of V."""
+        return self.ledger.reference_energy
 
     @property
     def exit_code(self) -> int:
@@ -166,7 +171,7 @@ class Audit(
         rows += [
             row("ΔK", float(K[-1] - K[0]), "computed"),
             row("ΔV", float(V[-1] - V[0]), "computed"),
-            row("Q", change - float(delta_c[-1]), "the works, without those of V"),
+            row("Q", change - float(delta_c[-1]), "work of the non-potential forces"),
             row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), ledger.method, bar),
         ]
         if not np.array_equal(self.energy_error, delta_c):
@@ -207,11 +212,9 @@ class Audit(
     def summary(self) -> str:
         """Verdict, and the energy error beside the tolerance."""
         sign = ">" if self.relative > self.tolerance else "≤"
-        what = "exchanged" if self.beside == self.energy_exchanged else "that the system has"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.beside:.4g} J {what} "
-            f"(confidence {self.verdict.confidence})"
+            f"{self.reference_energy:.4g} J that the system has{self.verdict.certainty}"
         )
 
     def sections(self) -> Iterator[Section]:
@@ -264,11 +267,11 @@ def audit(
     model: ModelLike,
     log: Any,
     *,
-    tolerance: float = TOLERANCE,
+    tolerance: float = RUN_TOLERANCE,
     work: str | None = None,
     mapping: Any = None,
     strict: bool = False,
-    replay: bool = False,
+    replay: bool | None = None,
     progress: Progress | None = None,
 ) -> Audit:
     """Judge a log against a model.
@@ -278,14 +281,15 @@ def audit(
             mujoco.MjModel or MjSpec, or ``file.py:callable``.
         log: a Trajectory; the path of a log; a table (a dictionary of arrays, a DataFrame,
             an xarray Dataset, an array (T, n)); or what SciPy returned (see `Trajectory.from_scipy`).
-        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
         work: rule for works, as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop
             where the run has that, discrete where it holds every step of an engine that holds its forces over
             a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
         replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
-            every step: tells whether the log is this model's, and audits every step.
+            every step: tells whether the log is this model's, and audits every step. By default where the log
+            has controls, lacks forces that the model's file has, and is reproduced; the findings say so.
         progress: called with the fraction done.
 
     Returns:
@@ -296,12 +300,14 @@ def audit(
     """
     reference = _reference(model, tolerance, work)
     parts = Parts(progress, SHARES)
-    findings: list[Finding] = []
-    if replay:
-        from deltac.diagnosis.audit.replayed import replayed
+    findings: tuple[Finding, ...] = ()
+    if replay is not False and (replay or reference.import_report is not None):
+        from deltac.diagnosis.audit import replayed
 
-        log, findings = replayed(model, reference.mechanism, log, mapping)
-        mapping = None
+        again = replayed.replayed(model, reference, log, mapping, required=bool(replay))
+        findings = again.findings
+        if again.run is not None:
+            log, mapping = again.run, None
     source = read_log(
         reference.mechanism, log, work, mapping, keep=KEPT, progress=parts.part("read")
     )
@@ -312,7 +318,7 @@ def audit_together(
     model: ModelLike,
     runs: Sequence[Trajectory],
     *,
-    tolerance: float = TOLERANCE,
+    tolerance: float = RUN_TOLERANCE,
     work: str | None = None,
     strict: bool = False,
 ) -> list[Audit | InputError]:
@@ -329,7 +335,7 @@ def audit_together(
 
 
 @dataclass(frozen=True, eq=False)
-class _Reference:
+class Reference:
     """What a log is judged against, and how."""
 
     mechanism: Mechanism
@@ -338,15 +344,14 @@ class _Reference:
     work: str | None
 
 
-def _reference(model: ModelLike, tolerance: float, work: str | None) -> _Reference:
-    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
-        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+def _reference(model: ModelLike, tolerance: float, work: str | None) -> Reference:
+    check_tolerance(tolerance)
     loaded = load_model(model)
-    return _Reference(loaded.mechanism, loaded.import_report, tolerance, work)
+    return Reference(loaded.mechanism, loaded.import_report, tolerance, work)
 
 
 def _judged(
-    reference: _Reference,
+    reference: Reference,
     log: Log,
     known: Sequence[Finding],
     strict: bool,
@@ -361,6 +366,7 @@ def _judged(
     findings += checks.differing_channels(mechanism, log, report, tolerance)
     missing = checks.assumed_zero(run, report)
     findings += checks.assumed_zero_finding(missing)
+    progress(0.2)
     doubted = any(f.weight == "doubt" for f in findings)
     inference = None if doubted else infer(mechanism, log.consecutive, ledger.energy_exchanged)
     progress(0.7)
@@ -452,7 +458,7 @@ WHOLE = 1.02
 """Time of a log over that of the rows that were looked at, up to which these are the whole log."""
 
 
-def _with_held_works(reference: _Reference, log: Log, inference: Inference | None) -> Log:
+def _with_held_works(reference: Reference, log: Log, inference: Inference | None) -> Log:
     """The log with the works of forces that were held over each step, known without quadrature."""
     run = log.run
     if inference is None or log.consecutive is not run or reference.work is not None:
@@ -470,11 +476,11 @@ def _works_between_rows(inference: Inference, run: Trajectory) -> dict[ChannelNa
     model = inference.model
     if run.works or run.integrals or set(run.forces) != set(model.log.places):
         return {}
-    if len(inference.w) != len(run) - 1:
-        return {}
-    # The work along the model's flow: what the integrator does besides is its error, and in ΔC.
-    intervals = inference.log.intervals
-    moved = (model.difference(intervals.start, intervals.end) - inference.w)[:, : model.n]
+    rows = model.rows(run)
+    moved = model.difference(rows.take(slice(0, -1)), rows.take(slice(1, None)))[:, : model.n]
+    if len(inference.w) == len(moved):
+        # The work along the model's flow: what the integrator does besides is its error, and in ΔC.
+        moved = moved - inference.w[:, : model.n]
     place = {int(k): row for row, k in enumerate(model.mechanism.free.u)}
     works: dict[ChannelName, Array] = {}
     for name, speeds in model.log.places.items():

@@ -197,12 +197,12 @@ def unresolved_works(ledger: Ledger) -> list[Finding]:
         return []
     errors = {name: float(ledger.work_error[name].max()) for name in unknown}
     worst = max(unknown, key=lambda name: errors[name])
-    number = "1 channel is" if len(unknown) == 1 else f"{len(unknown)} channels are"
+    number = "1 channel" if len(unknown) == 1 else f"{len(unknown)} channels"
     return [
         Finding(
             "work-unresolved",
-            f"the work of {number} not resolved by the samples",
-            listed(f"{name!r} ± {errors[name]:.2g} J" for name in unknown),
+            f"the work of {number} is not resolved by the samples",
+            f"{worst!r} ± {errors[worst]:.2g} J, the others less; see the table",
             "Log more samples; deltac's own runs integrate works together with the testing functions that "
             "they record (simulate(..., record=...))",
             "note",

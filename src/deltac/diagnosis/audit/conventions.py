@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.inference.inference import Inference, infer
+from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference, infer
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.verdict import Finding
 from deltac.errors import InputError
@@ -147,13 +147,14 @@ def _best(
 
 
 def _closes(other: Inference, inference: Inference) -> bool:
-    """Whether a log read otherwise leaves less without causes than as it is with its best ones."""
+    """Whether a log read otherwise leaves as little without causes as with its best ones, or far less."""
     n = inference.model.n
 
     def left(i: Inference) -> float:
         return float(np.sqrt(np.mean((i.residual[:, n:] / i.log.intervals.h) ** 2)))
 
-    return not other.posterior.best.chosen and left(other) <= 2.0 * left(inference)
+    right = not any(c.kind not in OF_THE_LOG for c in other.posterior.best.chosen)
+    return left(other) <= (2.0 if right else 0.1) * left(inference)
 
 
 def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Finding | None:

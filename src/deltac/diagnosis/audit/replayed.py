@@ -2,88 +2,171 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from deltac.arrays import Array
+from deltac.diagnosis.audit.checks import assumed_zero
 from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.verdict import Finding, percent
-from deltac.errors import ArgumentsError, InputError, LogError
+from deltac.errors import ArgumentsError, InputError, LogError, listed
 from deltac.mechanism.mechanism import Mechanism
 from deltac.recorders.mujoco_recorder import compiled_model
-from deltac.recorders.replay import Replay, replay_mujoco
-from deltac.trajectories import Trajectory, read_trajectory
-from deltac.trajectories.formats.files import read_arrays
+from deltac.recorders.replay import TRIED, Replay, replay_mujoco
+from deltac.trajectories import Trajectory
+from deltac.trajectories.formats.files import log_reading, naming
+from deltac.trajectories.formats.objects import is_table
+from deltac.trajectories.formats.reading import LogReading
+from deltac.trajectories.formats.recognition import arrays_named
+
+if TYPE_CHECKING:
+    from deltac.diagnosis.audit.audit import Reference
 
 CONTROLS = ("ctrl", "control", "controls", "action", "actions", "act", "u", "a")
 ACTIVATIONS = ("act", "activation", "activations")
 
+MOST_STEPS = 20_000
+"""Steps of a replay that nobody asked for: each takes milliseconds, as all of its forces are recorded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What became of a replay: every step of the motion (None where there was none), and findings."""
+
+    run: Trajectory | None
+    findings: tuple[Finding, ...] = ()
+
 
 def replayed(
-    model: Any, mechanism: Mechanism, log: Any, mapping: Any
-) -> tuple[Trajectory, list[Finding]]:
+    model: Any, reference: Reference, log: Any, mapping: Any, *, required: bool
+) -> Attempt:
     """Every step of a log's motion, and whether it is the model's.
 
-    Raises InputError for a model or a log that cannot be stepped.
+    Unless it is `required`, only a log that lacks forces which its MuJoCo model has is stepped, and kept only
+    where its first rows are reproduced: else model, step or controls are others than those of the log, which
+    is then judged as it is, for nobody claimed that they are the same. A finding says why.
+
+    Raises InputError for a model or a log that cannot be stepped, if the replay is required.
     """
-    if not isinstance(log, str | Path):
+    mechanism, report = reference.mechanism, reference.import_report
+    if isinstance(log, Trajectory) or not (isinstance(log, str | Path) or is_table(log)):
+        if not required:
+            return Attempt(None)
         raise ArgumentsError(
-            "replay needs a log file with states and controls; this log is not a file"
+            "replay needs a log file or a table with states and controls; this log is a finished run"
         )
     try:
-        own = compiled_model(model)
+        program = compiled_model(model)
     except InputError as error:
+        if not required:
+            return Attempt(None)
         raise InputError(f"replay steps the model with MuJoCo: {error}") from None
-    run = read_trajectory(log, mapping, mechanism)
-    run, findings = in_model_order(mechanism, run)
-    if run.q.shape[1] != own.nq or run.u.shape[1] != own.nv:
-        raise LogError(
-            f"{log}: the log's coordinates are not all of MuJoCo's model; log qpos and qvel"
+    with naming(log):
+        if required:
+            return _attempt(program, mechanism, log_reading(log, mapping, mechanism))
+        try:
+            reading = log_reading(log, mapping, mechanism)
+            missing = assumed_zero(reading.trajectory(), report)
+        except InputError:  # the audit says what is wrong with the log
+            return Attempt(None)
+        return _unasked(program, mechanism, reading, missing) if missing else Attempt(None)
+
+
+def _attempt(program: Any, mechanism: Mechanism, reading: LogReading) -> Attempt:
+    replay, findings = _stepped(program, mechanism, reading)
+    read = reading.trajectory().provenance
+    source = replace(replay.run.provenance, reading=read.reading, guessed=read.guessed)
+    return Attempt(replace(replay.run, provenance=source), (*findings, _of(replay)))
+
+
+def _unasked(
+    program: Any, mechanism: Mechanism, reading: LogReading, missing: Sequence[str]
+) -> Attempt:
+    """The replay of a log that lacks the forces of the channels `missing`, or why there is none."""
+    if program.nu and not _arrays(reading, CONTROLS, program.nu):
+        return _not_replayed(
+            "the log has neither controls nor forces: most of what moved the model is unknown",
+            f"missing: ctrl (T, {program.nu}), or the forces of {listed(map(repr, missing))}",
+            "Log data.ctrl at each row: MuJoCo is then stepped between the rows, and every force is known. "
+            "Of this log can be judged whether coordinates move as their speeds say and, in free flight, the "
+            "momentum of the whole",
         )
-    rows = len(run)
-    ctrl, act = np.zeros((rows, 0)), np.zeros((rows, own.na))
-    if own.na:
-        act = _inputs(log, ACTIVATIONS, rows, own.na, "activations (act)")
-    if own.nu:
-        ctrl = _inputs(log, CONTROLS, rows, own.nu, "controls (ctrl)")
-    found = replay_mujoco(own, run.t, run.q, run.u, ctrl, act)
-    return found.run, [*findings, _finding(found)]
+    try:
+        replay, _ = _stepped(program, mechanism, reading, TRIED + 1)
+        if 2 * len(replay.departures) > len(replay.missed):
+            departs = replace(_of(replay), kind="not-replayed", weight="note")
+            return Attempt(None, (departs,))
+        steps = replay.steps * (len(reading.trajectory()) - 1)
+        if steps > MOST_STEPS:
+            return _not_replayed(
+                "the log is long, and was not stepped again",
+                f"{steps} steps of the model, more than {MOST_STEPS}",
+                "Ask for it (replay=True, --replay), or audit a part of the log",
+            )
+        return _attempt(program, mechanism, reading)
+    except InputError as error:
+        return _not_replayed("the model cannot be stepped between the rows", str(error), "")
 
 
-def _inputs(log: Any, names: tuple[str, ...], rows: int, width: int, what: str) -> np.ndarray:
-    arrays = read_arrays(log, names, width)
-    if len(arrays) != 1 or len(arrays[0]) != rows:
-        raise LogError(
-            f"{log}: expected one array of {what}, ({rows}, {width}), named {names[0]!r} or {names[1]!r}; "
-            f"found "
-            f"{len(arrays)}. The replay steps the model with them"
-        )
-    return arrays[0]
+def _stepped(
+    program: Any, mechanism: Mechanism, reading: LogReading, rows: int | None = None
+) -> tuple[Replay, list[Finding]]:
+    """The replay of a log, or of its first rows; InputError where it cannot be stepped."""
+    run, findings = in_model_order(mechanism, reading.trajectory())
+    if run.q.shape[1] != program.nq or run.u.shape[1] != program.nv:
+        raise LogError("the log's coordinates are not all of MuJoCo's model; log qpos and qvel")
+    inputs = []
+    for names, width, what in (
+        (CONTROLS, program.nu, "controls (ctrl)"),
+        (ACTIVATIONS, program.na, "activations (act)"),
+    ):
+        arrays = _arrays(reading, names, width) if width else [np.zeros((len(run), 0))]
+        if len(arrays) != 1 or len(arrays[0]) != len(run):
+            raise LogError(
+                f"expected one array of {what}, ({len(run)}, {width}), named {names[0]!r} or {names[1]!r}; "
+                f"found {len(arrays)}. The replay steps the model with them"
+            )
+        inputs.append(arrays[0][:rows])
+    replay = replay_mujoco(program, run.t[:rows], run.q[:rows], run.u[:rows], *inputs)
+    return replay, findings
 
 
-def _finding(found: Replay) -> Finding:
-    belong = ", with the controls of the row after them" if found.late else ""
-    steps = f"{found.steps} step{'s' * (found.steps > 1)} from row to row{belong}"
-    departs = found.departures
-    if not len(departs):
+def _arrays(reading: LogReading, names: tuple[str, ...], width: int) -> list[Array]:
+    """Arrays (T, width) of one of these names, of columns that are nothing else."""
+    taken = {one.column for one in reading.meanings.values()}
+    free = {n: c for n, c in reading.raw.columns.items() if n not in taken}
+    return arrays_named(free, names, width)
+
+
+def _of(replay: Replay) -> Finding:
+    belong = ", with the controls of the row after them" if replay.late else ""
+    steps = f"{replay.steps} step{'s' * (replay.steps > 1)} from row to row{belong}"
+    departures, intervals = replay.departures, len(replay.t) - 1
+    if not len(departures):
         return Finding(
             "replayed",
             "MuJoCo reproduces the log: from each row it arrives at the next one",
-            f"{len(found.t) - 1} times, {steps}; largest miss {percent(float(found.missed.max()))} of what "
-            f"changes "
+            f"{intervals} times, {steps}; largest miss {percent(float(replay.missed.max()))} of what changes "
             "from row to row",
             "",
         )
-    first = int(departs[0])
-    worst = float(found.missed[departs - 1].max())
+    first = int(departures[0])
+    worst = float(replay.missed[departures - 1].max())
     return Finding(
         "replay-departs",
         f"the model does not reproduce the log: stepping from row {first - 1} misses row {first}",
-        f"t = {found.t[first]:.6g} s, by {percent(float(found.missed[first - 1]))} of what changes from row "
-        f"to row; "
-        f"{len(departs)} of {len(found.t) - 1} rows are missed, the worst by {percent(worst)}; {steps}",
+        f"t = {replay.t[first]:.6g} s, by {percent(float(replay.missed[first - 1]))} of what changes from "
+        f"row to row; {len(departures)} of {intervals} rows are missed, the worst by "
+        f"{percent(worst)}; {steps}",
         "The log was made with another model, step or controls, or something acted that is not in it (a "
         "push, a reset, noise on the action); compare the parameters, or use the rows before that",
         "cause",
     )
+
+
+def _not_replayed(what: str, evidence: str, remedy: str) -> Attempt:
+    return Attempt(None, (Finding("not-replayed", what, evidence, remedy, "note"),))

@@ -30,8 +30,9 @@ PROBABLE: dict[Confidence, float] = {"high": 0.99, "medium": 0.9}
 OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
 """Causes that no controlled actuator looks like whose force is not in the log."""
 
-LIKELY = 3.0
-"""Standard errors within which a value may lie: one in a thousand lies beyond."""
+
+MOST = 0.9
+"""Share of what is left that terms of a model must explain to be a mistake without a name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +45,7 @@ class Evidence:
         attribution: ΔC in joules; None likewise.
         explanation: the causes in words.
         findings: what was noticed besides.
-        tolerance: accepted error as a fraction of the energy exchanged, or stored, if less.
+        tolerance: accepted error as a fraction of the energy that the system has.
         guessed: whether the reading of the log was guessed.
     """
 
@@ -61,14 +62,14 @@ class Evidence:
     # --- energies ---
 
     @property
-    def beside(self) -> float:
-        """The energy that errors are compared with, J: exchanged, or stored where that is less."""
-        return min(self.ledger.energy_exchanged, stored_energy(self.ledger))
-
-    @property
     def allowed(self) -> float:
         """The accepted energy error, J."""
-        return self.tolerance * self.beside
+        return self.tolerance * self.ledger.reference_energy
+
+    @property
+    def allowed_flow(self) -> float:
+        """The energy that may flow through a mistake, J: it grows with what is exchanged."""
+        return self.tolerance * max(self.ledger.energy_exchanged, self.ledger.reference_energy)
 
     @cached_property
     def energy_error(self) -> tuple[float, float]:
@@ -91,22 +92,40 @@ class Evidence:
         inference = self.inference
         if inference is None:
             return 0.0, 0.0
-        allowed = self.tolerance * self.ledger.energy_exchanged
+        allowed = self.allowed_flow
         there, beyond = 0.0, 0.0
         best = inference.posterior.best
+        # Of a log that is not yet right, what explains the rest accuses nobody.
+        of_log = [
+            joules
+            for c, joules in zip(best.chosen, inference.exchanged, strict=True)
+            if c.kind in OF_THE_LOG
+        ]
+        slip = max(of_log, default=0.0)
         for c, odds, joules, error in zip(
             best.chosen, best.each, inference.exchanged, inference.exchanged_error, strict=True
         ):
-            if c.kind not in OF_THE_LOG:
+            if c.kind not in OF_THE_LOG and joules > slip:
                 p = float(expit(odds))
                 there = max(there, p)
                 beyond = max(beyond, p * float(ndtr((joules - allowed) / max(error, 1e-300))))
-        if inference.generic[0] > CERTAIN and inference.generic[1] > allowed:
-            p = float(expit(inference.generic[0] - CERTAIN))
+        if self.unnamed and not slip:
+            p = float(expit(inference.generic.log_odds - CERTAIN))
             there, beyond = max(there, p), max(beyond, p)
         if self.intermittent:
             there = beyond = max(beyond, float(expit(inference.intermittent[0])))
         return there, beyond
+
+    @property
+    def unnamed(self) -> bool:
+        """Whether what is left is of terms of a model, beyond what is allowed, and of no few of them."""
+        generic = self.inference.generic if self.inference is not None else None
+        return (
+            generic is not None
+            and generic.log_odds > CERTAIN
+            and generic.exchanged > self.allowed_flow
+            and generic.explained > MOST
+        )
 
     @cached_property
     def intermittent(self) -> bool:
@@ -116,7 +135,7 @@ class Evidence:
             return False
         active = inference.intermittent[1]
         joules = np.abs(inference.gradient * inference.residual)[active].sum() * inference.whole
-        return bool(joules > self.tolerance * self.ledger.energy_exchanged)
+        return bool(joules > self.allowed_flow)
 
     @cached_property
     def integrator(self) -> float:
@@ -124,7 +143,10 @@ class Evidence:
         share = self.attribution.integrator if self.attribution is not None else None
         if share is None:
             return 0.0
-        excess = (np.abs(share.curve) - self.allowed) / np.maximum(share.curve_error, 1e-300)
+        # What forces may have done between rows may be taken for the integrator's.
+        unknown = self.inference.uncertain if self.inference is not None else 0.0
+        error = np.maximum(np.hypot(share.curve_error, unknown), 1e-300)
+        excess = (np.abs(share.curve) - self.allowed) / error
         return float(ndtr(excess.max(initial=-np.inf)))
 
     @cached_property
@@ -196,11 +218,6 @@ class Evidence:
         return next((f for f in self.findings if f.kind == "impacts"), None)
 
 
-def stored_energy(ledger: Ledger) -> float:
-    """The energy that a system has at a time, as far as it changes: max K and the range of V, J."""
-    return float(ledger.kinetic.max() + np.ptp(ledger.potential_energy))
-
-
 def of_model(finding: Finding) -> bool:
     """Whether it names a change of the model, not of the log."""
     return finding.kind in PREFERENCE and finding.kind not in OF_THE_LOG
@@ -210,11 +227,14 @@ def judge(e: Evidence) -> Verdict:
     """The verdict on one log."""
     odds = e.odds
     kind = max(odds, key=lambda k: odds[k])
-    if kind == "equation-error" and e.impacts and not e.certain and not e.explained_by_causes:
+    # Where a model has impacts of which the log does not tell, they may be all that is wrong.
+    jumps = kind == "integration-error" or (kind == "equation-error" and not e.explained_by_causes)
+    if e.impacts and jumps and not e.certain:
         kind = "unresolved"
     if odds[kind] < PROBABLE["medium"]:
         kind = "unresolved"
-    confidence = next((c for c, p in PROBABLE.items() if odds[kind] >= p), "low")
+    words: tuple[Confidence, ...] = ("high", "medium")
+    confidence = next((word for word in words if odds[kind] >= PROBABLE[word]), "low")
     if e.guessed and confidence == "high":
         confidence = "medium"
     findings = _findings(e, kind)
@@ -304,10 +324,9 @@ def _evidence(e: Evidence, kind: Kind) -> list[str]:
 
 def _balance(e: Evidence) -> str:
     left, bar = e.energy_error
-    share = left / e.beside if e.beside > 0.0 else 0.0
-    what = f"{e.ledger.energy_exchanged:.4g} J exchanged"
-    if e.beside < e.ledger.energy_exchanged:
-        what = f"{e.beside:.4g} J stored ({what})"
+    ledger = e.ledger
+    share = left / ledger.reference_energy if ledger.reference_energy > 0.0 else 0.0
+    what = f"{ledger.reference_energy:.4g} J that the system has ({ledger.energy_exchanged:.4g} J exchanged)"
     return (
         f"Largest |ΔC| {left:.3g} J ± {bar:.2g} J ({e.ledger.method}), {percent(share)} of the {what}; the "
         f"tolerance is {100 * e.tolerance:g} %"
@@ -347,13 +366,10 @@ def _rows(e: Evidence, inference: Inference) -> list[str]:
         each = zip(best.chosen, best.each, strict=True)
         odds = ", ".join(f"{c.kind} {c.element}: {x:.3g}" for c, x in each)
         said.append(f"Log odds of causes against none: {odds}")
-    elif (
-        inference.generic[0] > CERTAIN
-        and inference.generic[1] > e.tolerance * e.ledger.energy_exchanged
-    ):
+    elif e.unnamed:
         said.append(
             "What is left depends on the state as terms of a model do (log odds "
-            f"{inference.generic[0]:.3g}), and no few causes explain it"
+            f"{inference.generic.log_odds:.3g}), and no few causes explain it"
         )
     held = [kind for kind in dict.fromkeys(inference.forces) if FORCES[kind][1] == 0.0]
     if held:

@@ -39,7 +39,7 @@ from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, chosen_map, load_model
-from deltac.results import Section, Table, number
+from deltac.results import Section, Table, fraction
 from deltac.simulation.equations import Equations, as_equations
 from deltac.simulation.state_form import PLAIN, StateForm
 from deltac.trajectories import Trajectory
@@ -140,20 +140,20 @@ class EquationCheck(
         """Verdict, and the largest residual beside the tolerance."""
         sign = ">" if self.worst > self.tolerance else "≤"
         return (
-            f"{self.verdict.kind}: the residual is {self.worst:.2g} {sign} {self.tolerance:.2g} of an "
-            f"equation's terms (confidence {self.verdict.confidence})"
+            f"{self.verdict.kind}: the residual is {fraction(self.worst)} {sign} "
+            f"{fraction(self.tolerance)} of an equation's terms{self.verdict.certainty}"
         )
 
     def sections(self) -> Iterator[Section]:
         """Each test's residual, the verdict, where the equations fail, and an example."""
         failing = {entry.number for entry in self.blame}
         rows: list[tuple[str, ...]] = [
-            (f"equation {k} ({speed})", number(value, digits=2), "fails" if k in failing else "")
+            (f"equation {k} ({speed})", fraction(value), "fails" if k in failing else "")
             for k, (speed, value) in enumerate(self.relative_residual.items(), 1)
         ]
         tests = [
-            (seen.test, number(seen.relative, digits=2), "fails" if seen.sees else "")
-            for seen in self.seen[1:]
+            (result.test, fraction(result.relative), "fails" if result.sees else "")
+            for result in self.seen[1:]
         ]
         yield Table(("test", "relative residual", ""), (*rows, (), *tests))
         yield from self.verdict.sections(self._details())
@@ -270,8 +270,8 @@ def check_equations(
         )
     if not finite.all():  # judge where there is something to judge
         test = EquationTest(kane, drawn.take(finite), scales=scales)
-    given = udot[:, finite]
-    typical = test.typical(given)
+    accelerations = udot[:, finite]
+    typical = test.typical(accelerations)
     speeds = np.sqrt(np.mean(drawn.u**2, axis=1))
     ordinary = int(finite[:count].sum()) if states is None else len(test.states)
     rough = noise(caller, test, speeds, ordinary or len(test.states)) / typical
@@ -280,7 +280,7 @@ def check_equations(
     rates = _wrong_rates(caller, test)
     judged = _judged(
         test,
-        given,
+        accelerations,
         limit,
         rates,
         name=own.name,
@@ -289,18 +289,18 @@ def check_equations(
         finite=bool(finite.all()),
     )
     wrong = judged.verdict.kind == "equation-error"
-    found = blame(caller, test, given, limit, parts.part("blame")) if wrong else ()
+    blamed = blame(caller, test, accelerations, limit, parts.part("blame")) if wrong else ()
     findings = _findings(caller, finite, drawn, [m.name for m in loaded.mechanism.motors])
-    if wrong and found:  # where q̇ alone is wrong, other coordinates explain nothing
+    if wrong and blamed:  # where q̇ alone is wrong, other coordinates explain nothing
         findings += _other_coordinates(loaded, own, chosen, count=count, seed=seed)
         if not any(f.kind == "coordinates" for f in findings):
             parts.part("causes")
-            causes = whole_causes(caller, test, told=_told(found))
+            causes = whole_causes(caller, test, explained=_told(blamed))
             findings += causes
             if causes:  # what sums up to it would mislead
-                found = tuple(
+                blamed = tuple(
                     b if _simple(b) else replace(b, terms=(), solved=(), monomials=())
-                    for b in found
+                    for b in blamed
                 )
     evidence = judged.verdict.evidence
     if not caller.form.plain:
@@ -313,8 +313,8 @@ def check_equations(
     return replace(
         judged,
         verdict=replace(judged.verdict, evidence=evidence, findings=findings, limits=limits),
-        blame=found,
-        example=simplest_failure(caller, test, given, limit) if wrong else None,
+        blame=blamed,
+        example=simplest_failure(caller, test, accelerations, limit) if wrong else None,
         vectorised=bool(caller.vectorised),
         form=caller.form,
     )
@@ -375,16 +375,16 @@ def _judged(
         kind, confidence = "equation-error", "high" if excess > 100.0 else "medium"
     elif max(float(worst.max(initial=0.0)), violated) > tolerance or not finite:
         kind, confidence = "unresolved", "medium"
-    seen = _seen(residuals, limit, test.kane.rows.names if len(test.gamma) else ())
+    results = _seen(residuals, limit, test.kane.rows.names if len(test.gamma) else ())
     if rates:
-        seen = (*seen, Seen("coordinate rates", missed, missed > tolerance))
+        results = (*results, Seen("coordinate rates", missed, missed > tolerance))
     wrong = kind == "equation-error"
-    evidence = _evidence(residuals, rough, limit, tolerance, seen, test, udot, wrong)
+    evidence = _evidence(residuals, rough, limit, tolerance, results, test, udot, wrong)
     evidence = (*evidence, *_of_rates(rates, tolerance))
     return EquationCheck(
         verdict=Verdict(kind, confidence, evidence, meaning=MEANINGS[kind]),
         blame=(),
-        seen=seen,
+        seen=results,
         example=None,
         states=test.states,
         udot=udot,
@@ -399,9 +399,9 @@ def _judged(
     )
 
 
-def _told(found: tuple[Blame, ...]) -> bool:
+def _told(blamed: tuple[Blame, ...]) -> bool:
     """Whether one term says it all of every equation, its factor being plain or a formula."""
-    each = [entry.solved or entry.terms for entry in found]
+    each = [entry.solved or entry.terms for entry in blamed]
     return all(len(one) == 1 and (one[0].plain or one[0].formula or one[0].ratio) for one in each)
 
 
@@ -414,29 +414,29 @@ def _wrong_rates(caller: Caller, test: EquationTest) -> dict[str, float]:
     """How far q̇ is off, by coordinate, relative; empty where the function does not return it."""
     if caller.vectorised:
         return {}
-    found, _ = caller.whole(test.states)
-    return _misses(test, found) if len(found) else {}
+    rates, _ = caller.whole(test.states)
+    return _misses(test, rates) if len(rates) else {}
 
 
-def _misses(test: EquationTest, found: Array) -> dict[str, float]:
+def _misses(test: EquationTest, rates: Array) -> dict[str, float]:
     """How far rates q̇ (nq, B) are off, by coordinate, relative."""
     size = np.sqrt(np.mean(test.rates**2, axis=1))
     size = np.maximum(size, 1e-3 * size.max(initial=0.0)) + 1e-300
-    off = np.abs(found - test.rates).max(axis=1) / size
-    off = np.where(np.isfinite(off), off, np.inf)
-    return dict(zip(test.kane.told_names, map(float, off)))
+    errors = np.abs(rates - test.rates).max(axis=1) / size
+    errors = np.where(np.isfinite(errors), errors, np.inf)
+    return dict(zip(test.kane.told_names, map(float, errors)))
 
 
 def _of_rates(rates: Mapping[str, float], tolerance: float) -> tuple[str, ...]:
     if not rates:
         return ()
-    wrong = [name for name, off in rates.items() if off > tolerance]
+    wrong = [name for name, error in rates.items() if error > tolerance]
     worst = max(rates.values())
     if not wrong:
-        return (f"q̇ agrees with the speeds to {worst:.2g} of its size",)
+        return (f"q̇ agrees with the speeds to {fraction(worst)} of its size",)
     return (
-        f"q̇ of {', '.join(wrong)} does not agree with the speeds: it is off by up to {worst:.2g} of its "
-        f"size",
+        f"q̇ of {', '.join(wrong)} does not agree with the speeds: it is off by up to {fraction(worst)} of "
+        "its size",
     )
 
 
@@ -452,10 +452,10 @@ def _drawn(
 def _limits(model: Model, kane: Kane, where: tuple[Place, ...], states: States) -> tuple[str, ...]:
     """What the check cannot see, of this mechanism at these states."""
     events = tuple(event.name for event in model.mechanism.events)
-    told = (f"what happens at events ({', '.join(events)})",) if events else ()
+    unseen = (f"what happens at events ({', '.join(events)})",) if events else ()
     if where_from := kane.mode:
-        told = (*told, f"other assemblies of the loops than that of {where_from}")
-    return (*LIMITS, *not_sampled(where, states), *told)
+        unseen = (*unseen, f"other assemblies of the loops than that of {where_from}")
+    return (*LIMITS, *not_sampled(where, states), *unseen)
 
 
 def _fitting(kane: Kane, states: States) -> States:
@@ -473,21 +473,21 @@ def _fitting(kane: Kane, states: States) -> States:
 def _seen(residuals: Residuals, limit: Array, constraints: tuple[str, ...]) -> tuple[Seen, ...]:
     most = float(limit.max(initial=TOLERANCE))
     worst = np.array(finite_worst(residuals))
-    found = [
+    results = [
         Seen("coordinate residual", float(worst.max(initial=0.0)), bool((worst > limit).any()))
     ]
     for name in dict.fromkeys(constraints):
         rows = [k for k, owner in enumerate(constraints) if owner == name]
         violated = float(residuals.relative_violation[rows].max(initial=0.0))
-        found.append(Seen(f"constraint {name}", violated, violated > most))
+        results.append(Seen(f"constraint {name}", violated, violated > most))
     scalars: Mapping[str, Array] = {
         **residuals.relative_power,
         **{f"momentum, {name}": x for name, x in residuals.relative_momentum.items()},
     }
     for name, values in scalars.items():
         largest = float(values.max(initial=0.0))
-        found.append(Seen(name, largest, largest > most))
-    return tuple(found)
+        results.append(Seen(name, largest, largest > most))
+    return tuple(results)
 
 
 def _evidence(
@@ -495,48 +495,50 @@ def _evidence(
     rough: Array,
     limit: Array,
     tolerance: float,
-    seen: tuple[Seen, ...],
+    results: tuple[Seen, ...],
     test: EquationTest,
     udot: Array,
     wrong: bool,
 ) -> tuple[str, ...]:
     worst = float(max(finite_worst(residuals), default=0.0))
-    said = [
-        f"F_r + F*_r is at most {worst:.2g} of an equation's terms, at {len(test.states)} random states "
-        f"(accepted: {float(limit.max(initial=tolerance)):.2g})"
+    evidence = [
+        f"F_r + F*_r is at most {fraction(worst)} of an equation's terms, at {len(test.states)} random "
+        f"states (accepted: {fraction(float(limit.max(initial=tolerance)))})"
     ]
-    ties = [s for s in seen if s.test.startswith("constraint ")]
+    ties = [s for s in results if s.test.startswith("constraint ")]
     if ties:
         worst_tie = max(ties, key=lambda s: s.relative)
         violated = [s.test.removeprefix("constraint ") for s in ties if s.sees]
-        said.append(
-            f"ψ̇ = G u̇ + γ is at most {worst_tie.relative:.2g} of its terms"
+        evidence.append(
+            f"ψ̇ = G u̇ + γ is at most {fraction(worst_tie.relative)} of its terms"
             + (f": the accelerations violate {', '.join(violated)}" if violated else "")
         )
     wrong_speeds = _wrong_accelerations(test, udot, limit) if wrong else ()
     if 0 < len(wrong_speeds) < len(test.speeds):
-        said.append(f"only the acceleration of {', '.join(wrong_speeds)} differs from the model's")
+        evidence.append(
+            f"only the acceleration of {', '.join(wrong_speeds)} differs from the model's"
+        )
     if float(rough.max(initial=0.0)) > 1e-13:
-        said.append(
+        evidence.append(
             f"the function is rough: its values are accurate to {float(rough.max()):.1g} only, as in "
             f"single precision or with finite differences"
         )
     if wrong:
-        energy = [s for s in seen if s.test in residuals.power]
+        energy = [s for s in results if s.test in residuals.power]
         sees = ", ".join(s.test for s in energy if s.sees)
         if sees:
-            said.append(f"seen by the testing functions {sees}")
+            evidence.append(f"seen by the testing functions {sees}")
         elif all(s.relative < max(tolerance, BLIND * worst) for s in energy):
-            said.append(
+            evidence.append(
                 "no energy test can see it: the error does no work, and a simulation would conserve energy"
             )
-        momenta = [s for s in seen if s.test.startswith("momentum")]
+        momenta = [s for s in results if s.test.startswith("momentum")]
         if momenta:
             names = ", ".join(s.test.removeprefix("momentum, ") for s in momenta if s.sees)
-            said.append(
+            evidence.append(
                 f"seen by the momentum balance {names}" if names else "no momentum balance sees it"
             )
-    return tuple(said)
+    return tuple(evidence)
 
 
 def _overwriting(name: str, written: str) -> str:
@@ -548,17 +550,17 @@ def _overwriting(name: str, written: str) -> str:
 
 def _wrong_accelerations(test: EquationTest, udot: Array, limit: Array) -> tuple[str, ...]:
     """The speeds whose accelerations differ from the model's."""
-    off = np.abs(udot - test.acceleration).max(axis=1)
+    errors = np.abs(udot - test.acceleration).max(axis=1)
     size = np.abs(test.acceleration).max()
-    return tuple(n for n, x in zip(test.speeds, off) if x > float(limit.max()) * size)
+    return tuple(n for n, x in zip(test.speeds, errors) if x > float(limit.max()) * size)
 
 
 def _findings(
     caller: Caller, finite: NDArray[np.bool_], drawn: States, motors: list[str]
 ) -> tuple[Finding, ...]:
-    found: list[Finding] = []
+    findings: list[Finding] = []
     if caller.overwrites:
-        found.append(
+        findings.append(
             Finding(
                 "writes-to-input",
                 "the function modifies its input arrays",
@@ -568,7 +570,7 @@ def _findings(
             )
         )
     if motors:
-        found.append(
+        findings.append(
             Finding(
                 "motor",
                 f"the motors {', '.join(motors)} have no law and were taken as zero",
@@ -580,7 +582,7 @@ def _findings(
     if missing:
         k = int(np.argmin(finite))
         where = ", ".join(f"{n} = {x:.4g}" for n, x in drawn.describe(k).items())
-        found.append(
+        findings.append(
             Finding(
                 "not-finite",
                 f"the accelerations are not finite at {missing} of {len(finite)} states",
@@ -589,7 +591,7 @@ def _findings(
                 "doubt",
             )
         )
-    return tuple(found)
+    return tuple(findings)
 
 
 def _other_coordinates(
@@ -606,11 +608,11 @@ def _other_coordinates(
             others.append((name, chosen_map(model, name)))
         except InputError:
             continue
-    for name, given in others:
-        if given is chosen or (given and chosen and vars(given) == vars(chosen)):
+    for name, coordinates in others:
+        if coordinates is chosen or (coordinates and chosen and vars(coordinates) == vars(chosen)):
             continue  # these it was checked in
         try:
-            kane = Kane(model.mechanism, given)
+            kane = Kane(model.mechanism, coordinates)
             scales = natural_scales(kane)
             states = _drawn(kane, scales, places(kane), count=min(count, 16), seed=seed)
             test = EquationTest(kane, states)
@@ -621,8 +623,8 @@ def _other_coordinates(
         except InputError:
             continue
         # What constraint forces can explain is no residual: the accelerations must keep the constraints, too.
-        kept = float(residuals.relative_violation.max(initial=0.0)) < TOLERANCE
-        if kept and float(relative.max(initial=0.0)) < TOLERANCE:
+        admissible = float(residuals.relative_violation.max(initial=0.0)) < TOLERANCE
+        if admissible and float(relative.max(initial=0.0)) < TOLERANCE:
             names = ", ".join(states.coordinates)
             return (
                 Finding(

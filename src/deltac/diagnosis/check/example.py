@@ -49,13 +49,13 @@ class Example:
         where = ", ".join(f"{name} = {x:.6g}" for name, x in moved.items())
         where = f"{where}, all else zero" if moved else "the zero state"
         rounding = 1e-12 * max(map(abs, (*self.given.values(), *self.right.values())))
-        off = {n: _difference(x, self.right[n], rounding) for n, x in self.given.items()}
-        worst = max(off, key=lambda n: off[n])
+        differences = {n: _difference(x, self.right[n], rounding) for n, x in self.given.items()}
+        worst = max(differences, key=lambda n: differences[n])
         lines = [
-            f"u̇.{n}: the equations give {_told(self.given[n], off[n])}, the model "
-            f"{_told(self.right[n], off[n])}"
-            for n in off
-            if n == worst or off[n] > CLOSE
+            f"u̇.{n}: the equations give {_told(self.given[n], differences[n])}, the model "
+            f"{_told(self.right[n], differences[n])}"
+            for n in differences
+            if n == worst or differences[n] > CLOSE
         ]
         return f"At {where}: " + "; ".join(lines)
 
@@ -103,8 +103,8 @@ def _simplified(test: EquationTest, probe: _Probe, state: States) -> States:
         array[k] = value
         trial = _onto_constraints(test, replace(state, **{name: array}))
         gained = _zeros(trial) - _zeros(state)
-        wanted = gained >= 0 if plain else gained > 0
-        return trial if wanted and probe.fails(trial) else None
+        simpler = gained >= 0 if plain else gained > 0
+        return trial if simpler and probe.fails(trial) else None
 
     for name, k, value in _moves(test):
         state = tried(state, name, k, value) or state
@@ -163,30 +163,30 @@ class _Probe:
     def fails(self, state: States) -> bool:
         """Whether the state is admissible and an equation misses there by more than the limit."""
         try:
-            given, there = self._at(state)
+            accelerations, test = self._at(state)
         except InputError:
             return False
         kane = self.test.kane
         with np.errstate(all="ignore"):
             if not admissible(kane, self.test.scales, state.t, state.q, state.u)[0]:
                 return False
-            missed = _missed(there, given)[:, 0]
+            missed = _missed(test, accelerations)[:, 0]
         return bool(np.isfinite(missed).all() and (missed > self.limit * self.typical).any())
 
     def example(self, state: States) -> Example:
         """The state in words."""
-        given, there = self._at(state)
-        missed = _missed(there, given)[:, 0] / self.typical
+        accelerations, test = self._at(state)
+        missed = _missed(test, accelerations)[:, 0] / self.typical
         worst = int(np.argmax(missed / self.limit))
         names = self.test.speeds
         return Example(
             state=state.describe(0),
-            given=dict(zip(names, map(float, given[:, 0]))),
-            right=dict(zip(names, map(float, there.acceleration[:, 0]))),
+            given=dict(zip(names, map(float, accelerations[:, 0]))),
+            right=dict(zip(names, map(float, test.acceleration[:, 0]))),
             speed=names[worst],
             relative=float(missed[worst]),
         )
 
     def _at(self, state: States) -> tuple[Array, EquationTest]:
-        there = EquationTest(self.test.kane, state, scales=self.test.scales, strict=False)
-        return self.caller(state), there
+        test = EquationTest(self.test.kane, state, scales=self.test.scales, strict=False)
+        return self.caller(state), test

@@ -70,13 +70,13 @@ class Departure:
 
     def __str__(self) -> str:
         start, end = self.span
-        said = [
+        parts = [
             f"equation {self.number} ({self.speed}) is off by {percent(self.relative)} of {self.scale}, "
             f"mostly from t = {start:.4g} to {end:.4g} s"
         ]
         if self.terms:
-            said.append(" and ".join(map(str, self.terms)))
-        return "; ".join(said)
+            parts.append(" and ".join(map(str, self.terms)))
+        return "; ".join(parts)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -127,8 +127,8 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
         total = max(power.values(), default=0.0)
         shown = [n for n in sorted(power, key=lambda n: -power[n]) if power[n] > 1e-3 * total > 0.0]
         if shown:
-            told = ", ".join(f"{name} {power[name]:.3g} W" for name in shown)
-            yield f"Power that the model does not supply, at most: {told}."
+            powers = ", ".join(f"{name} {power[name]:.3g} W" for name in shown)
+            yield f"Power that the model does not supply, at most: {powers}."
 
 
 @checked
@@ -155,7 +155,7 @@ def localise(
     if isinstance(run, Trajectory) and run.udot is None:
         return _by_momenta(mechanism, run, own_coordinates(mechanism, coordinates))
     rows = some_rows(run, MOST_ROWS)
-    found = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
+    forces = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
     assert run.udot is not None
     kane = Kane(mechanism, coordinates)
     states = states_along(kane, run, rows)
@@ -165,8 +165,8 @@ def localise(
     udot = run.udot[np.ix_(rows, free.u)].T
     back: Array = np.asarray(np.linalg.pinv(test.point.Y))
     own_udot = times(back, udot - test.point.rest)
-    own = times(test.point.Y.transpose(0, 2, 1), found)
-    power = -u * found
+    own = times(test.point.Y.transpose(0, 2, 1), forces)
+    power = -u * forces
     joints: dict[str, Array] = {}
     for k, index in enumerate(free.u):
         joint = mechanism.speeds[int(index)].joint
@@ -211,17 +211,17 @@ def _by_momenta(
 def _departures(test: EquationTest, residual: Array, udot: Array) -> tuple[Departure, ...]:
     typical = test.typical(udot)
     size = np.sqrt(np.mean(residual**2, axis=1)) / typical
-    made = []
+    departures = []
     for k in map(int, np.argsort(-size)):
         if size[k] <= HOLDS:
             continue
         terms = () if len(test.gamma) else explain_residual(test, residual[k], udot, k)
-        made.append(
+        departures.append(
             Departure(
                 test.speeds[k], k + 1, float(size[k]), _span(test.states.t, residual[k]), terms
             )
         )
-    return tuple(made)
+    return tuple(departures)
 
 
 def _span(t: Array, values: Array) -> tuple[float, float]:
@@ -259,5 +259,5 @@ def _bodies(kane: Kane, t: Array, q: Array, u: Array, udot: Array) -> dict[str, 
         ca.vertcat(ca.dot(inertia[k], V[k]), ca.dot(weight[k], V[k]), received[k], delivered[k])
         for k in range(len(s.links))
     ]
-    found = evaluate_at(kane.function(columns, s.udot), t[None, :], q, u, udot)
-    return {link.joint.child: BodyPower(*values) for link, values in zip(s.links, found)}
+    balances = evaluate_at(kane.function(columns, s.udot), t[None, :], q, u, udot)
+    return {link.joint.child: BodyPower(*values) for link, values in zip(s.links, balances)}

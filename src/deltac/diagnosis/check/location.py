@@ -30,9 +30,8 @@ from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import times
 from deltac.diagnosis.residuals.states import States, joined
-from deltac.diagnosis.verdict import percent
 from deltac.mechanism.joints import KINDS
-from deltac.results import Serialisable
+from deltac.results import Serialisable, fraction
 
 BASES = 16
 """States at which single variables are changed, or all speeds scaled."""
@@ -75,24 +74,25 @@ class Blame(Serialisable):
     monomials: tuple[Monomial, ...] = ()
 
     def __str__(self) -> str:
-        said = [
-            f"equation {self.number} ({self.speed}) is off by {_share(self.relative)} of its terms"
+        parts = [
+            f"equation {self.number} ({self.speed}) is off by {fraction(self.relative)} of its terms "
+            "in the mean"
         ]
         if self.degrees:
-            said.append(
+            parts.append(
                 _POWERS.get(self.degrees) or f"of degree {_listed(self.degrees)} in the rates"
             )
         if self.depends_on is not None and len(self.depends_on) <= 4:
             what = ", ".join(self.depends_on)
-            said.append(f"a function of {what} alone" if what else "a constant")
+            parts.append(f"a function of {what} alone" if what else "a constant")
         if self.solved:
-            said.append(
+            parts.append(
                 f"in u̇.{self.speed} as it is solved for: {' and '.join(map(str, self.solved))}"
             )
         elif self.terms:
-            said.append(" and ".join(map(str, self.terms)))
-        said += map(str, self.monomials)
-        return "; ".join(said)
+            parts.append(" and ".join(map(str, self.terms)))
+        parts += map(str, self.monomials)
+        return "; ".join(parts)
 
 
 @dataclass(frozen=True)
@@ -118,11 +118,6 @@ class Monomial(Serialisable):
         return f"{where}: wrong"
 
 
-def _share(relative: float) -> str:
-    """A share in per cent; as a fraction where per cent would need an exponent."""
-    return percent(relative) if relative >= 1e-6 else f"{relative:.1e}"
-
-
 _POWERS: dict[tuple[int, ...], str] = {
     (0,): "independent of the rates",
     (1,): "linear in the rates",
@@ -139,34 +134,34 @@ def blame(
 ) -> tuple[Blame, ...]:
     """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first."""
     good: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
-    found = _failing(test, udot, limit, good)
-    if not found:
+    failing = _failing(test, udot, limit, good)
+    if not failing:
         return ()
     typical = test.typical(udot)
     base = _bases(test, test.residual(udot)[:, good] / typical[:, None], good)
     degrees = _degrees(caller, test, base, typical, limit)
     tied = bool(test.kane.rows.names) and bool(len(test.gamma))
     depends = None if tied else _dependence(caller, test, base, typical, limit)
-    made = [
+    blamed = [
         replace(
             b,
             degrees=degrees[b.number - 1],
             depends_on=None if depends is None else depends[b.number - 1],
         )
-        for b in found
+        for b in failing
     ]
-    return tuple(made) if tied else _explained(caller, test, made, limit, progress)
+    return tuple(blamed) if tied else _explained(caller, test, blamed, limit, progress)
 
 
 def blame_at(test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]:
     """`blame` of accelerations that are known at the test's own states only: what they vary with is not."""
-    found = _failing(test, udot, limit, np.ones(len(test.states), dtype=np.bool_))
+    failing = _failing(test, udot, limit, np.ones(len(test.states), dtype=np.bool_))
     if len(test.gamma):
-        return tuple(found)
+        return tuple(failing)
     residual = test.residual(udot)
     return tuple(
         replace(b, terms=explain_residual(test, residual[b.number - 1], udot, b.number - 1))
-        for b in found
+        for b in failing
     )
 
 
@@ -213,20 +208,20 @@ def _explained(
         wrong = [int(k) for k in np.flatnonzero(np.abs(error).max(axis=1) > limit.max() * size)]
         solved = {k: explain_acceleration(test, error[k], k) for k in wrong}
         if wrong and all(solved.values()):
-            kept = [b for b in blamed if rows[b.speed] in wrong]
-            return tuple(replace(b, solved=solved[rows[b.speed]]) for b in kept)
-    made = []
+            unsolved = [b for b in blamed if rows[b.speed] in wrong]
+            return tuple(replace(b, solved=solved[rows[b.speed]]) for b in unsolved)
+    explained = []
     for b in counted(blamed, parts.part("plain")):
         k = rows[b.speed]
         terms = own[k] or explain_plainly(test, residual[k], udot, b.depends_on)
-        made.append(
+        explained.append(
             replace(
                 b,
                 terms=terms,
                 monomials=() if terms else _monomials(caller, test, k, float(limit.max())),
             )
         )
-    return tuple(made)
+    return tuple(explained)
 
 
 def _monomials(caller: Caller, test: EquationTest, row: int, limit: float) -> tuple[Monomial, ...]:
@@ -239,14 +234,14 @@ def _monomials(caller: Caller, test: EquationTest, row: int, limit: float) -> tu
         return ()
     states = test.states
     repeated = joined([rays(states), states])
-    there = EquationTest(test.kane, repeated, scales=test.scales, strict=False)
+    test_there = EquationTest(test.kane, repeated, scales=test.scales, strict=False)
     udot = caller(repeated)
     if not np.isfinite(udot).all():
         return ()
-    found: list[Monomial] = []
+    monomials: list[Monomial] = []
     split: list[dict[tuple[int, ...], Array]] = []
-    for given in (udot, there.acceleration):
-        along, whole = np.split(times(there.M, given)[row], [-len(states)])
+    for accelerations in (udot, test_there.acceleration):
+        along, whole = np.split(times(test_there.M, accelerations)[row], [-len(states)])
         parts = polarised(along, states)
         total = sum(with_rates(parts, states.u).values())
         if not np.allclose(total, whole, atol=1e-6 * np.abs(whole).max(initial=1e-300)):
@@ -258,13 +253,13 @@ def _monomials(caller: Caller, test: EquationTest, row: int, limit: float) -> tu
     for rates, right in model.items():
         if np.abs(mine[rates] - right).max() <= 10 * limit * size:
             continue
-        told = [
+        sums = [
             "0" if np.abs(x).max() <= 10 * limit * size else _as_sum(test, still, x)
             for x in (mine[rates], right)
         ]
-        found.append(Monomial(product_of(test.speeds, rates), *told))
-    told_all = all({m.found, m.right} & {"0"} or (m.found and m.right) for m in found)
-    return tuple(found) if len(found) <= MOST_MONOMIALS and told_all else ()
+        monomials.append(Monomial(product_of(test.speeds, rates), *sums))
+    told_all = all({m.found, m.right} & {"0"} or (m.found and m.right) for m in monomials)
+    return tuple(monomials) if len(monomials) <= MOST_MONOMIALS and told_all else ()
 
 
 def _as_sum(test: EquationTest, states: States, values: Array) -> str:
@@ -278,8 +273,8 @@ def _as_sum(test: EquationTest, states: States, values: Array) -> str:
 
 def _varied(test: EquationTest, caller: Caller, states: States) -> Array:
     """The residual at other states (n, S), which need not meet constraints."""
-    there = EquationTest(test.kane, states, scales=test.scales, strict=False)
-    return there.residual(caller(states))
+    varied = EquationTest(test.kane, states, scales=test.scales, strict=False)
+    return varied.residual(caller(states))
 
 
 def _bases(test: EquationTest, relative: Array, good: NDArray[np.bool_]) -> States:
@@ -298,13 +293,13 @@ def _degrees(
     values = _varied(test, caller, states).reshape(-1, len(SCALINGS), len(base))
     powers = np.vander(np.array(SCALINGS), increasing=True)
     parts = np.linalg.solve(powers, values)
-    found: list[tuple[int, ...] | None] = []
+    rows: list[tuple[int, ...] | None] = []
     for k in range(len(values)):
         size = np.abs(parts[k]).max(axis=1)
-        there = tuple(int(d) for d in np.flatnonzero(size > 10 * limit[k] * typical[k]))
-        usable = np.isfinite(size).all() and all(d <= 2 for d in there)
-        found.append(there if usable else None)
-    return found
+        degrees = tuple(int(d) for d in np.flatnonzero(size > 10 * limit[k] * typical[k]))
+        usable = np.isfinite(size).all() and all(d <= 2 for d in degrees)
+        rows.append(degrees if usable else None)
+    return rows
 
 
 def _dependence(
@@ -346,13 +341,13 @@ def orientations(test: EquationTest) -> dict[str, slice]:
     if kane.coordinates is not None and kane.coordinates.q:
         return {}
     place = {int(index): k for k, index in enumerate(kane.mechanism.free.q)}
-    found = {}
+    places = {}
     for joint in kane.mechanism.joints:
         offset = KINDS[joint.kind].quaternion
         if offset is not None:
             start = place[kane.mechanism.coordinates.of(joint.name).start + offset]
-            found[joint.name] = slice(start, start + 4)
-    return found
+            places[joint.name] = slice(start, start + 4)
+    return places
 
 
 def _units(test: EquationTest) -> tuple[list[str], list[str]]:

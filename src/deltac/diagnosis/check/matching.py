@@ -87,15 +87,15 @@ class Match(Serialisable, also=("words",)):
         part = f"{self.part}, {self.symbols}," if self.symbols else self.part
         if self.ratio:
             number = self.formula or f"{self.factor:.6g}"
-            told = self.ratio if number == "1" else f"{number}·{self.ratio}"
-            return f"{part} enters with the factor {told}"
+            number = self.ratio if number == "1" else f"{number}·{self.ratio}"
+            return f"{part} enters with the factor {number}"
         for factor, words in FACTORS.items():
             if abs(self.factor - factor) < 1e-5:
                 return f"{part} {'' if factor == 0.0 else 'enters '}{words}"
-        told = _factor(self.factor)
+        number = _factor(self.factor)
         if any(c.isalpha() for c in self.formula):
-            told = f"{self.formula} = {told}"
-        return f"{part} enters with the factor {told}"
+            number = f"{self.formula} = {number}"
+        return f"{part} enters with the factor {number}"
 
 
 def _factor(factor: float) -> str:
@@ -117,8 +117,8 @@ def explain_residual(
 
     `depends` names what it changes with, if that is known. Empty if it is no such sum.
     """
-    found = explain_row(test, residual, udot, row)
-    return found or explain_plainly(test, residual, udot, depends)
+    terms = explain_row(test, residual, udot, row)
+    return terms or explain_plainly(test, residual, udot, depends)
 
 
 def explain_row(test: EquationTest, residual: Array, udot: Array, row: int) -> tuple[Match, ...]:
@@ -136,25 +136,25 @@ def explain_acceleration(test: EquationTest, error: Array, k: int) -> tuple[Matc
     Equations that were solved for the accelerations by hand have every force in every acceleration; a
     mistake in one of them is no term of any row of M u̇ = f.
     """
-    found = _told(test, -error, acceleration_parts(test, k), "")
-    return found or _denominator(test, error, k)
+    terms = _told(test, -error, acceleration_parts(test, k), "")
+    return terms or _denominator(test, error, k)
 
 
 def _denominator(test: EquationTest, error: Array, k: int) -> tuple[Match, ...]:
     """What det M, by which an acceleration is divided, is off by; empty if it is no plain sum."""
     right = test.acceleration[k]
     with np.errstate(all="ignore"):
-        off = np.linalg.det(test.M) * (right / (right + error) - 1.0)
-    if not np.isfinite(off).all() or len(test.states.coordinates) > MOST_VARIABLES:
+        error_of_det = np.linalg.det(test.M) * (right / (right + error) - 1.0)
+    if not np.isfinite(error_of_det).all() or len(test.states.coordinates) > MOST_VARIABLES:
         return ()
     every = range(len(test.states.coordinates))
     parts = plain_parts(test.states, np.zeros_like(test.bias), every)
     still = [p for p in parts if p.of is not None and not any(n.startswith("u.") for n in p.of)]
-    found = explain_by(off, still)
-    if len(found) > 2:
+    functions = explain_by(error_of_det, still)
+    if len(functions) > 2:
         return ()
     return tuple(
-        Match(f"{p.name} in what it is divided by (det M is right)", c, None) for p, c in found
+        Match(f"{p.name} in what it is divided by (det M is right)", c, None) for p, c in functions
     )
 
 
@@ -188,28 +188,28 @@ def _told(
     def cost(part: Part, coefficient: float) -> float:
         if _is_plain(1.0 - coefficient):
             return 0.1 * (coefficient < 0.9)  # twice, or by half
-        found = formula(1.0 - coefficient, parameters, _written(test, part))
-        return 3.0 if found is None else 0.5 + found.cost
+        matches = formula(1.0 - coefficient, parameters, _written(test, part))
+        return 3.0 if matches is None else 0.5 + matches.cost
 
-    found = explain_by(residual, parts, cost=cost)
-    price = sum(cost(p, c) for p, c in found) + (len(found) - 1)
-    if not found or price > FAIR:
+    matches = explain_by(residual, parts, cost=cost)
+    price = sum(cost(p, c) for p, c in matches) + (len(matches) - 1)
+    if not matches or price > FAIR:
         alike = _alike(residual, parts)
         if alike and len(alike) - 1 < price:
-            found, price = alike, len(alike) - 1
-    if not found or price > FAIR:
+            matches, price = alike, len(alike) - 1
+    if not matches or price > FAIR:
         varied = _with_ratio(test, residual, parts)
-        if varied is not None and (not found or varied[1] < price):
+        if varied is not None and (not matches or varied[1] < price):
             match, _, part = varied
             return (replace(match, symbols=_written(test, part)),)
-    if own and any(p.name == own and not p.symbols and abs(c - 1.0) < 1e-5 for p, c in found):
+    if own and any(p.name == own and not p.symbols and abs(c - 1.0) < 1e-5 for p, c in matches):
         return ()
-    made = []
-    for part, c in found:
+    terms = []
+    for part, c in matches:
         term = _written(test, part)
-        known = None if _is_plain(1.0 - c) else formula(1.0 - c, parameters, term)
-        made.append(Match(part.name, c, 1.0 - c, term, "" if known is None else known.text))
-    return tuple(made)
+        factor = None if _is_plain(1.0 - c) else formula(1.0 - c, parameters, term)
+        terms.append(Match(part.name, c, 1.0 - c, term, "" if factor is None else factor.text))
+    return tuple(terms)
 
 
 def _written(test: EquationTest, part: Part) -> str:
@@ -245,8 +245,8 @@ def _alike(residual: Array, parts: Sequence[Part]) -> tuple[tuple[Part, float], 
 
 
 def _parallel(values: Array, residual: Array, size: float) -> bool:
-    left = residual - values * (float(values @ residual) / float(values @ values))
-    return float(np.linalg.norm(left)) <= EXACT * size
+    rest = residual - values * (float(values @ residual) / float(values @ values))
+    return float(np.linalg.norm(rest)) <= EXACT * size
 
 
 def _with_ratio(
@@ -263,17 +263,21 @@ def _with_ratio(
         Z = F * part.values
         with np.errstate(all="ignore"):
             c = (Z @ stands) / np.einsum("sb,sb->s", Z, Z)
-            left = np.linalg.norm(stands - c[:, None] * Z, axis=1)
-        fits = np.flatnonzero((left <= EXACT * size) & (np.abs(c) > 1e-6))
+            rest = np.linalg.norm(stands - c[:, None] * Z, axis=1)
+        fits = np.flatnonzero((rest <= EXACT * size) & (np.abs(c) > 1e-6))
         term = _written(test, part) if len(fits) else ""
         for k in fits:
             number = float(c[k])
-            known = formula(number, test.kane.mechanism.parameters, term or "1")
+            multiple = formula(number, test.kane.mechanism.parameters, term or "1")
             price = float(prices[k]) + (
-                0.0 if abs(abs(number) - 1.0) < 1e-5 else 2.0 if known is None else 0.5 + known.cost
+                0.0
+                if abs(abs(number) - 1.0) < 1e-5
+                else 2.0
+                if multiple is None
+                else 0.5 + multiple.cost
             )
             if best is None or price < best[1]:
-                text = "" if known is None else known.text
+                text = "" if multiple is None else multiple.text
                 best = Match(part.name, number, number, "", text, texts[k]), price, part
     return best
 
@@ -355,13 +359,13 @@ def explain_by(
         if best:
             return best
     chosen: list[int] = []
-    left = residual
+    rest = residual
     for _ in range(min(MOST_TERMS, len(residual) // 4)):
-        fit = np.abs(columns @ left) / np.linalg.norm(left)
+        fit = np.abs(columns @ rest) / np.linalg.norm(rest)
         fit[chosen] = -1.0
         chosen.append(int(np.argmax(fit)))
-        coefficients, left = _fitted(residual, usable, chosen)
-        if float(np.linalg.norm(left)) <= exact * size:
+        coefficients, rest = _fitted(residual, usable, chosen)
+        if float(np.linalg.norm(rest)) <= exact * size:
             needed = [
                 k
                 for k, c in zip(chosen, coefficients)
@@ -376,8 +380,8 @@ def _pairs(columns: Array, along: Array) -> list[tuple[int, ...]]:
     i, j = np.triu_indices(len(columns), 1)
     cosine = (columns @ columns.T)[i, j]
     with np.errstate(all="ignore"):
-        held = (along[i] ** 2 - 2 * along[i] * along[j] * cosine + along[j] ** 2) / (1 - cosine**2)
-    fits = np.flatnonzero((np.abs(1.0 - held) < CLOSE) & (np.abs(cosine) < 1.0 - 1e-9))
+        share = (along[i] ** 2 - 2 * along[i] * along[j] * cosine + along[j] ** 2) / (1 - cosine**2)
+    fits = np.flatnonzero((np.abs(1.0 - share) < CLOSE) & (np.abs(cosine) < 1.0 - 1e-9))
     return [(int(i[k]), int(j[k])) for k in fits]
 
 
@@ -392,20 +396,20 @@ def _cheapest(
     best: tuple[tuple[Part, float], ...] = ()
     least = np.inf
     for chosen in choices:
-        coefficients, left = _fitted(residual, parts, chosen)
-        if float(np.linalg.norm(left)) > exact * float(np.linalg.norm(residual)):
+        coefficients, rest = _fitted(residual, parts, chosen)
+        if float(np.linalg.norm(rest)) > exact * float(np.linalg.norm(residual)):
             continue
-        found = tuple((parts[k], float(c)) for k, c in zip(chosen, coefficients))
-        total = 0.0 if cost is None else sum(cost(p, c) for p, c in found) + _overlapping(found)
+        matches = tuple((parts[k], float(c)) for k, c in zip(chosen, coefficients))
+        total = 0.0 if cost is None else sum(cost(p, c) for p, c in matches) + _overlapping(matches)
         if total < least:
-            best, least = found, total
+            best, least = matches, total
     return best
 
 
-def _overlapping(found: tuple[tuple[Part, float], ...]) -> float:
+def _overlapping(matches: tuple[tuple[Part, float], ...]) -> float:
     """A whole and a part of it share what both are made of: told apart they would mislead."""
     levels: dict[tuple[int, str], set[str]] = {}
-    for part, _ in found:
+    for part, _ in matches:
         if part.key is not None:
             kind, _, rates = part.key
             family = (
@@ -413,7 +417,7 @@ def _overlapping(found: tuple[tuple[Part, float], ...]) -> float:
             )
             level = "summand" if part.symbols else "rates" if rates is not None else kind
             levels.setdefault((part.row, family), set()).add(level)
-    return float(sum(len(known) - 1 for known in levels.values()))
+    return float(sum(len(level_names) - 1 for level_names in levels.values()))
 
 
 def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tuple[Array, Array]:
@@ -425,4 +429,4 @@ def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tu
 
 def _is_plain(factor: float) -> bool:
     """Whether a factor is −1, 0, 2 or ½."""
-    return any(abs(factor - known) < 1e-5 for known in FACTORS)
+    return any(abs(factor - plain) < 1e-5 for plain in FACTORS)

@@ -59,8 +59,8 @@ def formula(
     inside = None if not within else set(re.findall(r"[A-Za-z_]\w*", within))
     best: tuple[float, int, Fraction, tuple[tuple[str, int], ...]] | None = None
     for place, fraction in enumerate(FRACTIONS):
-        off = np.abs(logs - np.log(abs(number) / float(fraction)))
-        for k in np.flatnonzero(off < NEAR):
+        errors = np.abs(logs - np.log(abs(number) / float(fraction)))
+        for k in np.flatnonzero(errors < NEAR):
             parts = powers[int(k)]
             if len(parts) > 1 and fraction != 1:
                 continue
@@ -81,14 +81,14 @@ def _products(
     named: tuple[tuple[str, float], ...],
 ) -> tuple[Array, list[tuple[tuple[str, int], ...]]]:
     """Logarithms of products of powers of at most two parameters, and what they are of."""
-    found: list[tuple[tuple[str, int], ...]] = [()]
-    found += [((name, p),) for name, _ in named for p in (1, -1, 2, -2)]
+    powers: list[tuple[tuple[str, int], ...]] = [()]
+    powers += [((name, p),) for name, _ in named for p in (1, -1, 2, -2)]
     for (a, _), (b, _) in itertools.combinations(named, 2):
-        found += [
+        powers += [
             ((a, p), (b, q)) for p, q in ((1, 1), (-1, -1), (1, -1), (-1, 1), (2, -2), (-2, 2))
         ]
     values = {name: np.log(value) for name, value in named}
-    return np.array([sum(p * values[n] for n, p in parts) for parts in found]), found
+    return np.array([sum(p * values[n] for n, p in parts) for parts in powers]), powers
 
 
 def _cost(parts: tuple[tuple[str, int], ...]) -> float:

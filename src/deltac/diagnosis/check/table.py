@@ -107,11 +107,11 @@ def check_table(
         + [f"q.{name}" for name in kane.told_names]
         + [f"u.{name}" for name in kane.speed_names]
     )
-    wanted = [f"udot.{name}" for name in kane.speed_names]
-    missing = [name for name in (*names, *wanted) if name not in columns]
+    outputs = [f"udot.{name}" for name in kane.speed_names]
+    missing = [name for name in (*names, *outputs) if name not in columns]
     if missing:
         raise LogError(
-            f"{path}: no column {missing[0]!r}; expected {', '.join([*names, *wanted])}, as `deltac states` "
+            f"{path}: no column {missing[0]!r}; expected {', '.join([*names, *outputs])}, as `deltac states` "
             "writes them"
         )
     nq = len(kane.told_names)
@@ -119,9 +119,9 @@ def check_table(
     states = States(rows[0], rows[1 : 1 + nq], rows[1 + nq :], kane.told_names, kane.speed_names)
     if kane.assembled:
         states = from_told(kane, states)
-    udot = np.array([columns[name] for name in wanted])
+    udot = np.array([columns[name] for name in outputs])
     _finite(path, names, rows)
-    _finite(path, wanted, udot)
+    _finite(path, outputs, udot)
     rates = [f"qdot.{name}" for name in kane.told_names]
     qdot = np.array([columns[n] for n in rates]) if all(n in columns for n in rates) else None
     test = EquationTest(kane, states)

@@ -45,12 +45,12 @@ Key = tuple[str, str, tuple[int, ...] | None]
 
 def written(kane: Kane, key: Key, row: int) -> str:
     """A term of the equation of one own speed, with its sign in F_r + F*_r; "" if it is too long."""
-    found = _in_symbols(kane, key, row)
-    if found is None:
+    expression = _in_symbols(kane, key, row)
+    if expression is None:
         return ""
     import sympy
 
-    text = _as_text(sympy.factor(found))
+    text = _as_text(sympy.factor(expression))
     return text if len(text) <= LONGEST else ""
 
 
@@ -60,18 +60,18 @@ def summands(kane: Kane, key: Key, row: int) -> list[tuple[str, Any]]:
     Products of parameters, functions of the coordinates and rates, at the mechanism's parameters. Empty for
     a term that is one product, or too long.
     """
-    found = _in_symbols(kane, key, row)
-    if found is None:
+    expression = _in_symbols(kane, key, row)
+    if expression is None:
         return []
     import sympy
 
-    parts = sympy.Add.make_args(sympy.expand(found))
+    parts = sympy.Add.make_args(sympy.expand(expression))
     if not 1 < len(parts) <= MOST_SUMMANDS:
         return []
     names, values = _names(kane), kane.mechanism.parameters
     numbers = {symbol_of(name): value for name, value in values.items()}
-    given = [[symbol_of(name) for name in group] for group in names[:3]]
-    flat = [symbol for group in given for symbol in group]
+    arguments = [[symbol_of(name) for name in group] for group in names[:3]]
+    flat = [symbol for group in arguments for symbol in group]
     return [(_as_text(part), sympy.lambdify(flat, part.subs(numbers), "numpy")) for part in parts]
 
 
@@ -222,12 +222,12 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
     """The terms of one equation at the accelerations `udot`, whole and in their parts."""
     names = test.speeds
     scale = float(test.typical(udot)[row])
-    found: list[Part] = []
+    own: list[Part] = []
 
     def add(name: str, values: Array, key: Key, symbols: str = "") -> None:
         values = np.broadcast_to(np.asarray(values, dtype=float), test.states.t.shape)
         if np.abs(values).max() > PRESENT * scale and np.isfinite(values).all():
-            found.append(Part(name, values, key, symbols, row))
+            own.append(Part(name, values, key, symbols, row))
 
     for channel, force in test.forces.items():
         add(_called(channel), force[row], ("channel", channel, None))
@@ -241,7 +241,7 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
     if len(names) <= FEW:
         for name, values, key in _by_bodies(test, udot, row):
             add(name, values, key)
-    for part in [p for p in found if p.key is not None and p.key[0] in SUMMED and p.key[2] is None]:
+    for part in [p for p in own if p.key is not None and p.key[0] in SUMMED and p.key[2] is None]:
         assert part.key is not None
         for text, function in summands(test.kane, part.key, row):
             values = function(test.states.t, *test.states.q, *test.states.u)
@@ -249,7 +249,7 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
                 text = f"{text}*u̇.{part.key[1]}"
                 values = values * udot[names.index(part.key[1])]
             add(part.name, values, part.key, text)
-    return found
+    return own
 
 
 def inertia_term(speed: str) -> str:
@@ -264,11 +264,11 @@ def _called(channel: str) -> str:
 def _by_rates(test: EquationTest, row: int) -> Iterable[tuple[str, Array, Key]]:
     """Parts of forces and gyroscopic terms by the rates that they are proportional to."""
     states = test.states
-    there = EquationTest(test.kane, rays(states), scales=test.scales, strict=False)
+    along_rays = EquationTest(test.kane, rays(states), scales=test.scales, strict=False)
     gyroscopic: list[tuple[str, str, str, Array, Array]] = [
-        ("the gyroscopic term", "gyroscopic", "", -there.bias, -test.bias)
+        ("the gyroscopic term", "gyroscopic", "", -along_rays.bias, -test.bias)
     ]
-    acting = [(_called(c), "channel", c, there.forces[c], test.forces[c]) for c in test.forces]
+    acting = [(_called(c), "channel", c, along_rays.forces[c], test.forces[c]) for c in test.forces]
     for name, kind, which, along, whole in gyroscopic + acting:
         parts = with_rates(polarised(along[row], states), states.u)
         size = np.abs(whole[row]).max(initial=1e-300)
@@ -297,13 +297,13 @@ def polarised(along: Array, states: States) -> dict[tuple[int, ...], Array]:
     n = len(states.u)
     rest, *others = along.reshape(-1, len(states))
     plus, minus, both = others[:n], others[n : 2 * n], others[2 * n :]
-    found: dict[tuple[int, ...], Array] = {(): rest}
+    coefficients: dict[tuple[int, ...], Array] = {(): rest}
     for i in range(n):
-        found[i,] = 0.5 * (plus[i] - minus[i])
-        found[i, i] = 0.5 * (plus[i] + minus[i]) - rest
+        coefficients[i,] = 0.5 * (plus[i] - minus[i])
+        coefficients[i, i] = 0.5 * (plus[i] + minus[i]) - rest
     for (i, j), values in zip(combinations(range(n), 2), both):
-        found[i, j] = values - plus[i] - plus[j] + rest
-    return found
+        coefficients[i, j] = values - plus[i] - plus[j] + rest
+    return coefficients
 
 
 def with_rates(
@@ -339,9 +339,9 @@ def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str,
     if not bodies:
         return
     point = test.point
-    found = evaluate_at(kane.function(outputs), test.states.t[None, :], point.q, point.u)
+    values = evaluate_at(kane.function(outputs), test.states.t[None, :], point.q, point.u)
     Yt, n = point.Y.transpose(0, 2, 1), len(free)
-    for body, weight, flat in zip(bodies, found[::2], found[1::2]):
+    for body, weight, flat in zip(bodies, values[::2], values[1::2]):
         yield f"gravity on body {body!r}", times(Yt, weight)[row], ("weight", body, None)
         M = Yt @ matrices(flat, n, n) @ point.Y
         for j, name in enumerate(test.speeds):

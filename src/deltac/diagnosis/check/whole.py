@@ -57,14 +57,14 @@ class Frame:
         return replace(states, q=self.A @ states.q + self.c[:, None], u=self.B @ states.u)
 
 
-def whole_causes(caller: Caller, test: EquationTest, *, told: bool) -> tuple[Finding, ...]:
+def whole_causes(caller: Caller, test: EquationTest, *, explained: bool) -> tuple[Finding, ...]:
     """What explains all errors of a function at once.
 
     Where the terms that are wrong are `told`, one to an equation, only other coordinates are tried.
     """
-    found = _coordinates(caller, test)
-    if found or told:
-        return found
+    causes = _coordinates(caller, test)
+    if causes or explained:
+        return causes
     return _parameters(caller, test) or _linear(caller, test)
 
 
@@ -105,13 +105,13 @@ def _frames(test: EquationTest) -> Iterator[Frame]:
     groups: list[tuple[str, list[int]]] = [(f"{name} is", [k]) for k, name in enumerate(names)]
     if n > 1:
         groups.append(("all coordinates are", list(range(n))))
-    for said, members in groups:
+    for subject, members in groups:
         chosen = np.isin(np.arange(n), members)
         flipped = np.diag(np.where(chosen, -1.0, 1.0))
-        yield Frame(f"if {said} counted the other way", check, flipped, zero, flipped)
+        yield Frame(f"if {subject} counted the other way", check, flipped, zero, flipped)
         for angle, text in ((np.pi, "π"), (np.pi / 2, "π/2"), (-np.pi / 2, "−π/2")):
             shift = np.where(chosen, angle, 0.0)
-            words = f"if {said} measured from elsewhere, {text} more"
+            words = f"if {subject} measured from elsewhere, {text} more"
             yield Frame(words, check, one, shift, one)
             yield Frame(f"{words}, and the other way", check, flipped, shift, flipped)
     if n > 1:
@@ -125,12 +125,12 @@ def _frames(test: EquationTest) -> Iterator[Frame]:
             words, "Check it with coordinates='joint', or use absolute angles", back, zero, back
         )
     degrees = np.degrees(1.0)
-    for said, members in groups:
+    for subject, members in groups:
         chosen = np.isin(np.arange(n), members)
         D = np.diag(np.where(chosen, degrees, 1.0))
         remedy = "Convert them with np.radians"
-        yield Frame(f"if {said} in degrees, with rates in degrees", remedy, D, zero, D)
-        yield Frame(f"if {said} in degrees", remedy, D, zero, one)
+        yield Frame(f"if {subject} in degrees, with rates in degrees", remedy, D, zero, D)
+        yield Frame(f"if {subject} in degrees", remedy, D, zero, one)
     orders = permutations(range(n)) if n <= FEW else _exchanges(n)
     for order in orders:
         if order != tuple(range(n)):
@@ -158,18 +158,18 @@ def _parameters(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
     if udot is None:
         return ()
     model = _Varied(test, some)
-    known = model.known
-    for name, value in islice(known.items(), MOST):
+    values = model.known
+    for name, value in islice(values.items(), MOST):
         factor = _factor(model, udot, name, value)
         if factor is not None:
             right, remedy = f"{name} = {factor * value:.6g}", f"Give {name} the same value in both"
             return (_value(right, f"{name} = {value:.6g}", remedy, name),)
-    for a, b in islice(combinations(known, 2), MOST):
-        if known[a] == known[b]:
+    for a, b in islice(combinations(values, 2), MOST):
+        if values[a] == values[b]:
             continue
-        there = model.changed({a: known[b], b: known[a]})
-        if there is not None and _agree(udot, there.acceleration):
-            has = f"{a} = {known[a]:.6g} and {b} = {known[b]:.6g}"
+        exchanged = model.changed({a: values[b], b: values[a]})
+        if exchanged is not None and _agree(udot, exchanged.acceleration):
+            has = f"{a} = {values[a]:.6g} and {b} = {values[b]:.6g}"
             return (_value(f"{a} and {b} exchanged", has, f"Exchange {a} and {b}", a),)
     return ()
 
@@ -204,8 +204,8 @@ class _Varied:
         try:
             self.test.kane.mechanism.with_parameters(**values)
             p = [*{**self.known, **values}.values()]
-            made = EquationTest(self._kane, self.states, scales=self.test.scales, p=p, strict=False)
-            return made if np.isfinite(made.acceleration).all() else None
+            test = EquationTest(self._kane, self.states, scales=self.test.scales, p=p, strict=False)
+            return test if np.isfinite(test.acceleration).all() else None
         except (InputError, np.linalg.LinAlgError):
             return None
 
@@ -219,18 +219,18 @@ def _factor(model: _Varied, udot: Array, name: str, value: float) -> float | Non
     at = (1.0, 1.5, 2.0)
     rows = []
     for factor in at:
-        there = model.changed({name: factor * value})
-        if there is None:
+        changed = model.changed({name: factor * value})
+        if changed is None:
             return None
-        rows.append(there.residual(udot))
+        rows.append(changed.residual(udot))
     a, b, c = np.linalg.solve(np.vander(np.array(at)), np.array([x.ravel() for x in rows]))
     place = int(np.argmax(np.abs(a) + np.abs(b)))
     for root in np.roots([float(x[place]) for x in (a, b, c)]):
         factor = float(np.real(root))
         if abs(np.imag(root)) > 1e-6 * abs(root) or abs(factor - 1.0) < 1e-6 or factor <= 0.0:
             continue
-        there = model.changed({name: factor * value})
-        if there is not None and _agree(udot, there.acceleration):
+        changed = model.changed({name: factor * value})
+        if changed is not None and _agree(udot, changed.acceleration):
             return factor
     return None
 
@@ -277,11 +277,11 @@ def _order(caller: Caller, test: EquationTest, some: States) -> float | None:
     """The power of small coordinates with which the error goes to zero; None if it does not."""
     errors = []
     for small in SMALL:
-        there = replace(some, q=small * some.q)
-        udot = _called(caller, there)
+        near = replace(some, q=small * some.q)
+        udot = _called(caller, near)
         if udot is None:
             return None
-        right = EquationTest(test.kane, there, scales=test.scales, strict=False).acceleration
+        right = EquationTest(test.kane, near, scales=test.scales, strict=False).acceleration
         errors.append(float(np.abs(udot - right).max()))
     size = float(np.abs(test.acceleration).max())
     if not 0.0 < errors[1] < errors[0] < size:
@@ -310,13 +310,13 @@ def _some(states: States) -> States:
 def _called(caller: Caller, states: States) -> Array | None:
     """The function's accelerations; None where it raises or they are not finite."""
     try:
-        found = caller(states)
+        accelerations = caller(states)
     except InputError:
         return None
-    return found if np.isfinite(found).all() else None
+    return accelerations if np.isfinite(accelerations).all() else None
 
 
-def _agree(found: Array | None, right: Array) -> bool:
-    if found is None:
+def _agree(accelerations: Array | None, right: Array) -> bool:
+    if accelerations is None:
         return False
-    return bool(np.abs(found - right).max() <= AGREES * np.abs(right).max(initial=1e-300))
+    return bool(np.abs(accelerations - right).max() <= AGREES * np.abs(right).max(initial=1e-300))

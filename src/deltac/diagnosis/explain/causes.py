@@ -83,9 +83,6 @@ def _push(what: str, frame: str, unit: str) -> Kind:
     return Kind(words, unit=unit)
 
 
-ELSEWHERE = "{origin} is displaced by {several} m along {axes} of the body"
-
-
 def _geometry(words: str, remedy: str, unit: str) -> Kind:
     return Kind(words, remedy, unit=unit)
 
@@ -149,15 +146,9 @@ KINDS = {
         "delay",
         "s",
     ),
-    "late-rows": Kind(
-        "the coordinates are those of {shown} s before the speeds beside them",
-        "Write coordinates and speeds of the same instant into one row",
-        "delay",
-        "s",
-    ),
     "late-forces": Kind(
-        "the forces act {numbers[0]} s later than logged, smoothed by {numbers[1]} s²: states that were filtered "
-        "are late beside forces that were not",
+        "the forces act {numbers[0]} s later than logged, smoothed by {numbers[1]} s²: states that were "
+        "filtered are late beside forces that were not",
         "Log states and forces of the same instant, both filtered or neither",
         "delay",
         "s",
@@ -359,11 +350,6 @@ class Candidate:
         if (self.kind, other.kind) == ("stiffness", "rest-angle"):
             return float(1.0 / self.base[0])
         return 0.0
-
-    @property
-    def of_a_body(self) -> bool:
-        """Whether it tells a number of a body, and so may exclude others."""
-        return bool(KINDS[self.kind].tells)
 
     def excludes(self, other: Candidate) -> bool:
         """Whether both together would tell one number of a body twice, in sentences that contradict."""
@@ -573,8 +559,6 @@ def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
 
 # --- all causes that a mechanism may have --------------------------------------------------------
 
-MOST_LATE = 10.0
-"""Rows by which coordinates may be late: columns are of first order."""
 
 MOST_OFFSET = {"rad": 0.2, "m": 0.1}
 """Offsets of a coordinate's zero beyond which the equations have more than squares of it."""
@@ -604,8 +588,6 @@ def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candida
         parts += [_sizes, _places_of_joints, _numbers]
     for part in parts:
         found.extend(part(evaluator, places))
-    late, limit = places(Column("late", "")), MOST_LATE * evaluator.spacing
-    found.extend(cause("late-rows", "", late, [1.0], limit=limit))
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
     return tuple(c for c in found if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
 

@@ -22,6 +22,9 @@ from deltac.trajectories import Trajectory
 PASSIVE = ("spring", "damper")
 """Kinds of which the model's own forces are tested, where it is asked to explain a run by itself."""
 
+MOST = 0.9
+"""Share of what is left that terms of a model must explain for there to be something."""
+
 UNSEEN = 0.3
 """Standard error of a factor from which on a log is said not to show it."""
 
@@ -79,7 +82,7 @@ def explain_residual(
         )
     found = explanation_of(inference, run)
     works = foreign_channels(mechanism, run, loaded.import_report)
-    notes = tuple(foreign_words(name, work) for name, work in works.items())
+    notes = tuple(words for _, words in foreign_words(works))
     return replace(_with_gears(found, other_gears(run, loaded.import_report)), notes=notes)
 
 
@@ -90,7 +93,9 @@ def explanation_of(inference: Inference, run: Trajectory) -> Explanation:
     kind: Kind = "nothing"
     if best.chosen:
         kind = "ambiguous" if posterior.alternatives else "explained"
-    elif max(generic[0], inference.intermittent[0]) > CERTAIN and generic[1] > 0.0:
+    elif inference.intermittent[0] > CERTAIN or (
+        generic.log_odds > CERTAIN and generic.explained > MOST
+    ):
         kind = "unexplained"
     block = inference.blocks[0]
     total = block.projected.left(nothing(len(block.causes)).coefficients)

@@ -37,6 +37,7 @@ from deltac.mechanism.channels import Channel
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.parts import Part
+from deltac.mechanism.polynomials import Polynomial
 
 
 @dataclass(frozen=True)
@@ -322,7 +323,9 @@ class _LooseBodies:
             *(ca.vertcat(ca.vec(pose.E), pose.r) for pose in s.poses), *V, multipliers
         )
         wrenches, *found = ca.substitute(
-            [total[nu:], *of_place, *of_velocity], [ca.vertcat(place, v, factor)], [here]
+            [total[nu:], *of_place, *of_velocity],
+            [ca.vertcat(place, v, factor)],
+            [ca.densify(here)],
         )
 
         def generalized(part: SX) -> SX:
@@ -457,6 +460,7 @@ class _Opened:
             return self._number(part, at, law, kind="law-number", what=what)
         import sympy
 
+        law = law.expression if isinstance(law, Polynomial) else law
         if not isinstance(law, sympy.Basic):
             return law
         names = {}

@@ -65,8 +65,8 @@ def joules(
     of_log: Array,
     variance: float,
     tau: float,
-) -> tuple[Attribution, float]:
-    """The attribution, and the joules that neither fields nor the noise of the rows explain.
+) -> tuple[Attribution, float, float]:
+    """The attribution, the joules that nothing explains, and the error by what the flow does not know.
 
     Args:
         log: the rows.
@@ -75,6 +75,7 @@ def joules(
         jump: energy (N,) of each row beyond that of its prediction, J.
         integrator: its share.
         equations: theirs.
+        of_log: joules (N,) of delays and zeros of the log.
         variance: of what is left, whitened.
         tau: autocorrelation time of that, intervals.
     """
@@ -82,7 +83,8 @@ def joules(
     rows = np.sqrt(of_rows + of_rows[0])
     unknown = np.einsum("km,kmn,kn->k", gradient, Q, gradient) * max(variance, 1.0)
     rest = np.cumsum(jump) - integrator.curve - equations.curve
-    error = np.sqrt(rows**2 + np.cumsum(unknown) * tau)
+    uncertain = np.sqrt(np.cumsum(unknown) * tau)
+    error = np.hypot(rows, uncertain)
     unexplained = float(np.max(np.abs(rest - of_log) - UNEXPLAINED * error, initial=0.0))
     parts = Attribution(log.intervals.end.t, integrator, equations, Share(rest, error))
-    return parts, max(unexplained, 0.0)
+    return parts, max(unexplained, 0.0), float(uncertain[-1])

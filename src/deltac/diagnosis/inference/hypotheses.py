@@ -73,10 +73,7 @@ class Block:
         """Variance of the noise: what all columns together leave."""
         A, b, rr = self.gram
         some = np.concatenate([self.nuisance, self.causes])
-        d = _inverse_sizes(np.diag(A)[some])
-        scaled = d[:, None] * A[np.ix_(some, some)] * d
-        scaled[np.diag_indices(len(some))] += 1e-10
-        x = d * np.linalg.solve(scaled, d * b[some])
+        x = least_squares(A[np.ix_(some, some)], b[some])
         rss = rr - 2.0 * float(b[some] @ x) + float(x @ A[np.ix_(some, some)] @ x)
         return max(rss, CANCELLED * rr, 1e-300) / max(self.r.size - len(some), 1)
 
@@ -92,6 +89,16 @@ class Block:
         d = _inverse_sizes(p.raw)
         values, vectors = np.linalg.eigh(d[:, None] * p.A * d)
         return values, vectors, d
+
+    def evidence(self, fit: Fit, tau: float) -> float:
+        """Log evidence of the block with the causes of a fit: likelihood less the price of free numbers."""
+        rows = self.count / tau
+        n = self.nuisance
+        width = self.prior[:, None] * self.gram[0][np.ix_(n, n)] * self.prior / self.variance
+        volume = 0.5 * float(np.linalg.slogdet(np.eye(len(n)) + width / tau)[1]) if len(n) else 0.0
+        numbers = sum(c.size for c in fit.chosen)
+        likelihood = -0.5 * rows * float(np.log(self.misfit(fit.coefficients)))
+        return likelihood - volume - 0.5 * numbers * float(np.log(max(rows, 2.0)))
 
     @property
     def rank(self) -> int:
@@ -159,6 +166,18 @@ class Projected:
 def _inverse_sizes(squares: Array) -> Array:
     """1/√ of sums of squares; 0 for columns in which nothing is."""
     return np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=squares > 0.0)
+
+
+def least_squares(A: Array, b: Array) -> Array:
+    """Solve A x = b, A a Gram matrix in which columns may be alike; of b one column or several."""
+    d = _inverse_sizes(np.diag(A))
+    scaled = d[:, None] * A * d
+    scaled[np.diag_indices(len(A))] += RIDGE
+    return np.asarray((d * np.linalg.solve(scaled, (d * b.T).T).T).T)
+
+
+RIDGE = 1e-10
+"""Share of each column's square that keeps Gram matrices regular: half the digits of a double."""
 
 
 def autocorrelation_time(r: Array) -> float:
@@ -321,9 +340,33 @@ TOGETHER = 3
 """Maximum number of simultaneous causes."""
 
 
-BESIDE = 0.02
+BESIDE = 0.05
 """Joules that a further cause must exchange as a share of the largest: what a cause is off a straight line by
 its own size looks like a small one of another kind."""
+
+
+PROMISING = 48
+"""Causes that are fitted in full, those first that alone take most off what the best set leaves."""
+
+
+def _promising(
+    blocks: Sequence[Block], best: Fit, candidates: Sequence[Candidate]
+) -> list[Candidate]:
+    """The causes that explain most of what is left, to first order, and that may stand beside the best."""
+    gains = []
+    for c in candidates:
+        if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):
+            continue
+        columns, L = list(c.columns), c.linear
+        A, b = np.zeros((c.size, c.size)), np.zeros(c.size)
+        for block in blocks:
+            p = block.projected
+            variance = p.left(best.coefficients)
+            A += L.T @ p.A[np.ix_(columns, columns)] @ L / variance
+            b += L.T @ (p.b[columns] - p.A[columns] @ best.coefficients) / variance
+        gains.append((float(b @ least_squares(A, b)), c))
+    gains.sort(key=lambda item: -item[0])
+    return [c for _, c in gains[:PROMISING]]
 
 
 def search(
@@ -341,9 +384,7 @@ def search(
     scores: list[tuple[float, Candidate, float]] = []
     for _ in range(TOGETHER):
         fits: list[tuple[float, Fit]] = []
-        for c in candidates:
-            if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):
-                continue
+        for c in _promising(blocks, best, candidates):
             fit = fitted(blocks, (*best.chosen, c), best.theta)
             if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
                 continue

@@ -37,6 +37,7 @@ from deltac.diagnosis.inference.hypotheses import (
     Posterior,
     autocorrelation_time,
     fitted,
+    least_squares,
     nothing,
     search,
 )
@@ -86,6 +87,9 @@ RELINEARISATIONS = 1
 """Times that columns are taken anew with the accelerations that the causes make."""
 
 
+ENOUGH = 300
+"""Intervals of which the energy that a cause exchanges is summed."""
+
 LOST = 0.3
 """Share of the intervals that may be lost where the model has no finite motion."""
 
@@ -116,9 +120,9 @@ class Inference:
         whole: time of the log over that of the intervals.
         exchanged: energy (J) that each cause of the best set exchanges; `exchanged_error` its standard error.
         energy: what each adds to ΔC by the end, J.
-        generic: log odds that what is left depends on the state as terms of a model do, whichever these are,
-            and the energy (J) that they exchange.
+        generic: equations that are wrong in a way without a name.
         unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
+        uncertain: standard error (J) by what forces did between rows, and by the flow's own.
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
         hidden: energy (J) that a mistake of one number may add to ΔC without being seen, and its name.
         residual: what is left of the rows (N, 2n), in the units of the state.
@@ -143,8 +147,9 @@ class Inference:
     exchanged: Array
     exchanged_error: Array
     energy: Array
-    generic: tuple[float, float]
+    generic: Generic
     unexplained: float
+    uncertain: float
     intermittent: tuple[float, NDArray[np.bool_]]
     hidden: tuple[float, str]
     residual: Array
@@ -166,7 +171,7 @@ class Inference:
     def finds_something(self) -> bool:
         """Whether a cause has odds that is of the equations, or something that has no name."""
         wrong = any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
-        return wrong or max(self.generic[0], self.intermittent[0]) > CERTAIN
+        return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
 
     def deviation(self, c: Candidate) -> float:
         """Standard error of the number of a cause of one, beside the best causes."""
@@ -251,9 +256,7 @@ class _Inferring:
         """Columns more, and the causes that they allow."""
         self.kernels = (*self.kernels, kernels)
         columns = tuple(c for k in self.kernels for c in k.columns)
-        self.candidates = tuple(
-            c for c in candidates(self.evaluator, columns) if c.kind != "late-rows"
-        )
+        self.candidates = candidates(self.evaluator, columns)
 
     # --- the flow and its columns ---
 
@@ -285,10 +288,10 @@ class _Inferring:
         for at in self.flow.nodes[:-1]:
             J.append(self.model.jacobian(at))
             own = elementary_differentials(self.model, at, h)
-            further = [
+            parts = [
                 next_order(J[-1][a:b], own[a:b], at.t[a:b], h[a:b]) for a, b in self.log.pieces
             ]
-            fields.append(np.concatenate([own, np.concatenate(further)], axis=2))
+            fields.append(np.concatenate([own, np.concatenate(parts)], axis=2))
         last = np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
         own = elementary_differentials(self.model, self._ends, h[last])
         further = fields[0][last][:, :, own.shape[2] :]
@@ -323,11 +326,12 @@ class _Inferring:
         return self._at_nodes(own, end)
 
     def _responses(self, at: Rows, a: Array, rate: Array, curve: Array) -> Array:
-        """What all causes do to the accelerations (N, n, P): forces of the first kernels, ∂u̇/∂θ of the geometry."""
+        """What all causes do to the accelerations (N, n, P), by force or by geometry."""
         samples = (at.t, at.q, at.u, a, at.F, rate, curve)
         forces, *geometry = (kernels(*samples)[:, :, 1:] for kernels in self.kernels)
         parts = [self.model.response(at.t, at.q, forces)]
-        parts += [np.linalg.solve(self.model.matrices(at.t, at.q)[0], x) for x in geometry]
+        M = self.model.matrices(at.t, at.q)[0] if geometry else None
+        parts += [np.asarray(np.linalg.solve(M, x)) for x in geometry if M is not None]
         return np.concatenate(parts, axis=2)
 
     def _unknown(self) -> Array:
@@ -339,8 +343,7 @@ class _Inferring:
         beyond = remainder(
             self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, np.minimum(self.step, h)
         )
-        diagonal = np.arange(beyond.shape[1])
-        Q[:, diagonal, diagonal] += beyond**2
+        self.beyond = beyond
         if between.any():
             Phi, B = transported(self.log.intervals.h, self.J, self.fields)
             columns = np.concatenate([self.w[:, :, None], B], axis=2)
@@ -355,6 +358,8 @@ class _Inferring:
 
             Q = Q + max(SHARES, key=likelihood) ** 2 * between
         self.uncertain = Q
+        diagonal = np.arange(beyond.shape[1])
+        across[:, diagonal, diagonal] += beyond**2
         return Q + across
 
     # --- hypotheses ---
@@ -366,6 +371,12 @@ class _Inferring:
             self.kinds = kinds
             self._predict()
         posterior = self._compare()
+        late = any(c.kind == "late-forces" for c in posterior.best.chosen)
+        if late and not self.thinned:
+            # Beside states that were filtered, held forces are not held: what they do is unknown.
+            self.thinned = True
+            self.Q = self._unknown()
+            posterior = self._compare()
         if posterior.best.chosen and self.force.first.shape[1] and not all(self.declared):
             kinds = self._kinds_of_forces(posterior.best)
             if kinds != self.kinds:
@@ -393,11 +404,8 @@ class _Inferring:
         places = ni + np.arange(P)
         columns = np.concatenate([np.stack([self.w, *own], axis=2), self.B], axis=2)
         white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, columns)
-
-        def block(k: int, nuisance: int) -> Block:
-            return self._block(white[:, :, k], white[:, :, 1 + len(own) :], nuisance, places)
-
-        series = block(0, ni)
+        D = np.ascontiguousarray(white[:, :, 1 + len(own) :])
+        series = self._block(white[:, :, 0], D, ni, places)
         if log.rounding < 1.0:
             # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
             # order.
@@ -411,46 +419,54 @@ class _Inferring:
         # The mean of the gradients at both ends makes of a quadratic energy what it changes by.
         self.gradient = 0.5 * (model.energy(self.flow.end)[1] + model.energy(log.intervals.end)[1])
         self.least = max(NEGLIGIBLE * self.energy, self._remainder(series))
+        methods = _Methods.of(ends, white[:, :, 1 : 1 + len(own)], D[:, :, places], log.rounding)
+        measured = self._measured() if self._knows_accelerations else None
+        if before is None:
+            posterior, series = self._of_series(series, measured)
+            closing, chosen = None, False
+            if methods is not None and methods.may_close(series, posterior.best):
+                closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
+                other = posterior if measured is not None else self._search(closing)
+                gain = _log_evidence(closing, other.best, series, posterior.best)
+                chosen = gain - np.log(len(own)) > CERTAIN
+                posterior = other if chosen else posterior
+        else:
+            chosen = bool(self.methods) and methods is not None
+            closing = None
+            if chosen and methods is not None:
+                closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
+            elif self.of_rows.noise:
+                series = replace(series, noise=self.of_rows.noise)
+            refitted = fitted(
+                (measured or closing or series,), before.best.chosen, before.best.theta
+            )
+            posterior = before if refitted is None else before.with_fit(refitted)
         self.methods: tuple[Integrator, ...] = ()
         self.defects: list[Array] = []
-        chosen = series
-        finite = [k for k, w in enumerate(own) if np.isfinite(w).all()]
-        closings = {k: block(k + 1, 0) for k in finite}
-        if closings:
-            best = min(closings, key=lambda k: closings[k].floor)
-            closing = closings[best]
-            rows = closing.count / autocorrelation_time(closing.residual(closing.optimum))
-            odds = {
-                k: 0.5 * rows * float(np.log(max(b.floor / closing.floor, 1.0)))
-                if b.floor > b.rounding
-                else 0.0
-                for k, b in closings.items()
-            }
-            if 0.5 * rows * np.log(series.floor / closing.floor) > CERTAIN:
-                alike = [k for k in closings if odds[k] < EQUAL]
-                self.methods = tuple(ends[k][0] for k in alike)
-                order = [best, *(k for k in alike if k != best)]
-                self.defects = [model.difference(self.flow.end, ends[k][1]) for k in order]
-                chosen = self._of_method(ends[best], own[best], places)
-        self.blocks: tuple[Block, ...] = (chosen,)
-        run = self.run
-        if trusted(run) and run.udot is not None and "udot" not in run.provenance.derived:
-            self.blocks = (self._measured(),)
-        self.of_rows = chosen
-        if before is None:
-            posterior = self._search()
-            variance = chosen.projected.left(posterior.best.coefficients) / chosen.count
-            if len(self.blocks) == 1 and len(chosen.nuisance) and variance > 2.0 * chosen.variance:
-                # The numbers of an integrator are of the size of their prior beside the noise that there is.
-                self.of_rows = replace(chosen, noise=variance)
-                self.blocks = (self.of_rows,)
-                posterior = self._search()
-            return posterior
-        refitted = fitted(self.blocks, before.best.chosen, before.best.theta)
-        return before if refitted is None else before.with_fit(refitted)
+        if chosen and methods is not None:
+            self.methods = tuple(method for method, _ in methods.ends)
+            self.defects = [model.difference(self.flow.end, rows) for _, rows in methods.ends]
+        self.of_rows: Block = closing if chosen and closing is not None else series
+        self.blocks: tuple[Block, ...] = (measured or self.of_rows,)
+        return posterior
 
-    def _search(self) -> Posterior:
-        return search(self.blocks, self.candidates, lambda fit: self._exchanged(fit)[0], self.least)
+    def _of_series(self, series: Block, measured: Block | None) -> tuple[Posterior, Block]:
+        """The posterior beside an unknown integrator, and the block with the noise that there is."""
+        posterior = self._search(measured or series)
+        variance = series.projected.left(posterior.best.coefficients) / series.count
+        if measured is None and variance > 2.0 * series.variance:
+            # The numbers of an integrator are of the size of their prior beside the noise that there is.
+            series = replace(series, noise=variance)
+            posterior = self._search(series)
+        return posterior, series
+
+    @property
+    def _knows_accelerations(self) -> bool:
+        run = self.run
+        return trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
+
+    def _search(self, block: Block) -> Posterior:
+        return search((block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least)
 
     def _of_method(self, end: tuple[Integrator, Rows], w: Array, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
@@ -470,13 +486,18 @@ class _Inferring:
         )  # fmt: skip
 
     def _exchanged(self, fit: Fit) -> tuple[Array, Array, Array]:
-        """Energy (J) that each cause of a fit exchanges, its standard error, and what it adds to ΔC."""
-        ni = self.fields[0].shape[2]
+        """Energy (J) that each cause of a fit exchanges, its standard error, and what it adds to ΔC.
+
+        Of some of the intervals, evenly: these are sums that need two digits.
+        """
+        every = max(1, len(self.w) // ENOUGH)
+        gradient, scale = self.gradient[::every], self.whole * len(self.w)
+        B = self.B[::every, :, self.fields[0].shape[2] :]
         exchanged, errors, energies = [], [], []
         for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
-            displacement = self.B[:, :, ni + np.array(c.columns)] @ c.coefficients(theta)
-            exchanged.append(self.whole * float(np.abs(self.gradient * displacement).sum()))
-            energies.append(self.whole * float((self.gradient * displacement).sum()))
+            work = gradient * (B[:, :, list(c.columns)] @ c.coefficients(theta))
+            exchanged.append(scale * float(np.abs(work).sum(axis=1).mean()))
+            energies.append(scale * float(work.sum(axis=1).mean()))
             relative = fit.deviation(k) / np.maximum(np.abs(theta), 1e-300)
             errors.append(exchanged[-1] * min(float(relative.min()), 1.0))
         return np.array(exchanged), np.array(errors), np.array(energies)
@@ -515,7 +536,7 @@ class _Inferring:
             columns / sigma[:, None],
             none,
             np.zeros(0),
-            np.arange(x.shape[2]),
+            np.arange(columns.shape[2]),
             1.0,
         )
 
@@ -586,15 +607,16 @@ class _Inferring:
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
             # The order beyond the series is no noise: its joules grow with the motion.
             beyond = self._remainder(rows) / self.whole * np.linspace(0.0, 1.0, len(self.w))
-            integrator = Share(curves @ c, np.sqrt(spread + beyond**2))
+            some = np.cumsum(np.einsum("km,km->k", self.gradient**2, self.beyond**2))
+            integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
             left = self.w - self.B[:, :, :ni] @ c - self.B[:, :, ni:] @ best.coefficients
         mistake = self._share(best, power[:, ni:], tau)
         of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
-        attribution, unexplained = joules(
+        attribution, unexplained, uncertain = joules(
             log, self.uncertain, self.gradient, jump, integrator, mistake, of_log, variance, tau
         )
         exchanged, errors, energy = self._exchanged(best)
-        odds, coefficients = _generic(self.blocks[0], best)
+        odds, explained, coefficients = _generic(self.blocks[0], best)
         unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
         damped = self.model.damped
         return Inference(
@@ -620,8 +642,9 @@ class _Inferring:
             exchanged=exchanged,
             exchanged_error=errors * np.sqrt(tau),
             energy=energy,
-            generic=(odds, float(unnamed)),
+            generic=Generic(odds, float(unnamed), explained),
             unexplained=unexplained * self.whole,
+            uncertain=uncertain * self.whole,
             intermittent=_intermittent(rows, best),
             hidden=self._hidden(best, tau),
             residual=left,
@@ -660,17 +683,74 @@ class _Inferring:
         return most, name
 
 
-def _generic(block: Block, best: Fit) -> tuple[float, Array]:
-    """Log odds of all columns of causes together against the best set, and their coefficients.
+@dataclass(frozen=True, eq=False)
+class _Methods:
+    """Methods whose own maps close the rows best and alike, the best first: their ends and their places."""
 
-    Where they have odds, and no few causes explain as much, the equations are wrong in a way that has no
-    name here.
+    ends: list[tuple[Integrator, Rows]]
+    places: list[int]
+    floor: float
+
+    @staticmethod
+    def of(
+        ends: list[tuple[Integrator, Rows]], r: Array, D: Array, rounding: float
+    ) -> _Methods | None:
+        """The best by what all causes leave of their prediction errors r (N, m, methods), whitened."""
+        finite = [k for k in range(len(ends)) if np.isfinite(r[:, :, k]).all()]
+        if not finite:
+            return None
+        X, y = D.reshape(-1, D.shape[2]), r[:, :, finite].reshape(-1, len(finite))
+        x = least_squares(X.T @ X, X.T @ y)
+        residual = y - X @ x
+        floors = np.maximum((residual**2).sum(axis=0), 1e-300)
+        best = int(np.argmin(floors))
+        tau = autocorrelation_time(residual[:, best].reshape(len(r), -1))
+        odds = 0.5 * len(y) / tau * np.log(floors / floors[best])
+        # What is below the rounding of the rows is alike.
+        alike = np.flatnonzero((odds < EQUAL) | (floors <= rounding * len(y)))
+        order = [finite[k] for k in (best, *alike[alike != best])]
+        return _Methods([ends[k] for k in order], order, float(floors[best]))
+
+    def may_close(self, series: Block, best: Fit) -> bool:
+        """Whether the best method with all causes leaves about as little as the series with its best ones."""
+        return self.floor < SERIES * series.misfit(best.coefficients)
+
+
+SERIES = 4.0
+"""Ratio of sums of squares from which on a method's map is not compared any more with the series."""
+
+
+def _log_evidence(a: Block, fit_a: Fit, b: Block, fit_b: Fit) -> float:
+    """Log evidence of one block with its causes against another with its own, at the larger of their τ."""
+    tau = max(
+        autocorrelation_time(x.residual(fit.coefficients)) for x, fit in ((a, fit_a), (b, fit_b))
+    )
+    return a.evidence(fit_a, tau) - b.evidence(fit_b, tau)
+
+
+@dataclass(frozen=True)
+class Generic:
+    """All columns of causes together against the best set: equations that are wrong in a way without a name.
+
+    Attributes:
+        log_odds: that what is left depends on the state as terms of a model do.
+        exchanged: the energy that these exchange, J.
+        explained: share of what is left that they explain.
     """
+
+    log_odds: float
+    exchanged: float
+    explained: float
+
+
+def _generic(block: Block, best: Fit) -> tuple[float, float, Array]:
+    """Log odds and share of what all columns explain beyond the best set, and their coefficients so far."""
     coefficients = block.optimum
     rows = block.count / autocorrelation_time(block.residual(coefficients))
-    gain = np.log(block.misfit(best.coefficients) / block.misfit(coefficients))
-    odds = 0.5 * rows * float(gain) - 0.5 * block.rank * float(np.log(max(rows, 2.0)))
-    return odds, coefficients - best.coefficients
+    before, after = block.misfit(best.coefficients), block.misfit(coefficients)
+    odds = 0.5 * rows * float(np.log(before / after))
+    price = 0.5 * block.rank * float(np.log(max(rows, 2.0)))
+    return odds - price, 1.0 - after / before, coefficients - best.coefficients
 
 
 def _deviation(blocks: Sequence[Block], c: Candidate, best: Fit, tau: float) -> float:

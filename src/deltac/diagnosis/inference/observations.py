@@ -38,18 +38,16 @@ class Observations:
         kept = np.flatnonzero(~lost)
         pieces, at = [], 0
         for first, last in self.pieces:
-            edges = np.flatnonzero(
-                np.diff(np.concatenate([[1], lost[first:last], [1]]).astype(int))
-            )
-            for a, b in zip(edges[::2], edges[1::2], strict=True):
+            cuts = np.flatnonzero(np.diff(np.concatenate([[1], lost[first:last], [1]]).astype(int)))
+            for a, b in zip(cuts[::2], cuts[1::2], strict=True):
                 pieces.append((at, at + int(b - a)))
                 at += int(b - a)
         starts = [np.arange(a, b - 1) for a, b in self.rows]
         rows = np.concatenate(starts)[kept]
         edges = [(int(rows[a]), int(rows[b - 1]) + 2) for a, b in pieces]
-        start, end = ((x[0][kept], x[1][kept]) for x in (self.noise, self.digits))
+        noise, digits = ((x[0][kept], x[1][kept]) for x in (self.noise, self.digits))
         return Observations(
-            self.intervals.take(kept), pieces, edges, start, end, self.force_noise[kept]
+            self.intervals.take(kept), pieces, edges, noise, digits, self.force_noise[kept]
         )
 
     @property
@@ -158,7 +156,7 @@ def _evenly(edges: list[tuple[int, int]], most: int, total: int) -> list[tuple[i
     return chosen
 
 
-def _unknown_speeds(run: Trajectory, which: Array) -> Array:
+def _unknown_speeds(run: Trajectory, which: NDArray[np.intp]) -> Array:
     """Standard deviations (T, n) of speeds that were made of the coordinates: the change over a row."""
     rate = np.gradient(run.u[:, which], axis=0)
     return np.broadcast_to(np.sqrt(np.mean(rate**2, axis=0)) + EPS, rate.shape)

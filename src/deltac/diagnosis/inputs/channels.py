@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +15,7 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.energy.terms import LoggedForces
 from deltac.errors import listed
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -53,7 +56,7 @@ OF_MODELS = ("friction", "limit", "actuator")
 
 def foreign_channels(
     mechanism: Mechanism, run: Trajectory, import_report: ImportReport | None
-) -> dict[str, float]:
+) -> dict[ChannelName, float]:
     """The work (J) of channels of these kinds that neither the model nor its file has, by trapezoids.
 
     What the importer left to the log, for the file has it, is not foreign; nor is what never acted.
@@ -71,32 +74,50 @@ def foreign_channels(
     }
 
 
-def foreign_notes(works: dict[str, float], energy_exchanged: float) -> list[Finding]:
-    """A note on each: it hides in a balance that holds, since its force is that of the log."""
+def foreign_notes(works: Mapping[ChannelName, float], energy_exchanged: float) -> list[Finding]:
+    """A note on those of each kind: they hide in a balance that holds, since their forces are the log's."""
 
-    def share(work: float) -> str:
-        part = percent(abs(work) / energy_exchanged) if energy_exchanged > 0.0 else "nothing"
+    def share(names: Sequence[ChannelName]) -> str:
+        energy = sum(abs(works[name]) for name in names)
+        part = percent(energy / energy_exchanged) if energy_exchanged > 0.0 else "nothing"
         return f"{part} of the energy exchanged"
 
     return [
         Finding(
             "channel-not-in-model",
-            foreign_words(name, work),
-            share(work),
-            "Add it to the model if the model is to be simulated on its own",
+            words,
+            share(names),
+            "Add to the model what is to act when it is simulated on its own",
             "note",
-            name,
+            listed(names),
         )
-        for name, work in works.items()
+        for names, words in foreign_words(works)
     ]
 
 
-def foreign_words(name: str, work: float) -> str:
-    """What such a channel is, and did."""
-    return (
-        f"the log has a channel {name!r} that the model does not have; its force is taken as logged, and did "
-        f"{work:.3g} J of work"
-    )
+def foreign_words(
+    works: Mapping[ChannelName, float],
+) -> Iterator[tuple[tuple[ChannelName, ...], str]]:
+    """The channels of each kind, and what they are and did."""
+    for kind, group in groupby(sorted(works, key=lambda name: name.kind), lambda name: name.kind):
+        names = tuple(group)
+        work = f"{sum(works[name] for name in names):.3g} J of work"
+        if len(names) == 1:
+            yield (
+                names,
+                (
+                    f"the log has a channel {names[0]!r} that the model does not have; its force is taken as "
+                    f"logged, and did {work}"
+                ),
+            )
+        else:
+            yield (
+                names,
+                (
+                    f"the log has {len(names)} {kind} channels that the model does not have "
+                    f"({listed(map(repr, names))}); their forces are taken as logged, and did {work}"
+                ),
+            )
 
 
 # --- motors of the model against those of the simulator ------------------------------------------

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,11 +20,11 @@ from deltac.energy.streaming import OVERLAP, balance_chunks
 from deltac.errors import ArgumentsError, LogError, closest, listed
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
-from deltac.trajectories import Chunk, Trajectory, read_trajectory, scan_trajectory
-from deltac.trajectories.formats.objects import is_table
-from deltac.trajectories.formats.parquet import parquet_facts
-from deltac.trajectories.formats.reading import BY_LAW, FRAMES, LEFT_OUT
-from deltac.trajectories.trajectory import row_name
+from deltac.trajectories import Trajectory
+from deltac.trajectories.trajectory import BY_LAW, FRAMES, LEFT_OUT, row_name
+
+if TYPE_CHECKING:
+    from deltac.trajectories import Chunk
 
 
 def in_model_order(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
@@ -137,8 +137,12 @@ def read_log(
     if isinstance(source, Trajectory):
         if mapping is not None:
             raise ArgumentsError("mapping= is for log files; this log is a Trajectory already")
-        run = source
-    elif is_table(source):
+        return _whole(mechanism, source, work, measured=measured, keep=keep)
+    # Runs that were simulated need no reader of files.
+    from deltac.trajectories import read_trajectory
+    from deltac.trajectories.formats.objects import is_table
+
+    if is_table(source):
         run = read_trajectory(source, mapping, mechanism)
     elif isinstance(source, str | Path):
         path = Path(source)
@@ -154,6 +158,8 @@ def read_log(
 
 def _size(path: Path) -> tuple[int, int]:
     """Rows and columns of a Parquet file; others are read as a whole."""
+    from deltac.trajectories.formats.parquet import parquet_facts
+
     with suppress(Exception):  # damaged: reading it says how
         if path.suffix.lower() == ".parquet" and os.path.isfile(path):
             return parquet_facts(path)[1:]
@@ -223,6 +229,8 @@ def balanced(
 def _in_parts(
     mechanism: Mechanism, path: Path, work: str | None, mapping: Any, rows: int, progress: Progress
 ) -> Log:
+    from deltac.trajectories import scan_trajectory
+
     def chunks() -> Iterator[Chunk]:
         for chunk in scan_trajectory(path, rows, OVERLAP, mapping, mechanism):
             progress(chunk.first_row / chunk.rows)

@@ -92,12 +92,14 @@ def families(
             "Controller(function of t, q, u)"
         )
     if outside and options.keys() - {"controller"}:
-        given = ", ".join(sorted(options.keys() - {"controller"}))
-        raise ArgumentsError(f"recommend: MuJoCo's integrators cannot take {given}; leave it out")
-    found, notes = [], []
+        names = sorted(options.keys() - {"controller"})
+        raise ArgumentsError(
+            f"recommend: MuJoCo's integrators cannot take {', '.join(names)}; leave it out"
+        )
+    choice, notes = [], []
     for name in names:
         if name in outside:
-            found.append(
+            choice.append(
                 _mujoco(source, state, duration, name.removeprefix(MUJOCO), theirs, deadline)
             )
             continue
@@ -107,10 +109,10 @@ def families(
                 f"{solver.name} chooses its step by itself and is made for references, not chosen from"
             )
         else:
-            found.append(_own(solver, mechanism, state, duration, options, deadline))
-    if not found:
+            choice.append(_own(solver, mechanism, state, duration, options, deadline))
+    if not choice:
         raise SolverError(f"recommend: nothing to choose from; {'; '.join(notes)}")
-    return found, tuple(notes)
+    return choice, tuple(notes)
 
 
 def _suited(mechanism: Mechanism, controller: Controller | None, *, in_mujoco: bool) -> list[str]:
@@ -121,8 +123,9 @@ def _suited(mechanism: Mechanism, controller: Controller | None, *, in_mujoco: b
         return [f"{MUJOCO}{name}" for name in sorted(ORDERS, key=lambda n: -ORDERS[n])]
     stepping = [s for s in SOLVERS.values() if s.takes_steps]
     names = [s.name for s in sorted(stepping, key=lambda s: -(s.order or 0))]
-    held = controller is not None and controller.hold
-    return names + [n for n in SUITED if n in SOLVERS and not held]
+    if controller is not None and controller.hold:
+        return names
+    return names + [n for n in SUITED if n in SOLVERS]
 
 
 def _own(
@@ -136,6 +139,7 @@ def _own(
     def run(
         step: float, span: float = duration, every: int = 1, tolerance: float | None = None
     ) -> Trajectory:
+        deadline.begin()
         return simulate(
             mechanism,
             state,
@@ -175,7 +179,7 @@ def _own(
             for span in (duration / 10**k for k in range(DECADES))
         ]
 
-    if solver.family in ("adaptive", "scipy", "sundials"):
+    if solver.family in ("scipy", "sundials"):
         return Family(
             solver.name,
             solver.order,
@@ -220,6 +224,7 @@ def _mujoco(
         """The run without recording, what a user will pay for; or with its motion at every so many steps."""
         import mujoco
 
+        deadline.begin()
         model = copy.copy(recorded.model)
         model.opt.timestep = step
         model.opt.integrator = integrator_names()[recorded.integrator]

@@ -1,27 +1,36 @@
-"""`recommend`: the cheapest solver and step that keep a tolerance, tried and verified.
+"""`recommend`: the cheapest solver and step that keep a tolerance, predicted and verified.
 
-Search and verification differ: the search compares rows that are at hand, of runs at neighbouring
-settings; what it finds is then measured at every row that a user of the advice gets.
+A coarse run of each solver and its order predict the setting that keeps the tolerance, and its time. The
+cheapest prediction is made true: run, then measured at every row that a user of the advice gets. What
+this teaches may make another solver the cheapest; the search ends when the cheapest is verified.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Unpack
 
+from deltac.arrays import EPS
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.channels import not_simulated
 from deltac.diagnosis.recommend.families import families
-from deltac.diagnosis.recommend.result import SAME_TIME, Recommendation, failing, setting_of
+from deltac.diagnosis.recommend.result import (
+    SAME_TIME,
+    Prospect,
+    Recommendation,
+    failing,
+    setting_of,
+)
 from deltac.diagnosis.recommend.work_precision import (
     ROUNDING,
     Deadline,
     Family,
     OutOfTime,
+    OverBudget,
     Refused,
     Trial,
     Trials,
@@ -32,20 +41,34 @@ from deltac.diagnosis.study.simulators import (
     handed_on,
     starting,
 )
+from deltac.diagnosis.verdict import REFINED_TOLERANCE, check_tolerance
 from deltac.errors import NO_NUMBER, InputError, SolverError
 from deltac.models import ModelLike, StateLike, load_model
 
-TOLERANCE = 1e-6
-"""Accepted by default: |ΔC| as a share of the energy exchanged, q and u as shares of their ranges."""
-
-TOO_DEAR = 8.0
-"""A solver is given up when it needs this many times the best one's time."""
-
-TIME_LIMIT = 120.0
+TIME_LIMIT = 60.0
 """A search ends after so many seconds with the best that it has, and says what it left out."""
 
-SAFETY = 1.1
-"""Margin on a step that an order predicts, so that the next trial seldom has to be repeated."""
+TOO_DEAR = 8.0
+"""A run may take this many times as long as the best prediction, then its solver is given up."""
+
+LEAST_BUDGET = 0.1
+"""Seconds that every run may take: the search itself takes longer."""
+
+STEPS = 50
+"""Of the first run of a solver with fixed steps."""
+
+MORE_STEPS = 10
+"""Settings further there are ten times as many steps: what these cost shows, where so few take no time."""
+
+RESOLVED = 0.1
+"""A run whose error is below this share of the ranges has the order of its solver, until more is known."""
+
+REDUCED = 0.5
+"""Share of its order that a solver is trusted to have at least. At kinks errors fall erratically, by order 1
+or 2: a setting that happens to do comes sooner than that order says."""
+
+SAFETY = 1.03
+"""Margin on a step that an order predicts, so that it seldom fails its verification."""
 
 
 @checked
@@ -54,7 +77,7 @@ def recommend(
     model: ModelLike,
     state: StateLike = None,
     duration: float | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = REFINED_TOLERANCE,
     *,
     motion_tolerance: float | None = None,
     solvers: Sequence[str] | None = None,
@@ -62,7 +85,7 @@ def recommend(
     progress: Progress | None = None,
     **simulation: Unpack[SimulationOptions],
 ) -> Recommendation:
-    """Find the cheapest solver and step that keep a tolerance, by trying them.
+    """Find the cheapest solver and step that keep a tolerance: predicted from coarse runs, then verified.
 
     The motion error of the advice is the largest error of any q or u at any row that its user gets, as a
     share of the range of what has its unit: at every step of a fixed-step solver, measured against a run of
@@ -74,257 +97,301 @@ def recommend(
             file is run by MuJoCo's integrators, unless `solvers` names ours.
         state: where the motion starts; by default the model's own start, or all zeros.
         duration: how long it is, s; by default the problem's.
-        tolerance: of the largest |ΔC| (Wang's), as a share of the energy exchanged.
+        tolerance: of the largest |ΔC| (Wang's), as a fraction of the energy that the system has (max K +
+            range of V).
         motion_tolerance: accepted error of q and u, each as a share of the range of what has its unit; by
             default `tolerance`. `inf` leaves the motion out, as for chaotic motions over long times.
         solvers: names of the solvers to try; by default all that suit the model.
-        time_limit: seconds that the search may take. It then ends with the best that was found, and the
-            notes say which solvers were not tried to the end.
+        time_limit: seconds that the search may take. It then ends with the best so far, and a note.
         progress: called with the fraction done.
         **simulation: `equations`, `controller` and `constraints`, as for `simulate`. For MuJoCo the
             controller is a function, called as controller(model, data) before each step.
 
     Returns:
         The recommendation. Its `exit_code` is 1 if nothing tried keeps the tolerance, and 3 (unresolved)
-        if next to no energy is exchanged, so that there is nothing to judge a step by; `best` is then None.
+        if the system has next to no energy, so that there is nothing to judge a step by; `best` is then None.
 
     Raises:
         InputError: as `simulate`; tolerances that are not positive; a model without start or duration.
     """
-    wanted = _positive(tolerance, "tolerance")
-    if wanted >= 1.0:
+    accepted = check_tolerance(tolerance)
+    if accepted < ROUNDING:
         raise InputError(
-            f"recommend: tolerance is {tolerance!r}; expected a number between 0 and 1"
-        )
-    if wanted < ROUNDING:
-        raise InputError(
-            f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy exchanged there is "
+            f"recommend: tolerance is {tolerance:g}; below {ROUNDING:g} of the energy there is "
             "nothing but rounding. Ask for more than that"
         )
-    motion = wanted if motion_tolerance is None else _positive(motion_tolerance, "motion_tolerance")
+    of_motion = (
+        accepted if motion_tolerance is None else _positive(motion_tolerance, "motion_tolerance")
+    )
     loaded = load_model(model)
     mechanism = loaded.mechanism
     state = starting(loaded, state)
-    duration = loaded.lasting(duration)
+    duration = _positive(loaded.lasting(duration), "duration")
     deadline = Deadline(_positive(time_limit, "time_limit"))
-    found, notes = families(
+    choice, notes = families(
         model,
         mechanism,
         state,
-        _positive(duration, "duration"),
+        duration,
         solvers,
         handed_on(recommend, simulation, own=("record",)),
         deadline,
     )
-    trials = Trials(mechanism, state, motion)
-    search = _Search(trials, wanted, motion, progress, len(found))
-    for family in found:
-        search.family(family, deadline)
-        if trials.still:
-            break
-    deadline.lift()
-    if trials.idle and not trials.still:
-        search.notes.append("no energy is exchanged: |ΔC| is judged beside the kinetic energy")
-    if len(search.refused) == len(found):
-        raise SolverError(f"recommend: no solver can be used. {'. '.join(search.refused)}")
-    found_advice = search.advice(duration, notes)
-    lacking = not_simulated(loaded.import_report)
-    if lacking and found_advice.solver and not found_advice.solver.startswith(MUJOCO):
-        note = f"{lacking[0].what} ({lacking[0].evidence}). {lacking[0].remedy}"
-        found_advice = replace(found_advice, notes=(note, *found_advice.notes))
-    return replace(found_advice, import_report=loaded.import_report)
+    trials = Trials(mechanism, state, of_motion)
+    tolerances = (accepted, of_motion)
+    candidates = [Candidate(family, tolerances, duration) for family in choice]
+    search = Search(candidates, trials, tolerances, deadline, progress)
+    best = search.cheapest()
+    refused = [c.reason for c in search.candidates if c.refused]
+    if len(refused) == len(choice):
+        raise SolverError(f"recommend: no solver can be used. {'. '.join(refused)}")
+    missing = not_simulated(loaded.import_report)
+    if missing and best is not None and not best.family.name.startswith(MUJOCO):
+        notes = (f"{missing[0].what} ({missing[0].evidence}). {missing[0].remedy}", *notes)
+    return Recommendation(
+        best=None if best is None else best.trials[best.passing],
+        coarser=None if best is None else best.trials.get(best.passing - 1),
+        prospects=search.prospects(best),
+        trials=tuple(trial for c in search.candidates for trial in c.trials.values()),
+        tolerance=accepted,
+        motion_tolerance=of_motion,
+        duration=duration,
+        reference_energy=trials.reference_energy,
+        still=trials.still,
+        notes=(*notes, *search.notes, *(c.reason for c in search.candidates if c.reason)),
+        import_report=loaded.import_report,
+    )
 
 
-@dataclass(frozen=True)
-class _Bracket:
-    """The coarsest setting of a family that passes, and the next coarser one, which does not."""
+class Candidate:
+    """A solver, its trials by their place among its settings, and what these let expect."""
 
-    family: Family
-    best: Trial
-    coarser: Trial | None
+    def __init__(self, family: Family, tolerances: tuple[float, float], duration: float) -> None:
+        """Without trials."""
+        self.family, self.tolerances, self._duration = family, tolerances, duration
+        self.trials: dict[int, Trial] = {}
+        self.times: dict[int, float] = {}  # s, of runs at a place
+        self.bias = 1.0  # by what factor an error was found larger than it was estimated
+        self.reason, self.refused = "", False
+
+    def _excess(self, place: int) -> float:
+        trial = self.trials[place]
+        return trial.excess(*self.tolerances) * (1.0 if trial.verified else self.bias)
+
+    def _resolved(self, place: int) -> bool:
+        """Whether the order can be relied on: a trial's error is a small part of the motion."""
+        return self.trials[place].excess(1.0, 1.0) <= RESOLVED
+
+    @property
+    def resolved(self) -> bool:
+        """Whether a trial has the order of the solver."""
+        return any(map(self._resolved, self.trials))
+
+    @property
+    def order(self) -> float:
+        """Power of the setting by which the error may fall: the solver's, or less where two trials say so."""
+        nominal = float(self.family.order or 1) if self.family.knob == "step" else 1.0
+        resolved = sorted(k for k in self.trials if self._excess(k) > 0.0 and self._resolved(k))
+        if len(resolved) < 2:
+            return nominal
+        coarse, fine = resolved[-2:]
+        ratio = self.family.settings[coarse] / self.family.settings[fine]
+        observed = math.log(self._excess(coarse) / self._excess(fine)) / math.log(ratio)
+        return min(max(observed, REDUCED * nominal), nominal)
+
+    @property
+    def place(self) -> int:
+        """The setting to be run next: the one that is expected to do, or a finer one that shows the order."""
+        return self._within(self._expected(first=True))
+
+    @property
+    def goal(self) -> int:
+        """The coarsest setting that is expected to keep the tolerances; behind the last one if none does."""
+        return self._within(self._expected(first=False))
+
+    def _bracket(self) -> tuple[int, int]:
+        """The finest setting that fails, -1 for none, and the next finer trial: the coarsest that passes."""
+        fails = max((k for k in self.trials if self._excess(k) > 1.0), default=-1)
+        return fails, min((k for k in self.trials if k > fails), default=len(self.family.settings))
+
+    @property
+    def passing(self) -> int:
+        """Where the coarsest trial is that keeps the tolerances, as do all finer ones; else behind all."""
+        return self._bracket()[1]
+
+    def _expected(self, *, first: bool) -> float:
+        """The setting that keeps the tolerances by the order, or the `first` one towards it."""
+        settings = self.family.settings
+        if not self.trials:
+            return self._duration / STEPS if self.family.knob == "step" else settings[0]
+        fails, passes = self._bracket()
+        tried = passes if passes < len(settings) else fails
+        excess, setting = self._excess(tried), settings[tried]
+        if math.isinf(excess):
+            return setting / 4.0
+        if self._resolved(tried):
+            return setting / (SAFETY * float(max(excess, EPS) ** (1.0 / self.order)))
+        # Coarser than anything that has an order: the error has still to fall from `RESOLVED`.
+        rest = 1.0 if first else float((RESOLVED / min(self.tolerances)) ** (1.0 / self.order))
+        return setting / (2.0 * max(rest, 1.0))
+
+    def _within(self, setting: float) -> int:
+        """The place of the coarsest setting from this one on, in the bracket."""
+        settings = self.family.settings
+        guess = next((k for k, h in enumerate(settings) if h <= setting * (1 + EPS)), len(settings))
+        fails, passes = self._bracket()
+        return min(max(guess, fails + 1), passes)
+
+    def _steps(self, setting: float) -> float:
+        return self._duration / setting if self.family.knob == "step" else math.inf
+
+    def seconds(self, place: int, overhead: float) -> float:
+        """The time of a run (s), by its number of steps; of an adaptive solver by the order of these."""
+        if place in self.times:
+            return self.times[place]
+        if not self.times:
+            return 0.0
+        settings = self.family.settings
+        place = min(place, len(settings) - 1)
+        timed = max(self.times)
+        work = max(self.times[timed] - overhead, 0.0)
+        power = 1.0 if self.family.knob == "step" else 1.0 / ((self.family.order or 4) + 1)
+        return overhead + work * float((settings[timed] / settings[place]) ** power)
+
+    def prospect(self, place: int, overhead: float = 0.0) -> Prospect:
+        """What is expected of a setting."""
+        family, setting = self.family, self.family.settings[place]
+        evaluations = family.stages * round(self._steps(setting)) if family.stages else 0
+        return Prospect(
+            family.name, family.knob, setting, self.seconds(place, overhead), evaluations
+        )
 
 
-class _Search:
-    """Looks for each family's coarsest setting that passes, and gives up on what is too dear."""
+class Search:
+    """Makes the cheapest prediction true, until the cheapest is verified."""
 
     def __init__(
         self,
+        candidates: Sequence[Candidate],
         trials: Trials,
-        tolerance: float,
-        motion: float,
+        tolerances: tuple[float, float],
+        deadline: Deadline,
         progress: Progress | None,
-        count: int,
     ) -> None:
-        self._trials, self._progress, self._count = trials, progress, count
-        self._asked = (tolerance, motion)
-        self._kept: dict[tuple[str, float], Trial] = {}
-        self._found: list[_Bracket] = []
-        self._done = 0
+        """Of candidates without trials."""
+        self.candidates = list(candidates)
         self.notes: list[str] = []
-        self.refused: list[str] = []
+        self._trials, self._deadline, self._progress = trials, deadline, progress
+        self._tolerances = tolerances
 
-    def family(self, family: Family, deadline: Deadline) -> None:
-        """Find a family's bracket, or note why the solver is left out."""
+    def cheapest(self) -> Candidate | None:
+        """The candidate whose setting is verified, and expected to be the cheapest; None if there is none."""
         try:
-            deadline.check()
-            self._bisect(family)
-        except Refused as refusal:
-            self.refused.append(f"{family.name} was left out: {refusal}")
+            while (candidate := self._next()) is not None:
+                place = candidate.place
+                if place == len(candidate.family.settings):
+                    finest = candidate.trials[max(candidate.trials)]
+                    candidate.reason = (
+                        f"{candidate.family.name} is not expected to keep the tolerance at any setting: at "
+                        f"{setting_of(finest)} it {failing(finest, *self._tolerances)}"
+                    )
+                elif place not in candidate.trials:
+                    self._try(candidate, place)
+                elif not candidate.trials[place].verified:
+                    self._verify(candidate, place)
+                elif place and place - 1 not in candidate.trials:
+                    self._try(candidate, place - 1)  # a longer step is to fail
+                else:
+                    return candidate
         except OutOfTime:
-            self.notes.append(f"{family.name} was not tried to the end: the time limit passed")
-        self._done += 1
+            self.notes.append("the time limit passed before all solvers were tried to the end")
+        return None if self._trials.still else self._at_hand()
 
-    def _bisect(self, family: Family, low: int = -1, *, verifying: bool = False) -> None:
-        """Find a family's bracket by bisection of its settings, led by its order.
-
-        Only what would lead is verified; if that fails, the search goes on above it and verifies all.
-        """
-        settings = family.settings
-        high = len(settings)  # what passes; `low` fails
-        place = min(len(settings) // 4, len(settings) - 1)
-        if low >= 0:
-            place = self._next(family, self._kept[family.name, settings[low]], low, low, high)
-        while high - low > 1:
-            trial = self._trial(family, settings[place], verifying=verifying)
-            if self._trials.still:
-                return
-            if trial.passes(*self._asked):
-                high = place
-            else:
-                low = place
-                if self._dear(family, trial):
-                    self.notes.append(self._given_up(family, trial))
-                    return
-            place = self._next(family, trial, place, low, high)
-        if high == len(settings):
-            last = self._kept[family.name, settings[-1]]
-            self.notes.append(
-                f"{family.name} does not keep the tolerance at {setting_of(last)}, the finest tried"
-                + (f" ({last.message})" if last.message else "")
-            )
-            return
-        best = self._kept[family.name, settings[high]]
-        if not self._found or best.seconds <= SAME_TIME * self._least:
-            best = self._trial(family, settings[high], verifying=True)
-        if not best.passes(*self._asked):
-            self._bisect(family, high, verifying=True)
-            return
-        coarser = self._kept.get((family.name, settings[low])) if low >= 0 else None
-        self._found.append(_Bracket(family, best, coarser))
-
-    def advice(self, duration: float, notes: tuple[str, ...]) -> Recommendation:
-        """Rank the brackets by measured time; the best is verified, and its energy by a finer run too."""
-        ranked = sorted(self._found, key=lambda b: b.best.seconds)
-        close = [b for b in ranked if _same_time(b.best, ranked[0].best)]
-        close.sort(key=lambda b: b.best.evaluations or math.inf)
-        ranked = [*close, *(b for b in ranked if b not in close)]
-        while ranked:
-            first = ranked[0]
-            trial = self._trial(first.family, first.best.setting, verifying=True)
-            if trial.passes(*self._asked):
-                ranked[0] = replace(first, best=trial)
-                break
-            self.notes.append(
-                f"{first.family.name} fails at some of its rows: it {failing(trial, *self._asked)}"
-            )
-            del ranked[0]
-        best = ranked[0] if ranked else None
-        second = ranked[1] if len(ranked) > 1 else None
-        finer, agreement = None, math.nan
-        if best is not None:
-            half = best.family.halved(best.best.setting)
-            finer = self._trial(best.family, half)
-            if second is not None:
-                agreement = self._agreement(best, second)
-        return Recommendation(
-            best=None if best is None else best.best,
-            coarser=None if best is None else best.coarser,
-            finer=finer,
-            runner_up=None if second is None else second.best,
-            agreement=agreement,
-            trials=tuple(self._kept.values()),
-            tolerance=self._asked[0],
-            motion_tolerance=self._asked[1],
-            duration=duration,
-            energy_exchanged=self._trials.energy_exchanged,
-            still=self._trials.still,
-            notes=(*notes, *self.refused, *self.notes),
-        )
-
-    def _trial(self, family: Family, setting: float, *, verifying: bool = False) -> Trial:
-        key = (family.name, setting)
-        if key not in self._kept:
-            self._tell()
-            self._kept[key] = self._trials.of(family, setting, self._asked[0])
-        trial = self._kept[key]
-        if verifying and not trial.verified and trial.passes(*self._asked):
-            self._tell()
-            self._kept[key] = self._trials.verified(family, trial)
-        return self._kept[key]
-
-    def _tell(self) -> None:
-        if self._progress is not None:
-            self._progress(self._done / self._count)
-
-    def _next(self, family: Family, trial: Trial, place: int, low: int, high: int) -> int:
-        """Where to look next: where the order says that the tolerance is just kept, else halfway."""
-        settings = family.settings
-        middle = (low + high) // 2
-        if not math.isfinite(trial.energy):
-            return min(max(place + 3, middle), high - 1) if high == len(settings) else middle
-        order = family.order or 4
-        excess = max(trial.excess(*self._asked), 1e-6)
-        shrink = excess ** (1.0 / order) if family.knob == "step" else excess
-        wanted = trial.setting / (SAFETY * shrink)
-        guess = next((k for k, s in enumerate(settings) if s <= wanted), len(settings) - 1)
-        return min(max(guess, low + 1), high - 1)
-
-    def _dear(self, family: Family, trial: Trial) -> bool:
-        """Whether what this failing trial lets expect costs far more than what passes elsewhere."""
-        if not self._found or not math.isfinite(trial.seconds):
-            return False
-        return self._expected(family, trial) > TOO_DEAR * self._least
-
-    def _expected(self, family: Family, trial: Trial) -> float:
-        """Time (s) of the setting that would pass, from the order; at least that of the trial."""
-        if family.knob != "step" or family.order is None:
-            return trial.seconds
-        # An error of more than all the energy is none from which an order could extrapolate.
-        excess = min(trial.excess(*self._asked), 1.0 / min(self._asked))
-        per_evaluation = max(trial.seconds - self._overhead, 0.0)
-        return self._overhead + per_evaluation * float(max(excess, 1.0) ** (1.0 / family.order))
+    def _at_hand(self) -> Candidate | None:
+        """The cheapest of those that a trial has found to keep the tolerances, verified."""
+        self._deadline.lift()
+        while ready := [c for c in self._alive if c.passing in c.trials]:
+            best = min(ready, key=lambda c: c.times[c.passing])
+            if best.trials[best.passing].verified:
+                return best
+            self._verify(best, best.passing)
+        return None
 
     @property
-    def _least(self) -> float:
-        """Time of the cheapest trial that passes, s."""
-        return min(b.best.seconds for b in self._found)
+    def _alive(self) -> list[Candidate]:
+        return [c for c in self.candidates if not c.reason]
 
     @property
     def _overhead(self) -> float:
         """What any run costs, however few its steps, s."""
-        return 0.9 * min(t.seconds for t in self._kept.values())
+        times = [t for c in self.candidates for t in c.times.values()]
+        return 0.9 * min(times, default=0.0)
 
-    def _given_up(self, family: Family, trial: Trial) -> str:
-        times = self._expected(family, trial) / self._least
-        about = "by its order it" if times > trial.seconds / self._least else "it"
-        return (
-            f"{family.name} was given up at {setting_of(trial)}, where it {failing(trial, *self._asked)}: "
-            f"{about} would take {'at least ' if about == 'it' else 'about '}{times:.2g} times as long as "
-            "the best"
-        )
+    def _next(self) -> Candidate | None:
+        """The candidate with the least expected time; among equals that with the fewest evaluations."""
+        alive = self._alive
+        if not alive or self._trials.still:
+            return None
+        fresh = [c for c in alive if not c.trials]
+        if fresh:
+            return fresh[0]
+        times = {id(c): c.seconds(c.goal, self._overhead) for c in alive}
+        least = min(times.values())
+        equals = [c for c in alive if times[id(c)] <= SAME_TIME * least]
+        return min(equals, key=self._evaluations)
 
-    def _agreement(self, best: _Bracket, second: _Bracket) -> float:
-        a = self._trials.run(best.family, best.best.setting)
-        b = self._trials.run(second.family, second.best.setting)
-        if a is None or b is None:
-            return math.nan
-        apart = self._trials.distance(a, b)
-        return apart if math.isfinite(apart) else math.nan
+    def _evaluations(self, candidate: Candidate) -> float:
+        place = min(candidate.goal, len(candidate.family.settings) - 1)
+        return candidate.prospect(place).evaluations or math.inf
 
+    def _budget(self) -> float:
+        """Seconds after which a run cannot be that of the best."""
+        times = [c.seconds(c.place, self._overhead) for c in self._alive if c.resolved]
+        return max(TOO_DEAR * min(times, default=math.inf), LEAST_BUDGET)
 
-def _same_time(trial: Trial, quickest: Trial) -> bool:
-    """Whether two times differ by less than what is noise, or by less than what matters."""
-    return trial.seconds - trial.spread <= SAME_TIME * (quickest.seconds + quickest.spread)
+    def _try(self, candidate: Candidate, place: int) -> None:
+        """Run a setting; of the first run that has an order, measure what more steps cost as well."""
+        family, settings = candidate.family, candidate.family.settings
+        if self._progress is not None:
+            self._progress(
+                sum(bool(c.trials) for c in self.candidates) / (len(self.candidates) + 1)
+            )
+        budget = self._budget()
+        self._deadline.allow(budget)
+        try:
+            trial = self._trials.of(family, settings[place])
+            candidate.trials[place] = trial
+            if not trial.message:
+                candidate.times[place] = trial.seconds
+            longer = place + MORE_STEPS
+            brief = 10.0 * trial.seconds < LEAST_BUDGET and longer < len(settings)
+            if brief and family.knob == "step" and place == max(candidate.times, default=0):
+                candidate.times[longer] = self._trials.seconds(family, settings[longer])
+        except Refused as refusal:
+            candidate.reason, candidate.refused = f"{family.name} was left out: {refusal}", True
+        except OverBudget as excess:
+            candidate.reason = (
+                f"{family.name} was given up at {family.knob} {settings[place]:g}: {excess}, "
+                f"{TOO_DEAR:g} times what the best is expected to take"
+            )
+
+    def _verify(self, candidate: Candidate, place: int) -> None:
+        self._deadline.allow()
+        estimate = candidate.trials[place]
+        trial = self._trials.verified(candidate.family, estimate)
+        excess, estimated = (t.excess(*self._tolerances) for t in (trial, estimate))
+        if excess > 1.0 and estimated > 0.0 and math.isfinite(excess):
+            candidate.bias = max(candidate.bias, excess / estimated)
+        seconds = self._trials.seconds(candidate.family, trial.setting)
+        candidate.trials[place] = replace(trial, seconds=seconds)
+        candidate.times[place] = seconds
+
+    def prospects(self, best: Candidate | None) -> tuple[Prospect, ...]:
+        """What was expected of every solver in the end, the cheapest first, the best before all."""
+        tried = [c for c in self.candidates if c.trials and c.goal < len(c.family.settings)]
+        rows = {id(c): c.prospect(c.goal, self._overhead) for c in tried if not c.reason}
+        ranked = sorted(rows, key=lambda key: (key != id(best), rows[key].seconds))
+        return tuple(rows[key] for key in ranked)
 
 
 def _positive(value: float, what: str) -> float:

@@ -24,6 +24,22 @@ LIMITS = (
 )
 
 
+@dataclass(frozen=True)
+class Prospect:
+    """What the trials of a solver let expect of one of its settings.
+
+    Attributes:
+        solver: its name; `knob` is "step" (s) or "tolerance", `setting` its value.
+        seconds: of a run; `evaluations`: of ẋ, 0 where they are not known beforehand.
+    """
+
+    solver: str
+    knob: str
+    setting: float
+    seconds: float
+    evaluations: int
+
+
 @dataclass(frozen=True, repr=False)
 class Recommendation(
     Report,
@@ -34,29 +50,25 @@ class Recommendation(
 
     Attributes:
         solver, step: what to use; `step` is None for a solver that takes a `setting` as its tolerance.
-        best: the trial of the advice, None if nothing tried keeps the tolerance.
-        coarser: the next cheaper setting of that solver, which does not.
-        finer: the trial at half the step (a tenth of the tolerance), which confirms it.
-        runner_up: the next best solver at its own best setting, not always verified; `agreement` is how
-            far its motion is from the recommended one, as a share of the ranges (NaN without runner-up).
+        best: the verified trial of the advice, None if nothing tried keeps the tolerance.
+        coarser: the trial of the next coarser setting of that solver, which fails; None for the coarsest.
+        prospects: the setting at which each solver is expected to keep the tolerance, the best first, the
+            others by their time.
         trials: all that was tried.
         tolerance, motion_tolerance: what was asked for; duration: how long the motion was, s.
-        energy_exchanged: energy exchanged in it, J, or its kinetic energy where none is exchanged (a
-            body that turns freely); `still`: neither, so that nothing moves.
+        reference_energy: the energy that the system has, J; `still`: none, so that nothing moves.
         notes: why some solvers were left out.
         import_report: what the model's file held that the model does not, None for other models.
     """
 
     best: Trial | None
     coarser: Trial | None
-    finer: Trial | None
-    runner_up: Trial | None
-    agreement: float
+    prospects: tuple[Prospect, ...]
     trials: tuple[Trial, ...]
     tolerance: float
     motion_tolerance: float
     duration: float
-    energy_exchanged: float
+    reference_energy: float
     still: bool = False
     notes: tuple[str, ...] = ()
     limits: tuple[str, ...] = LIMITS
@@ -83,15 +95,17 @@ class Recommendation(
         return self.best.setting if self.best and self.best.knob == "tolerance" else None
 
     @property
+    def runner_up(self) -> Prospect | None:
+        """The solver that is expected to be the next best, at its own best setting."""
+        return self.prospects[1] if len(self.prospects) > 1 else None
+
+    @property
     def verified(self) -> bool:
-        """Whether the run keeps the tolerances at all of its rows, and the finer one's energy confirms it."""
-        asked = (self.tolerance, self.motion_tolerance)
+        """Whether the run was found to keep the tolerances at all of its rows."""
         return (
             self.best is not None
             and self.best.verified
-            and self.best.passes(*asked)
-            and self.finer is not None
-            and self.finer.energy <= self.tolerance
+            and self.best.passes(self.tolerance, self.motion_tolerance)
         )
 
     @property
@@ -110,11 +124,14 @@ class Recommendation(
         )
 
     def sections(self) -> Iterator[Section]:
-        """All trials; what to use and why, why not the runner-up, and what is not covered."""
+        """All trials, what is expected of every solver; what to use and why, and what is not covered."""
         yield Table(
             ("solver", "step or tolerance", "|ΔC|", "motion", "time (ms)", "evaluations", ""),
             tuple(_rows(self)),
         )
+        if self.prospects:
+            heads = ("solver", "should keep it with", "time (ms)", "evaluations")
+            yield Table(heads, tuple(map(_prospect, self.prospects)))
         yield from _explained(self)
         yield from (f"Note: {note}." for note in self.notes)
         yield f"Not covered: {'; '.join(self.limits)}."
@@ -122,15 +139,14 @@ class Recommendation(
             yield from self.import_report.sections()
 
 
-def _rows(found: Recommendation) -> Iterator[tuple[str, ...]]:
+def _rows(advice: Recommendation) -> Iterator[tuple[str, ...]]:
     """The trials by solver, coarse to fine."""
-    asked = (found.tolerance, found.motion_tolerance)
-    marked = {found.best: "recommended", found.runner_up: "runner-up"}
+    asked = (advice.tolerance, advice.motion_tolerance)
     last = ""
-    for trial in sorted(found.trials, key=lambda t: (t.solver, -t.setting)):
+    for trial in sorted(advice.trials, key=lambda t: (t.solver, -t.setting)):
         if last and trial.solver != last:
             yield ()
-        kept = "within" if trial.passes(*asked) else ""
+        status = "within" if trial.passes(*asked) else "breaks down" if trial.message else ""
         yield (
             trial.solver if trial.solver != last else "",
             number(trial.setting, "s" if trial.knob == "step" else ""),
@@ -138,16 +154,21 @@ def _rows(found: Recommendation) -> Iterator[tuple[str, ...]]:
             f"{trial.motion:.1e}" if math.isfinite(trial.motion) else "",
             number(1e3 * trial.seconds, digits=3) if math.isfinite(trial.seconds) else "",
             str(trial.evaluations or ""),
-            marked.get(trial, "breaks down" if trial.message else kept),
+            "recommended" if trial is advice.best else status,
         )
         last = trial.solver
+
+
+def _prospect(prospect: Prospect) -> tuple[str, ...]:
+    time = number(1e3 * prospect.seconds, digits=2)
+    return prospect.solver, setting_of(prospect), time, str(prospect.evaluations or "")
 
 
 def _explained(advice: Recommendation) -> list[str]:
     best, asked = advice.best, (advice.tolerance, advice.motion_tolerance)
     if advice.still:
         return [
-            f"Unresolved: {advice.energy_exchanged:.2g} J are exchanged in {advice.duration:g} s, which "
+            f"Unresolved: the system has {advice.reference_energy:.2g} J in {advice.duration:g} s, which "
             f"is at rounding level. "
             "Almost nothing moves, so any solver and step would do. Give a start, a drive or a duration "
             "in which energy flows."
@@ -165,7 +186,7 @@ def _explained(advice: Recommendation) -> list[str]:
         ]
     lines = [
         f"Use {best.solver} with {best.knob} {_value(best)}: |ΔC| stays within {_share(best.energy)} of the "
-        f"{advice.energy_exchanged:.4g} J exchanged in {advice.duration:g} s"
+        f"{advice.reference_energy:.4g} J that the system has, in {advice.duration:g} s"
         + (
             ""
             if math.isinf(asked[1])
@@ -174,26 +195,17 @@ def _explained(advice: Recommendation) -> list[str]:
         + f" (asked for: {advice.tolerance:g}). It takes {_seconds(best.seconds)}"
         + (f", {best.evaluations} evaluations of the accelerations." if best.evaluations else ".")
     ]
-    if advice.finer is not None:
-        half = "half the step" if best.knob == "step" else "a tenth of the tolerance"
-        found = "confirms it" if advice.verified else "does not confirm it"
-        lines.append(
-            f"- A run at {half} {found}: |ΔC| {_share(advice.finer.energy)} of the energy exchanged."
-        )
     if advice.coarser is not None:
         lines.append(
-            f"- The next cheaper {best.knob}, {_value(advice.coarser)}, {failing(advice.coarser, *asked)}."
+            f"- The next coarser {best.knob}, {_value(advice.coarser)}, {failing(advice.coarser, *asked)}."
         )
-    second = advice.runner_up
-    if second is not None:
+    if (second := advice.runner_up) is not None:
         line = (
-            f"- Runner-up: {second.solver} with {second.knob} {_value(second)}, which takes "
-            + _longer(second.seconds / best.seconds)
+            f"- Runner-up, not run to the end: {second.solver} with {setting_of(second)}, which is "
+            f"expected to take {_longer(second.seconds / best.seconds)}"
         )
         if second.evaluations and best.evaluations:
             line += f" ({second.evaluations} evaluations against {best.evaluations})"
-        if not math.isnan(advice.agreement):
-            line += f"; its motion agrees to {_share(advice.agreement)} of the ranges"
         lines.append(line + ".")
     return lines
 
@@ -213,16 +225,16 @@ def failing(trial: Trial, tolerance: float, motion: float) -> str:
     if trial.message:
         return f"breaks down ({trial.message})"
     if trial.energy > tolerance:
-        return f"leaves |ΔC| at {_share(trial.energy)} of the energy exchanged"
+        return f"leaves |ΔC| at {_share(trial.energy)} of that energy"
     return f"leaves q and u {_share(trial.motion)} of their ranges from the converged motion"
 
 
-def setting_of(trial: Trial) -> str:
-    """How a trial's setting is named: "step 0.001 s"."""
+def setting_of(trial: Trial | Prospect) -> str:
+    """How a setting is named: "step 0.001 s"."""
     return f"{trial.knob} {_value(trial)}"
 
 
-def _value(trial: Trial) -> str:
+def _value(trial: Trial | Prospect) -> str:
     return f"{trial.setting:.6g}{' s' if trial.knob == 'step' else ''}"
 
 

@@ -21,19 +21,20 @@ from deltac.errors import DeltacError, InputError, SolverError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.simulate import SimulationStoppedWarning
+from deltac.simulation.step_size.energy_error import EnergyErrorWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory
 
 Made = TypeVar("Made")
 
-REPEATS = 5
+REPEATS = 3
 """Times a run is timed; the least counts, because other work on the machine only adds."""
 
-BRIEF = 0.25
-"""A run that takes longer than this (s) is timed once."""
+BRIEF = 0.05
+"""Seconds after which a run is not timed once more."""
 
 ROUNDING = 1e-13
-"""No run in double precision keeps the energy better than this, as a share of the energy exchanged.
+"""No run in double precision keeps the energy better than this, as a share of the energy that the system has.
 What moves with less than this share of it does not move: its range is rounding."""
 
 
@@ -102,8 +103,8 @@ class Trial:
         motion: the error of q and u: the largest at any row that is judged, as a share of the range of
             what has the same unit. In a verified trial those are all rows of the run, measured against
             one of much smaller steps; in others it is estimated by the run at half the step (a tenth of
-            the tolerance) at the rows kept of both. NaN if not measured because the energy already fails.
-        seconds: measured, compiled code at hand; `spread`: by how much more the median run took, s.
+            the tolerance) at the rows of both. Zero where it does not matter, NaN where there is no run.
+        seconds: of one run, compiled code at hand.
         evaluations: of ẋ, 0 where they were not counted.
         message: why the run ended early, or "".
         verified: whether energy and motion were measured at all rows.
@@ -118,37 +119,54 @@ class Trial:
     evaluations: int
     message: str = ""
     verified: bool = False
-    spread: float = 0.0
+
+    def excess(self, tolerance: float, motion_tolerance: float) -> float:
+        """By what factor the worse of the two exceeds its tolerance; infinite where there is no run."""
+        motion = 0.0 if math.isnan(self.motion) else self.motion
+        return max(self.energy / tolerance, motion / motion_tolerance)
 
     def passes(self, tolerance: float, motion_tolerance: float) -> bool:
         """Whether energy and motion are within their tolerances."""
-        return self.energy <= tolerance and self.motion <= motion_tolerance
-
-    def excess(self, tolerance: float, motion_tolerance: float) -> float:
-        """By what factor the worse of the two exceeds its tolerance."""
-        motion = 0.0 if math.isnan(self.motion) else self.motion
-        return max(self.energy / tolerance, motion / motion_tolerance)
+        return self.excess(tolerance, motion_tolerance) <= 1.0
 
 
 class OutOfTime(DeltacError):
     """The time limit of a search passed while a run was under way."""
 
 
+class OverBudget(DeltacError):
+    """A run took longer than what would make its solver the best."""
+
+
 class Deadline:
-    """When a search is to end, by the monotonic clock; runs under way ask it."""
+    """When a search is to end, and a run of it, by the monotonic clock; runs under way ask it."""
 
     def __init__(self, seconds: float = math.inf) -> None:
         """So many seconds from now."""
-        self._at = time.monotonic() + seconds
+        self._end = time.monotonic() + seconds
+        self._budget = self._run_end = math.inf
 
     def check(self, _: float = 0.0) -> None:
-        """Raise OutOfTime when it has passed (as the `progress` of a run, too)."""
-        if time.monotonic() > self._at:
+        """Raise OutOfTime or OverBudget when it has passed (as the `progress` of a run, too)."""
+        now = time.monotonic()
+        if now > self._end:
             raise OutOfTime
+        if math.isinf(self._run_end):  # the run's first step: what was to be compiled is compiled
+            self._run_end = now + self._budget
+        if now > self._run_end:
+            raise OverBudget(f"it takes longer than {self._budget:.2g} s")
+
+    def allow(self, seconds: float = math.inf) -> None:
+        """Each run may take so long from its first step on."""
+        self._budget = seconds
+
+    def begin(self) -> None:
+        """A run begins."""
+        self._run_end = math.inf
 
     def lift(self) -> None:
-        """The search is over: what it found may be confirmed in peace."""
-        self._at = math.inf
+        """The search is over: its result may be confirmed in peace."""
+        self._end = math.inf
 
 
 class Refused(SolverError):
@@ -157,10 +175,10 @@ class Refused(SolverError):
 
 @contextmanager
 def quietly() -> Iterator[None]:
-    """Without warnings of runs that stop or step too far: that is what is being found out."""
+    """Without warnings of runs that stop or are inaccurate: that is what is being found out."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", SimulationStoppedWarning)
-        warnings.simplefilter("ignore", StiffStepWarning)
+        for category in (SimulationStoppedWarning, StiffStepWarning, EnergyErrorWarning):
+            warnings.simplefilter("ignore", category)
         yield
 
 
@@ -171,140 +189,123 @@ class Trials:
         """Start without any; the motion is not measured if its tolerance is infinite."""
         self.mechanism = mechanism
         self._inertia = _inertia_by_unit(mechanism, state)
-        self._wants_motion = math.isfinite(motion_tolerance)
-        self._runs: dict[tuple[str, float], _Judged | str] = {}
-        self.energy_exchanged = 0.0
-        self.idle = False
+        self._motion_matters = math.isfinite(motion_tolerance)
+        self._runs: dict[tuple[str, float], _Run | str] = {}
+        self.reference_energy = 0.0
         self._scale = math.nan  # of a run's energies, J; NaN until one was judged
 
     @property
     def still(self) -> bool:
-        """Whether so little energy was exchanged that the motion is rounding."""
-        return self.energy_exchanged <= NOTHING * self._scale
+        """Whether the system has so little energy that the motion is rounding."""
+        return self.reference_energy <= NOTHING * self._scale
 
     def distance(self, run: Rows, other: Rows) -> float:
         """As `distance`, what does not move measured beside what could."""
         return distance(self.mechanism, run, other, self._spans(other))
 
     def _spans(self, run: Rows) -> Array:
-        """Ranges by unit; at least what a share `ROUNDING` of the energy exchanged would make of them.
+        """Ranges by unit; at least what a share `ROUNDING` of that energy would make of them.
 
         A body in free fall does not turn: angles of 1e-34 rad have no range to be right within.
         """
-        energy = ROUNDING * self.energy_exchanged
+        energy = ROUNDING * self.reference_energy
         speed = {unit: math.sqrt(2.0 * energy / m) for unit, m in self._inertia.items() if m > 0.0}
-        lasting = float(run.t[-1] - run.t[0])
+        span = float(run.t[-1] - run.t[0])
         rates = [f"{'rad' if e.unit == '1' else e.unit}/s" for e in self.mechanism.coordinates]
-        least = [lasting * speed.get(rate, 0.0) for rate in rates]
+        least = [span * speed.get(rate, 0.0) for rate in rates]
         least += [speed.get(entry.unit, 0.0) for entry in self.mechanism.speeds]
         return np.maximum(ranges(self.mechanism, run), least)
 
-    def of(self, family: Family, setting: float, tolerance: float) -> Trial:
-        """A trial; the run at half the step is made only if the energy is within its tolerance.
+    def of(self, family: Family, setting: float) -> Trial:
+        """A trial, its motion beside that of the run at half the step.
 
         Raises Refused where the solver cannot be used at all.
         """
         run = self._run(family, setting)
         if isinstance(run, str):
-            return self._failed(family, setting, run)
-        motion = math.nan if self._wants_motion else 0.0
-        if run.energy <= tolerance and self._wants_motion:
+            return _failure(family, setting, run)
+        motion = 0.0
+        if self._motion_matters:
             finer = self._run(family, family.halved(setting))
             if isinstance(finer, str):
-                return self._failed(family, setting, f"at half the step: {finer}")
+                return _failure(family, setting, f"at half the step: {finer}")
             ratio = 2.0 ** (family.order or 1) if family.knob == "step" else 10.0
             motion = self.distance(run.motion, finer.motion) * ratio / (ratio - 1.0)
         t = run.motion.t
-        seconds, spread = self._seconds(family, setting)
-        evaluations = family.stages * round((t[-1] - t[0]) / setting)
+        steps = round((t[-1] - t[0]) / setting) if family.knob == "step" else 0
+        seconds = self.seconds(family, setting)
         return Trial(
-            family.name,
-            family.knob,
-            setting,
-            run.energy,
-            motion,
-            seconds,
-            evaluations if family.knob == "step" else 0,
-            spread=spread,
+            family.name, family.knob, setting, run.energy, motion, seconds, family.stages * steps
         )
 
     def verified(self, family: Family, trial: Trial) -> Trial:
         """The trial measured anew: at every row that its user may have, against much smaller steps."""
-        energy, motion, energy_exchanged = 0.0, 0.0, 0.0
+        energy, motion, reference_energy = 0.0, 0.0, 0.0
         spans: Array | None = None
         for piece in family.pieces(trial.setting):
-            run = _made(piece.run)
-            left = run if isinstance(run, str) else _energy_left(self.mechanism, run)
-            if isinstance(run, str) or isinstance(left, str):
-                return self._failed(family, trial.setting, str(left))
-            energy_exchanged = energy_exchanged or left.energy_exchanged
-            energy = max(energy, _share(left.error, energy_exchanged))
-            if not self._wants_motion:
+            run = _completed(piece.run)
+            energies = run if isinstance(run, str) else _energies(self.mechanism, run)
+            if isinstance(run, str) or isinstance(energies, str):
+                return _failure(family, trial.setting, str(energies))
+            reference_energy = reference_energy or energies.reference_energy
+            energy = max(energy, _share(energies.error, reference_energy))
+            if not self._motion_matters:
                 continue
-            reference = _made(piece.reference)
+            reference = _completed(piece.reference)
             if isinstance(reference, str):
-                return self._failed(family, trial.setting, f"at much smaller steps: {reference}")
+                return _failure(family, trial.setting, f"at much smaller steps: {reference}")
             spans = self._spans(reference) if spans is None else spans
-            off = distance(self.mechanism, run, reference, spans)
-            motion = max(motion, off * piece.gain / (piece.gain - 1.0))
-        self.energy_exchanged = energy_exchanged
+            error = distance(self.mechanism, run, reference, spans)
+            motion = max(motion, error * piece.gain / (piece.gain - 1.0))
+        self.reference_energy = reference_energy
         return replace(trial, energy=energy, motion=motion, verified=True)
 
-    def run(self, family: Family, setting: float) -> Motion | None:
-        """The motion of a trial, None if it failed."""
-        run = self._run(family, setting)
-        return None if isinstance(run, str) else run.motion
+    def seconds(self, family: Family, setting: float) -> float:
+        """The least time of a few runs, s; what there is to compile was compiled by an earlier one."""
+        work: Callable[[float], object] = family.work or family.run
+        times: list[float] = []
+        with quietly():
+            while len(times) < REPEATS and sum(times) < BRIEF:
+                start = time.perf_counter()
+                work(setting)
+                times.append(time.perf_counter() - start)
+        return min(times)
 
-    def _failed(self, family: Family, setting: float, message: str) -> Trial:
-        return Trial(family.name, family.knob, setting, math.inf, math.nan, math.inf, 0, message)
-
-    def _run(self, family: Family, setting: float) -> _Judged | str:
+    def _run(self, family: Family, setting: float) -> _Run | str:
         key = (family.name, setting)
         if key not in self._runs:
-            self._runs[key] = self._judged(_made(lambda: family.run(setting)))
+            self._runs[key] = self._with_energy(_completed(lambda: family.run(setting)))
         return self._runs[key]
 
-    def _judged(self, run: Trajectory | str) -> _Judged | str:
-        left = run if isinstance(run, str) else _energy_left(self.mechanism, run)
-        if isinstance(run, str) or isinstance(left, str):
-            return str(left)
-        self.energy_exchanged, self._scale = left.energy_exchanged, left.scale
-        self.idle = left.idle
-        return _Judged(Motion(run.t, run.q, run.u), _share(left.error, left.energy_exchanged))
-
-    def _seconds(self, family: Family, setting: float) -> tuple[float, float]:
-        """The least time of a few runs, and how far their median is above it, s.
-
-        The first run compiled what there is to compile.
-        """
-        work: Callable[[float], object] = family.work or family.run
-        taken: list[float] = []
-        with quietly():
-            for _ in range(REPEATS):
-                begun = time.perf_counter()
-                work(setting)
-                taken.append(time.perf_counter() - begun)
-                if taken[-1] > BRIEF:
-                    break
-        return min(taken), float(np.median(taken)) - min(taken)
+    def _with_energy(self, run: Trajectory | str) -> _Run | str:
+        energies = run if isinstance(run, str) else _energies(self.mechanism, run)
+        if isinstance(run, str) or isinstance(energies, str):
+            return str(energies)
+        self.reference_energy, self._scale = energies.reference_energy, energies.scale
+        share = _share(energies.error, energies.reference_energy)
+        return _Run(Motion(run.t, run.q, run.u), share)
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
-    """What is kept of a run: its rows, and the largest |ΔC| as a share of the energy exchanged."""
+class _Run:
+    """What a search needs of a run: its rows, and the largest |ΔC| as a share of the system's energy."""
 
     motion: Motion
     energy: float
 
 
-def _made(make: Callable[[], Made]) -> Made | str:
+def _failure(family: Family, setting: float, message: str) -> Trial:
+    return Trial(family.name, family.knob, setting, math.inf, math.nan, math.inf, 0, message)
+
+
+def _completed(make: Callable[[], Made]) -> Made | str:
     """A completed run, or why there is none; Refused where its solver cannot be used at all."""
     try:
         with quietly():
             run = make()
     except InputError as error:
         raise Refused(str(error)) from error
-    except OutOfTime:
+    except (OutOfTime, OverBudget):
         raise
     except DeltacError as error:
         return str(error)
@@ -315,35 +316,28 @@ def _made(make: Callable[[], Made]) -> Made | str:
 
 @dataclass(frozen=True)
 class _Energies:
-    """Of a run, J: its largest |ΔC|, the energy exchanged, and the scale of all its energies.
-
-    Where none is exchanged (`idle`) the kinetic energy takes its place.
-    """
+    """Of a run, J: its largest |ΔC|, the energy that the system has, and the scale of all its energies."""
 
     error: float
-    energy_exchanged: float
+    reference_energy: float
     scale: float
-    idle: bool
 
 
-def _energy_left(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
+def _energies(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
     """The energies that judge a run; or why there are none."""
     try:
         ledger = balance(mechanism, run, testing=("wang",))
     except DeltacError as error:
         return str(error)
-    left = ledger.uncorrected("wang")
-    if not np.isfinite(left).all():
+    delta_c = ledger.uncorrected("wang")
+    if not np.isfinite(delta_c).all():
         return "the energies are not finite"
-    held = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
-    exchanged, scale = ledger.energy_exchanged, held + ledger.energy_exchanged
-    idle = exchanged <= NOTHING * scale  # a body that turns freely moves, and exchanges nothing
-    beside = float(ledger.kinetic.max()) if idle else exchanged
-    return _Energies(float(np.abs(left).max()), beside, scale, idle)
+    scale = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
+    return _Energies(float(np.abs(delta_c).max()), ledger.reference_energy, scale)
 
 
-def _share(energy: float, energy_exchanged: float) -> float:
-    return energy / energy_exchanged if energy_exchanged else 0.0
+def _share(energy: float, reference_energy: float) -> float:
+    return energy / reference_energy if reference_energy else 0.0
 
 
 def distance(mechanism: Mechanism, run: Rows, other: Rows, spans: Array | None = None) -> float:
@@ -356,12 +350,12 @@ def distance(mechanism: Mechanism, run: Rows, other: Rows, spans: Array | None =
     _, (rows, others) = common_times([run.t, other.t])
     if not rows.size:
         return math.inf
-    kept = Motion(other.t[others], other.q[others], other.u[others])
-    q = one_sided(mechanism, np.array(run.q[rows]), kept.q)
-    off = np.abs(np.hstack([q - kept.q, run.u[rows] - kept.u])).max(axis=0)
+    common = Motion(other.t[others], other.q[others], other.u[others])
+    q = one_sided(mechanism, np.array(run.q[rows]), common.q)
+    error = np.abs(np.hstack([q - common.q, run.u[rows] - common.u])).max(axis=0)
     with np.errstate(all="ignore"):
-        shares = off / (ranges(mechanism, kept) if spans is None else spans)
-    shares = np.where(off == 0.0, 0.0, np.where(np.isfinite(shares), shares, np.inf))
+        shares = error / (ranges(mechanism, common) if spans is None else spans)
+    shares = np.where(error == 0.0, 0.0, np.where(np.isfinite(shares), shares, np.inf))
     return float(shares.max(initial=0.0))
 
 

@@ -55,7 +55,6 @@ class EquationTerms:
         residual: the sum of forces, inertia forces and constraint forces.
         scale: typical size of the terms that are added up, for each speed (n,).
         precision: residual (n,) that the log's number of digits, or rounding, explains.
-        doubt: residual (n,) that accelerations at odds with the speeds, or an integrator, may leave.
     """
 
     speeds: tuple[str, ...]
@@ -70,7 +69,6 @@ class EquationTerms:
     scale: Array
     precision: Array
     evaluator: Evaluator
-    doubt: Array | None = None
 
     @property
     def size(self) -> Array:
@@ -85,22 +83,8 @@ class EquationTerms:
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Which speeds have a residual that neither rounding, digits nor doubts of u̇ explain (n,)."""
-        doubt = 0.0 if self.doubt is None else self.doubt
-        return np.asarray((self.size > CLEAR * self.precision + doubt) & (self.relative > LEAST))
-
-    @property
-    def doubtful(self) -> NDArray[np.bool_]:
-        """Which speeds have a residual that only doubts of u̇ explain (n,)."""
-        there = (self.size > CLEAR * self.precision) & (self.relative > LEAST)
-        return np.asarray(there & ~self.significant)
-
-    @property
-    def share_of_energy(self) -> Array:
-        """What the residual adds to ΔC: −∫ Σ u_r (F_r + F*_r) dt (T,), J, by trapezoids."""
-        power = -np.einsum("ij,ij->i", self.u, self.residual)
-        steps = 0.5 * (power[1:] + power[:-1]) * np.diff(self.t)
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        """Which speeds have a residual that neither rounding nor digits explain (n,)."""
+        return np.asarray((self.size > CLEAR * self.precision) & (self.relative > LEAST))
 
     def weighted(self, values: Array) -> Array:
         """Divided by the scale of each speed, so that N and N·m may be added up."""

@@ -14,6 +14,7 @@ from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
+from deltac.simulation.step_size.energy_error import CREDIBLE
 from deltac.trajectories import Trajectory
 
 Rows: TypeAlias = NDArray[np.intp]
@@ -212,9 +213,38 @@ def disagreements(
             found.append(_other_start(entry, finest, off, late=bool(late)))
         elif kept and _same(kept[-1].run, entry.run):
             found.append(_ignored(kept[-1], entry))
+        elif _diverged(entry, usable[-1]):
+            found += [] if entry.blown_up else [_of_divergence(entry, usable[-1])]
         else:
             kept.append(entry)
     return kept, found
+
+
+def _diverged(entry: BalancedRun, finest: BalancedRun) -> bool:
+    """Whether a run is no approximation of the motion any more: it gives no order.
+
+    It blew up, or its energy error exceeds all the energy that the finest run exchanged, which itself is
+    credible.
+    """
+    exchanged = finest.ledger.energy_exchanged
+    if finest.blown_up or _energy_error(finest) > CREDIBLE * exchanged:
+        return False
+    return entry.blown_up or _energy_error(entry) > exchanged
+
+
+def _energy_error(entry: BalancedRun) -> float:
+    """Largest |ΔC| (J), of the testing function that shows least: some see what is no error of the step."""
+    return min(float(np.abs(curve).max()) for curve in entry.energy_error.values())
+
+
+def _of_divergence(entry: BalancedRun, finest: BalancedRun) -> Finding:
+    return Finding(
+        "blown-up",
+        f"the run at step {entry.step:g} diverges: its energy error is larger than the energy of the motion",
+        f"{_energy_error(entry):.3g} J; {finest.ledger.energy_exchanged:.3g} J exchanged at step "
+        f"{finest.step:g}",
+        "It says nothing of convergence and is not compared; give smaller steps",
+    )
 
 
 def _same(a: Trajectory, b: Trajectory) -> bool:

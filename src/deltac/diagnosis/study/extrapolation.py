@@ -3,8 +3,9 @@
 Runs at steps h, h/2, h/4 differ by C(t) hʳ and terms of higher order. Where a study has found r, the leading
 term can be taken off, and from three runs the next one as well (Richardson 1927; Hairer, Nørsett, Wanner,
 *Solving Ordinary Differential Equations I*, II.9). What the last elimination changed says how good the result
-is. Everything that a run records (speeds, accelerations, forces, integrals) has such an expansion, so the
-testing functions can be taken of the extrapolated motion.
+is. Everything that a run records (speeds, accelerations, forces, integrals) has such an expansion. So has ΔC,
+which is zero for the exact motion and therefore judges: an extrapolated motion has to close better than the
+solver itself would with as many steps as all runs together.
 """
 
 from __future__ import annotations
@@ -18,15 +19,13 @@ import numpy as np
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import Comparison, one_sided
+from deltac.diagnosis.study.runs import BalancedRun
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 from deltac.errors import SolverError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Report, Section, number
 from deltac.trajectories import Trajectory
-
-BELOW, ABOVE = 0.5, 1.3
-"""An observed order from so far below the solver's to so far above is explained by its two leading terms."""
 
 SPREAD = 0.3
 """Spread of an observed order by which one term may be taken off where the solver's is not known."""
@@ -94,67 +93,74 @@ class Extrapolation(Report, omit=("run",)):
 def extrapolated(
     mechanism: Mechanism,
     solver: str,
-    runs: Sequence[tuple[float, Trajectory]],
+    runs: Sequence[BalancedRun],
     compared: Comparison,
     state: Convergence,
     nominal: int | None,
+    function: str,
 ) -> Extrapolation:
-    """Extrapolate the last three of `runs` (step, run), coarsest first, that `compared` puts side by side.
+    """Extrapolate the last three of `runs`, coarsest first, that `compared` puts side by side.
 
-    Raises InputError where the runs do not converge at an order, or are too few, or have impacts.
+    Raises InputError where the runs do not converge, are too few, or have impacts, and where ΔC of the
+    testing `function` shows that nothing is gained.
     """
     if len(runs) < 3:
         raise _refused(f"there are {len(runs)} runs, and it takes three to see how they converge")
     if state.order is None or state.order < LEAST_ORDER or state.trend == "does not settle":
         raise _refused(f"the motion {'has ' if state.order is not None else ''}{state}")
-    if any(run.events for _, run in runs):
+    if any(entry.run.events for entry in runs):
         raise _refused("the runs have impacts or switches, across which errors have no expansion")
-    kept, order = list(runs[-3:]), float(state.order)
-    spread = state.order_error or 0.0
+    last, order = runs[-3:], float(state.order)
     powers: tuple[float, ...] = (order,)
     if nominal is not None:
-        if not -BELOW < order - nominal < ABOVE:
-            raise _refused(
-                f"the motion has order {order_text(state)}, which is not that of the solver, {nominal}: its "
-                "steps are too long for that, or rounding is near"
-            )
         order = float(nominal)
         powers = (order, order + (2.0 if solver in SYMMETRIC else 1.0))
-    elif spread > SPREAD:
+    elif (state.order_error or 0.0) > SPREAD:
         raise _refused(f"the order of the motion is uncertain: {order_text(state)}")
     within = compared.within
     rows = [at[:within] for at in compared.rows[-3:]]
-    steps = tuple(h for h, _ in kept)
+    steps = tuple(entry.step for entry in last)
     before = _weights(steps[-2:], powers[:1]) if powers[1:] else _weights(steps[:2], powers)
     before = np.pad(before, (1, 0) if powers[1:] else (0, 1))
     best = np.pad(_weights(steps[-len(powers) - 1 :], powers), (2 - len(powers), 0))
+    curves = [entry.energy_error[function][at] for entry, at in zip(last, rows)]
+    energy_error, finest_error = (
+        float(np.abs(c).max()) for c in (best @ np.array(curves), curves[-1])
+    )
+    same_cost = 1.0 / sum(1.0 / h for h in steps)  # one run with the steps of all three
+    plain = finest_error * float((same_cost / steps[-1]) ** order)
+    if energy_error > plain and finest_error > float(last[-1].bar[function].max()):
+        raise _refused(
+            f"|ΔC| would be {energy_error:.1e} J, and {plain:.1e} J with {solver} at a step of "
+            f"{same_cost:.2g} s, which costs the same"
+        )
 
     def combined(values: Sequence[Array]) -> tuple[Array, Array, Array]:
         """The extrapolated value, what the last elimination changed, and the error of the finest run."""
-        found, earlier = (np.tensordot(w, np.array(values), axes=1) for w in (best, before))
+        limit, earlier = (np.tensordot(w, np.array(values), axes=1) for w in (best, before))
         floor = ROUNDING * np.abs(values[-1]).max(axis=0, initial=0.0)
-        return found, np.abs(found - earlier) + floor, np.abs(found - values[-1]) + floor
+        return limit, np.abs(limit - earlier) + floor, np.abs(limit - values[-1]) + floor
 
     def column(values: Sequence[Array]) -> tuple[Array, Array, Array]:
         return combined([value[at] for value, at in zip(values, rows)])
 
-    finest = kept[-1][1]
+    finest = last[-1].run
     reference = finest.q[rows[-1]]
     sided = [
-        one_sided(mechanism, np.array(run.q[at]), reference) for (_, run), at in zip(kept, rows)
+        one_sided(mechanism, np.array(entry.run.q[at]), reference) for entry, at in zip(last, rows)
     ]
-    q, q_error, off = combined(sided)
-    u, u_error, _ = column([run.u for _, run in kept])
+    q, q_error, finest_error_q = combined(sided)
+    u, u_error, _ = column([entry.run.u for entry in last])
     q_error = _envelope(q_error, [c.unit for c in mechanism.coordinates])
     u_error = _envelope(u_error, [c.unit for c in mechanism.speeds])
     q, u = _admissible(mechanism, finest.t[rows[-1]], q, u)
 
     def mapping(name: str) -> dict[Any, Array]:
-        shared = [getattr(run, name) for _, run in kept]
+        shared = [getattr(entry.run, name) for entry in last]
         names = [n for n in shared[-1] if all(n in one for one in shared)]
         return {n: column([one[n] for one in shared])[0] for n in names}
 
-    accelerations = [run.udot for _, run in kept]
+    accelerations = [entry.run.udot for entry in last]
     udot = None
     if all(a is not None for a in accelerations):
         udot = column([a for a in accelerations if a is not None])[0]
@@ -172,7 +178,7 @@ def extrapolated(
         ),
     )
     return Extrapolation(
-        run, q_error, u_error, order, powers, steps, np.asarray(off.max(axis=1, initial=0.0))
+        run, q_error, u_error, order, powers, steps, finest_error_q.max(axis=1, initial=0.0)
     )
 
 
@@ -186,14 +192,14 @@ def _envelope(error: Array, units: Sequence[str]) -> Array:
     """The largest estimate (T, n) among columns of one unit and samples in a twentieth of the time."""
     rows = len(error)
     reach = max(1, rows // 40)
-    found = np.empty_like(error)
+    envelope = np.empty_like(error)
     for unit in set(units):
         same = np.array([u == unit for u in units])
         worst = error[:, same].max(axis=1)
         padded = np.pad(worst, reach)
         around = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).max(axis=1)
-        found[:, same] = around[:, None]
-    return found
+        envelope[:, same] = around[:, None]
+    return envelope
 
 
 def _admissible(mechanism: Mechanism, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
@@ -212,6 +218,4 @@ def _admissible(mechanism: Mechanism, t: Array, q: Array, u: Array) -> tuple[Arr
 
 
 def _refused(why: str) -> SolverError:
-    return SolverError(
-        f"extrapolate: {why}; there is nothing to extrapolate by. Study smaller steps, or a shorter motion"
-    )
+    return SolverError(f"extrapolate: {why}. Study smaller steps, or a shorter motion")

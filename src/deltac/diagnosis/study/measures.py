@@ -14,14 +14,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit import conventions
 from deltac.diagnosis.residuals.at_samples import (
     CLEAR,
     LEAST,
     EquationTerms,
     constraint_rates,
     equation_terms,
-    stale_stage,
 )
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import states_along
@@ -135,6 +133,9 @@ def residuals_of(
         coarser = [_worst_of(mechanism, run) for _, run in known[:-1]]
         worst = [*coarser, worst[0]]
         if not trusted:
+            from deltac.diagnosis.audit import conventions
+            from deltac.diagnosis.audit.samples import stale_stage
+
             findings += stale_stage(mechanism, finest, terms)
             if not findings and terms.significant.any():
                 findings = [f for f in [conventions.units(mechanism, finest)] if f is not None]
@@ -235,7 +236,7 @@ class StudyMeasures:
     residuals  of the equations of motion at the runs' own states, if they have accelerations
     trusted    the motion was made with the model's own dynamics, which are those of the test
     nominal    order of the solver, if known
-    tolerance  accepted share of the energy exchanged
+    tolerance  accepted share of `reference_energy`, the energy that the system has
     quadrature the error bar comes of samples, and not of rounding alone
     constrained  the model has constraints; blown_up: the finest run became unstable
     until      the time (s) up to which `energy` was judged, where motions part before the end; else None
@@ -245,6 +246,7 @@ class StudyMeasures:
     left: tuple[float, ...]
     bars: tuple[float, ...]
     energy_exchanged: float
+    reference_energy: float
     scale: float
     kinetic: float
     energy: Convergence
@@ -269,11 +271,16 @@ class StudyMeasures:
     @property
     def allowed(self) -> float:
         """The energy error that is accepted, J."""
-        return self.tolerance * self.energy_exchanged
+        return self.tolerance * self.reference_energy
+
+    @property
+    def relative(self) -> float:
+        """Largest |ΔC| at the finest step, as a fraction of the energy that the system has."""
+        return self.left[-1] / self.reference_energy if self.reference_energy > 0.0 else 0.0
 
     @property
     def below_rounding(self) -> bool:
-        """Whether so little energy is exchanged that the tolerance asks for less than rounding."""
+        """Whether the system has so little energy that the tolerance asks for less than rounding."""
         return self.bars[-1] > self.allowed and not self.quadrature
 
     @property

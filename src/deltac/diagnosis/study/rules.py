@@ -8,9 +8,6 @@ from deltac.diagnosis.study.convergence import order_text
 from deltac.diagnosis.study.measures import StudyMeasures
 from deltac.diagnosis.verdict import NOTHING, Confidence, Kind, Verdict, percent
 
-IDLE = 2.0
-"""Energy exchanged that is less than so many times the energy error is that error: nothing was exchanged."""
-
 DOMINATES, BEYOND = 4.0, 30.0
 """Error bars from which on ΔC counts, once the bar is above the tolerance; and where bars do not converge."""
 
@@ -76,12 +73,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
     if m.blown_up and not _wrong_limit(m):
         return unresolved("even the finest run blows up", _advice(m))
     astray = _astray(m)
-    still = m.energy_exchanged <= NOTHING * m.scale
-    idle = (
-        still or m.energy_exchanged <= max(IDLE * left, m.tolerance * m.kinetic) or m.below_rounding
-    )
-    if idle and m.kinetic > 0.0 and max(left, bar) <= m.tolerance * m.kinetic and not astray:
-        return verdict("consistent", _sure(m), _small(m, idle=True))
+    still = m.reference_energy <= NOTHING * m.scale
     if still and not astray:
         return unresolved("hardly anything moves; use a run in which energy is exchanged")
     if bar > m.allowed and left <= _decisive(m) * bar and not still:
@@ -192,7 +184,7 @@ def at_step(m: StudyMeasures, k: int = -1) -> str:
 
 
 def _amount(m: StudyMeasures) -> str:
-    return f"at {at_step(m)} it is {m.left[-1]:.2g} J of {m.energy_exchanged:.3g} J exchanged"
+    return f"at {at_step(m)} it is {m.left[-1]:.2g} J of {m.reference_energy:.3g} J that the system has"
 
 
 def _falling(m: StudyMeasures) -> str:
@@ -205,7 +197,7 @@ def _falling(m: StudyMeasures) -> str:
         order += f" up to t = {m.until:.4g} s, where the runs diverge"
         amount = (
             f"at {at_step(m)} it is {m.energy.sizes[-1]:.2g} J by then, and at most {m.left[-1]:.2g} J of "
-            f"{m.energy_exchanged:.3g} J exchanged in the whole run"
+            f"{m.reference_energy:.3g} J that the system has in the whole run"
         )
     return f"The error is the integrator's; it falls{order}; {amount}.{_unresolved_motion(m)}"
 
@@ -226,12 +218,7 @@ def _hidden(m: StudyMeasures) -> tuple[str, ...]:
     return (f"A mistake whose ΔC is less than {bound:.2g} J would not show at these {m.knob}s",)
 
 
-def _small(m: StudyMeasures, *, idle: bool = False) -> str:
-    if idle:
-        return (
-            f"The energy balance holds: |ΔC| is at most {m.left[-1]:.2g} J of a kinetic energy of "
-            f"{m.kinetic:.3g} J; hardly any energy is exchanged."
-        )
+def _small(m: StudyMeasures) -> str:
     if m.energy.trend == "falls to zero" and m.energy.order is not None:
         return f"The energy balance holds. {_falling(m)}"
     return f"The energy balance holds: {_amount(m)}."
@@ -294,11 +281,10 @@ def _wrong_momentum(names: list[str]) -> str:
 
 def _energy(m: StudyMeasures) -> str:
     sizes = ", ".join(f"{x:.2g}" for x in m.left)
-    share = m.left[-1] / m.energy_exchanged if m.energy_exchanged > 0.0 else 0.0
     text = (
         f"Largest |ΔC| {sizes} J at {'h' if m.unit else 'tolerance'} = "
-        f"{', '.join(f'{h:g}' for h in m.steps)}{' s' if m.unit else ''}; the last is {percent(share)} of "
-        f"{m.energy_exchanged:.3g} J exchanged, tolerance {100 * m.tolerance:g} %"
+        f"{', '.join(f'{h:g}' for h in m.steps)}{' s' if m.unit else ''}; the last is {percent(m.relative)} "
+        f"of {m.reference_energy:.3g} J that the system has, tolerance {100 * m.tolerance:g} %"
     )
     if m.energy.order is not None and m.energy.trend != "tends to a limit":
         text += f"; order {order_text(m.energy)}"

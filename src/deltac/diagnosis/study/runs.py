@@ -21,8 +21,9 @@ from deltac.errors import NO_NUMBER, ArgumentsError, DeltacError, InputError, Wr
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.arguments import IllConditionedWarning
 from deltac.simulation.simulate import SimulationStoppedWarning
+from deltac.simulation.step_size.energy_error import EnergyErrorWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
-from deltac.trajectories import Trajectory, read_trajectory
+from deltac.trajectories import Trajectory
 
 FASTEST = 3e8
 """No speed of a mechanism reaches this (m/s: light's; rad/s): the integration has become unstable."""
@@ -160,6 +161,8 @@ def logged(mechanism: Mechanism, given: Sequence[Trajectory | str | Path]) -> li
         raise ArgumentsError("runs= is empty; give a run for each step, or a function of the step")
     for source in several:
         if isinstance(source, str | Path):
+            from deltac.trajectories import read_trajectory
+
             run = read_trajectory(Path(source), None, mechanism)
         elif isinstance(source, Trajectory):
             run = source
@@ -240,7 +243,7 @@ def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str, str]:
             stiff = stiff or str(warning.message)  # the first names the element
         elif issubclass(warning.category, IllConditionedWarning):
             ill = str(warning.message).rstrip(".")
-        elif not issubclass(warning.category, SimulationStoppedWarning):
+        elif not issubclass(warning.category, SimulationStoppedWarning | EnergyErrorWarning):
             warnings.warn_explicit(
                 warning.message, warning.category, warning.filename, warning.lineno
             )

@@ -42,7 +42,7 @@ from deltac.diagnosis.study.simulators import (
     other_program,
     own_solver,
 )
-from deltac.diagnosis.verdict import Finding, Judged, Verdict
+from deltac.diagnosis.verdict import REFINED_TOLERANCE, Finding, Judged, Verdict, check_tolerance
 from deltac.errors import ArgumentsError, InputError, SolverError
 from deltac.mechanism.coordinate_map import own_coordinates
 from deltac.mechanism.mechanism import Mechanism
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
 class Study(
     Judged,
     omit=("mechanism", "runs", "comparison", "measures", "import_report"),
-    also=("relative", "energy_exchanged", "horizon", "rows", "imported"),
+    also=("relative", "energy_exchanged", "reference_energy", "horizon", "rows", "imported"),
 ):
     """What a study of a motion at several steps found.
 
@@ -76,7 +76,7 @@ class Study(
         function: the testing function that the verdict rests on.
         measures: the numbers that the verdict rests on.
         verdict: what it means.
-        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
         import_report: what the model's file held that the model does not, None for other models.
     """
 
@@ -111,24 +111,34 @@ class Study(
 
     @property
     def relative(self) -> float:
-        """Largest |ΔC| at the finest step, as a fraction of the energy exchanged."""
-        return (
-            self.measures.left[-1] / self.energy_exchanged if self.energy_exchanged > 0.0 else 0.0
-        )
+        """Largest |ΔC| at the finest step, as a fraction of `reference_energy`."""
+        return self.measures.relative
+
+    @property
+    def reference_energy(self) -> float:
+        """The energy that the error is compared with, J: largest K plus range of V, at the finest step."""
+        return self.measures.reference_energy
 
     def extrapolate(self) -> Extrapolation:
         """The motion that the runs tend to, by the observed order, with an error estimate at every sample.
 
-        Raises InputError (E-SOLVER) where the runs do not converge at an order, are fewer than three, or have
-        impacts.
+        Raises InputError (E-SOLVER) where the runs do not converge, are fewer than three, or have impacts,
+        and where ΔC shows that the solver would be as good at the cost of all runs.
         """
         runs = [
-            (entry.step, entry.run)
+            entry
             for entry in self.runs
-            if entry.run is not None and entry.step in self.measures.steps
+            if isinstance(entry, BalancedRun) and entry.step in self.measures.steps
         ]
-        state = self.observed_order["state"]
-        return extrapolated(self.mechanism, self.solver, runs, self.comparison, state, self.nominal)
+        return extrapolated(
+            self.mechanism,
+            self.solver,
+            runs,
+            self.comparison,
+            self.observed_order["state"],
+            self.nominal,
+            self.function,
+        )
 
     def rows(self) -> tuple[dict[str, Any], ...]:
         """A line for each step: largest |ΔC| of each function (J), difference of the state to the next."""
@@ -149,23 +159,13 @@ class Study(
         """Verdict, and the energy error at the finest step beside the tolerance."""
         m = self.measures
         runs = f"{len(self.runs)} {m.knob}s"
-        held = self.verdict.kind == "consistent" and self.relative > self.tolerance
-        if (
-            held or self.energy_exchanged < STILL * m.scale
-        ):  # a share of rounding would tell nothing
-            exchanged = "hardly any" if held else "none"
-            return (
-                f"{self.verdict.kind}: |ΔC| {m.left[-1]:.2g} J beside {m.scale:.4g} J, of which {exchanged} "
-                f"is exchanged, at the finest of {runs} of {self.solver} (confidence "
-                f"{self.verdict.confidence})"
-            )
         sign = ">" if self.relative > self.tolerance else "≤"
         state = self.observed_order["state"]
         order = "" if state.order is None else f", order {order_text(state)}"
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.energy_exchanged:.4g} J exchanged, at the finest of {runs} of "
-            f"{self.solver}{order} (confidence {self.verdict.confidence})"
+            f"{self.reference_energy:.4g} J that the system has, at the finest of {runs} of "
+            f"{self.solver}{order}{self.verdict.certainty}"
         )
 
     def sections(self) -> Iterator[Section]:
@@ -187,10 +187,6 @@ class Study(
         yield from self.verdict.sections()
         if self.import_report is not None:
             yield from self.import_report.sections()
-
-
-STILL = 1e-12
-"""Share of the energies of a motion below which what is exchanged is rounding."""
 
 
 # --- from the runs of a study to what it found ---------------------------------------------------
@@ -245,6 +241,11 @@ def studied(
     trusted = maker.trusted and maker.equations is None
     if trusted and finest.blown_up:  # what is left before that is no motion to have an order
         energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
+    if nominal is not None:
+        energy, state = (
+            {n: _possible(c, nominal) for n, c in energy.items()},
+            _possible(state, nominal),
+        )
     residuals = None
     if not trusted:
         by_step = [(entry.step, entry.run) for entry in kept]
@@ -273,7 +274,7 @@ def studied(
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bar[-1])
     findings += unresolved_works(ledger)
-    findings += noticed.of_corrections(ledger, function, tolerance * ledger.energy_exchanged)
+    findings += noticed.of_corrections(ledger, function, tolerance * ledger.reference_energy)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
@@ -282,6 +283,7 @@ def studied(
         left=left,
         bars=bar,
         energy_exchanged=ledger.energy_exchanged,
+        reference_energy=ledger.reference_energy,
         scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
         + ledger.energy_exchanged,
         kinetic=float(ledger.kinetic.max()),
@@ -361,6 +363,16 @@ def _kept(found: Convergence, scale: float) -> Convergence:
     return found
 
 
+def _possible(found: Convergence, nominal: int) -> Convergence:
+    """Without an order that no method of that nominal one has: the coarse run was no approximation.
+
+    Errors that cancel over a period, or by symmetry, double an order at most.
+    """
+    if found.order is None or found.order - (found.order_error or 0.0) <= 2 * nominal + 1:
+        return found
+    return replace(found, order=None, order_error=None, end_order=None)
+
+
 def _none(found: Convergence) -> Convergence:
     """The same without an order."""
     return replace(
@@ -387,9 +399,6 @@ def _function(kept: Sequence[BalancedRun]) -> str:
 
 # --- `study`: the same motion at several steps: integration error or wrong equations? ------------
 
-TOLERANCE = 1e-6
-"""Energy error that is accepted by default, as a fraction of the energy exchanged."""
-
 
 @checked
 @interruptible()
@@ -402,7 +411,7 @@ def study(
     *,
     runs: Simulator | Sequence[Trajectory | str | Path] | None = None,
     order: int | None = None,
-    tolerance: float = TOLERANCE,
+    tolerance: float = REFINED_TOLERANCE,
     progress: Progress | None = None,
     **simulation: Unpack[SimulationOptions],
 ) -> Study:
@@ -422,7 +431,7 @@ def study(
         runs: runs of another program, in place of simulating: a function of the step (s) that returns a
             Trajectory; or finished runs of the same motion at several steps, Trajectories or paths of logs.
         order: the nominal order of what made the runs, where it is not known.
-        tolerance: accepted |ΔC| as a fraction of the energy exchanged.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
         progress: called with the fraction done.
         **simulation: `record`, `equations`, `controller` and `constraints`, as for `simulate`. For MuJoCo
             the controller is a function, called as controller(model, data) before each step.
@@ -433,8 +442,7 @@ def study(
     Raises:
         InputError: the arguments are unusable, or no run at all came about.
     """
-    if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
-        raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
+    check_tolerance(tolerance)
     loaded = load_model(model)
     options = handed_on(study, simulation)
     findings: list[Finding] = []

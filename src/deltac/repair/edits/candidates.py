@@ -1,226 +1,142 @@
-"""A candidate edit: one node of the source replaced by another text; and the names that texts may use."""
+"""A candidate edit: one node of the source replaced by a tree in which other parts keep the user's text."""
 
 from __future__ import annotations
 
 import ast
 import difflib
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from deltac.arrays import Array
-from deltac.repair.tracing.library import flatten
-from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Change, Operation, Slot, identity
-from deltac.repair.tracing.tracer import Instance, fields_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidate:
     """An edit that may be the repair.
 
-    place    the node that it replaces, by its place in `source.nodes`
-    text     what it is replaced by
-    words    the edit in words, after "eom.py:24: "
-    kind     sign, operator, name, index, function, power, number, factor, term, order
-    cost     how much is changed: 1 for one sign, operator or name; more for what is put in
-    changes  what becomes of the tape; None if it must be read again
+    source  the text that is edited
+    place   the node that is replaced, by its place in `source.nodes`
+    new     what replaces it: a text, or a tree, in which nodes of the source stand for themselves and names
+            may be any text that is in scope (`s["x1"]`)
+    kind    sign, operator, name, index, function, power, number, factor, term, order
+    cost    how much is changed: 1 for one sign, operator or name; more for what is put in
+    comment the edit in words, where they are not "… should be …"
     """
 
+    source: Source
     place: int
-    text: str
-    words: str
+    new: ast.AST | str
     kind: str
     cost: float
-    changes: Mapping[int, Change] | None
+    comment: str = ""
+
+    @cached_property
+    def text(self) -> str:
+        """What the node's text is replaced by."""
+        return self.new if isinstance(self.new, str) else rendered(self.source, self.new)
+
+    @property
+    def words(self) -> str:
+        """The edit in words, after "eom.py:24: "."""
+        own = short(self.source.segment(self.source.nodes[self.place]))
+        return self.comment or f"{own} should be {short(self.text)}"
 
 
-def compose(program: Program, place: int, after: Operation) -> dict[int, Change]:
-    """Apply an operation to the value of a node, at each of its evaluations."""
-    changes = {}
-    for k in slots(program, place):
-        changes[k] = Change(_after(after, program, k), program.tape.inputs[k])
-    return changes
+# --- texts ----------------------------------------------------------------------------------------
+
+ATOMS = (ast.Name, ast.Attribute, ast.Subscript, ast.Call, ast.Constant, ast.List, ast.Tuple)
+"""Nodes whose text needs no parentheses anywhere."""
 
 
-def _after(after: Operation, program: Program, k: int) -> Operation:
-    operation = program.tape.operations[k]
-    if operation is None:
-        value = program.tape.values[k]
-        return lambda: after(value)
-    return lambda *inputs: after(operation(*inputs))
+def rendered(source: Source, tree: ast.AST) -> str:
+    """A tree as text, its parts that are nodes of the source as the user wrote them."""
+    parts: list[ast.AST] = []
+    outline = ast.unparse(_outline(source, tree, parts)).replace(" ** ", "**")
+    meant = _dump(ast.unparse(tree))
+    enclosed = {k for k, part in enumerate(parts) if not isinstance(part, ATOMS)}
+
+    def text(enclosed: set[int]) -> str:
+        def part(match: re.Match[str]) -> str:
+            k = int(match[1])
+            own = source.segment(parts[k])
+            return f"({own})" if k in enclosed else own
+
+        return re.sub(r"\b_(\d+)_\b", part, outline)
+
+    for k in sorted(enclosed):
+        if _dump(text(enclosed - {k})) == meant:
+            enclosed.remove(k)
+    best = text(enclosed)
+    return best if _dump(best) == meant else ast.unparse(tree)
 
 
-def combine(
-    program: Program, place: int, operation: Operation, others: list[Any]
-) -> dict[int, Change]:
-    """Put operation(value, other) in place of the values of a node; `others` are one for each evaluation.
+def _outline(source: Source, tree: ast.AST, parts: list[ast.AST]) -> ast.AST:
+    """A copy of a tree with the names `_0_`, `_1_` … for the nodes of the source in it."""
+    if isinstance(tree, ast.expr) and id(tree) in source.number:
+        parts.append(tree)
+        return ast.Name(f"_{len(parts) - 1}_", ast.Load())
 
-    Empty where one of them is no number, or depends on the node.
-    """
-    changes: dict[int, Change] = {}
-    for instance, other in zip(program.trace.instances[place], others):
-        owned = list(flatten(instance.value))
-        paired = list(flatten(other)) if isinstance(other, np.ndarray) else [other] * len(owned)
-        for own, one in zip(owned, paired):
-            if not (isinstance(own, Slot) and isinstance(one, Slot)) or one.index >= own.index:
-                return {}
-            if program.tape.nodes[own.index] == place:
-                changes[own.index] = _combined(program, own.index, operation, one.index)
-    return changes
+    def copied(value: object) -> object:
+        if isinstance(value, list):
+            return [copied(one) for one in value]
+        return _outline(source, value, parts) if isinstance(value, ast.AST) else value
+
+    fields = {name: copied(value) for name, value in ast.iter_fields(tree)}
+    return ast.fix_missing_locations(type(tree)(**fields))
 
 
-def _combined(program: Program, k: int, operation: Operation, other: int) -> Change:
-    old, inputs = program.tape.operations[k], program.tape.inputs[k]
-    if old is None:
-        value = program.tape.values[k]
-        return Change(lambda y: operation(value, y), (other,))
-    return Change(lambda *xs: operation(old(*xs[:-1]), xs[-1]), (*inputs, other))
-
-
-def slots(program: Program, place: int) -> list[int]:
-    """All slots that hold values of a node."""
-    found = []
-    for instance in program.trace.instances.get(place, []):
-        for entry in flatten(instance.value):
-            if isinstance(entry, Slot) and program.tape.nodes[entry.index] == place:
-                found.append(entry.index)
-    return found
-
-
-def instead(program: Program, place: int, others: list[Any]) -> dict[int, Change] | None:
-    """Other values (slots or arrays of slots, one an instance) in place of a node's; None if unlike."""
-    changes = {}
-    for instance, other in zip(program.trace.instances[place], others):
-        if np.shape(_array(instance.value)) != np.shape(_array(other)):
-            return None
-        for old, new in zip(flatten(instance.value), flatten(other)):
-            if not (isinstance(new, Slot) and isinstance(old, Slot)):
-                return None
-            if program.tape.nodes[old.index] != place or new.index == old.index:
-                return None
-            changes[old.index] = Change(identity, (new.index,))
-    return changes
-
-
-def _array(value: Any) -> Any:
-    return value if isinstance(value, np.ndarray) else np.float64(0.0)
-
-
-# --- names ----------------------------------------------------------------------------------------
-
-
-def vocabulary(program: Program, instance: Instance, numbers: bool = True) -> dict[str, Any]:
-    """What can be named where a node stands, by the text that names it: numbers, or arrays.
-
-    Variables, and the entries of those arrays and dictionaries whose entries the source uses. One value
-    has one name, a variable's before an entry's.
-    """
-    found: dict[str, Any] = {}
-    seen: set[int] = set()
-
-    def add(text: str, value: Any) -> None:
-        if numbers and isinstance(value, Slot):
-            marker = id(program.tape.values[value.index])
-            if marker not in seen and not _count(program, value):
-                seen.add(marker)
-                found[text] = value
-        elif not numbers and isinstance(value, np.ndarray):
-            found[text] = value
-
-    # What the function calls its own goes before what the module has.
-    scope = {**instance.scope, **program.trace.scope, **instance.scope}
-    for name, value in scope.items():
-        if name.isidentifier():
-            add(name, value)
-    for name, value in scope.items():
-        for attribute, held in _attributes(value):
-            add(f"{name}.{attribute}", held)
-    if not numbers:
-        return found
-    indexed = _indexed(program.source)
-    # s["x1"] tells more than y[0].
-    for name, value in sorted(scope.items(), key=lambda entry: not isinstance(entry[1], dict)):
-        if name not in indexed and not _of_the_state(program, value):
+def _dump(text: str) -> str:
+    """What a text means; the text itself where it is no Python."""
+    for enclosed in (f"({text}\n)", text):
+        try:
+            return ast.dump(ast.parse(enclosed))
+        except SyntaxError:
             continue
-        if isinstance(value, np.ndarray) and value.ndim in (1, 2) and value.size <= 36:
-            for k in np.ndindex(value.shape):
-                add(f"{name}[{', '.join(map(str, k))}]", value[k])
-            for counter, k in scope.items():
-                inside = type(k) is int and value.ndim == 1 and 0 <= k < len(value)
-                if inside and isinstance(value[k], Slot):
-                    found.setdefault(f"{name}[{counter}]", value[k])
-        elif isinstance(value, list) and all(isinstance(x, Slot) for x in value):
-            for counter, k in scope.items():
-                if type(k) is int and 0 <= k < len(value):
-                    found.setdefault(f"{name}[{counter}]", value[k])
-        elif isinstance(value, dict):
-            for key, entry in value.items():
-                add(f"{name}[{key!r}]".replace("'", '"'), entry)
-    for place, instances in program.trace.instances.items():
-        node = program.source.nodes[place]
-        value = instances[0].value
-        entry = isinstance(node, ast.Attribute | ast.Subscript) and isinstance(value, Slot)
-        if entry and not program.tape.varying[value.index]:
-            add(program.source.segment(node), value)
-    return found
+    return text
 
 
-def _of_the_state(program: Program, value: Any) -> bool:
-    """Whether an array has coordinates or speeds alone: entries that nothing uses may be forgotten."""
-    if not isinstance(value, np.ndarray) or value.ndim != 1:
-        return False
-    state = {id(program.tape.values[k]) for k in program.trace.inputs[1:]}
-    return all(isinstance(x, Slot) and id(program.tape.values[x.index]) in state for x in value)
+def variable(text: str) -> ast.Name:
+    """A name, or an entry or attribute that is in scope, as a leaf of a tree."""
+    return ast.Name(text, ast.Load())
 
 
-def _count(program: Program, value: Slot) -> bool:
-    """Whether a number counts things: an integer that is none of the parameters that were varied."""
-    slot, group = value.index, program.samples.group
-    whole = type(program.tape.exact[slot]) is int
-    return whole and bool(group[-1] > 0) and float(np.ptp(program.tape.values[slot])) == 0.0
+def product(node: ast.expr, factor: ast.expr, divide: bool = False) -> ast.expr:
+    """A node times (or by) a factor."""
+    return ast.BinOp(node, ast.Div() if divide else ast.Mult(), factor)
 
 
-def _attributes(value: Any, deep: bool = True) -> Iterator[tuple[str, Any]]:
-    """Attributes of an object of the user's, and of its parts, that hold numbers or arrays."""
-    for name, one in fields_of(value).items():
-        if isinstance(one, Slot | np.ndarray) and name.isidentifier():
-            yield name, one
-        elif deep:
-            yield from ((f"{name}.{inner}", x) for inner, x in _attributes(one, deep=False))
+def total(node: ast.expr, term: ast.expr, subtract: bool = False) -> ast.expr:
+    """A node plus (or minus) a term."""
+    return ast.BinOp(node, ast.Sub() if subtract else ast.Add(), term)
 
 
-def array_names(program: Program, instance: Instance) -> dict[str, Any]:
-    """Arrays that can be named where a node stands, by the text that names them."""
-    scope = {**program.trace.scope, **instance.scope}
-    found = {name: value for name, value in scope.items() if name.isidentifier()}
-    for name, value in scope.items():
-        found.update({f"{name}.{a}": held for a, held in _attributes(value)})
-    return {
-        text: value
-        for text, value in found.items()
-        if isinstance(value, np.ndarray) and value.ndim in (1, 2) and value.size <= 64
-    }
+def negated(node: ast.expr) -> ast.expr:
+    """A node with a minus."""
+    return ast.UnaryOp(ast.USub(), node)
 
 
-def _indexed(source: Source) -> set[str]:
-    return {
-        node.value.id
-        for node in source.nodes
-        if isinstance(node, ast.Subscript)
-        and isinstance(node.value, ast.Name)
-        and isinstance(node.ctx, ast.Load)
-    }
+def short(text: str, limit: int = 70) -> str:
+    """A text on one line, its middle left out where it is long."""
+    line = " ".join(text.split())
+    return line if len(line) <= limit else f"{line[: limit // 2]} … {line[-limit // 2 + 3 :]}"
+
+
+def called(node: ast.Call) -> str:
+    """The last name of what is called: "sin" of np.sin(x)."""
+    return node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
 
 
 def family(text: str) -> str:
     """What names of one family share: l1 and l3, len_a and len_b, q[0] and q[2], p["m1"] and p["m2"]."""
     return re.sub(r"\d+|(?<=_)[A-Za-z]\b", "#", text)
+
+
+def stem(text: str) -> str:
+    """What names of one index share: S21 and C21, th1 and w1."""
+    return re.sub(r"[^\d]+", "", text)
 
 
 def number_cost(number: float) -> float:
@@ -231,64 +147,21 @@ def number_cost(number: float) -> float:
     return (1.4 if float(f"{number:.4g}") == number else 1.5) + negative
 
 
-def stem(text: str) -> str:
-    """What names of one index share: S21 and C21, th1 and w1."""
-    return re.sub(r"[^\d]+", "", text)
+def functions_used(source: Source) -> dict[str, str]:
+    """The names by which this source calls sin and cos."""
+    names: dict[str, str] = {}
+    for node in source.nodes:
+        if isinstance(node, ast.Call) and called(node) in ("sin", "cos"):
+            name, text = called(node), source.segment(node.func)
+            prefix = text.rpartition(".")[0]
+            names[name] = text
+            if prefix:
+                other = "cos" if name == "sin" else "sin"
+                names.setdefault(other, f"{prefix}.{other}")
+    return dict(sorted(names.items()))
 
 
-# --- texts ----------------------------------------------------------------------------------------
-
-
-def parsed(text: str) -> ast.expr:
-    """The expression that a text means."""
-    return ast.parse(f"({text})", mode="eval").body
-
-
-def written(meant: ast.expr, *texts: str) -> str:
-    """The first of some texts that means an expression, else its canonical text."""
-    dump = ast.dump(meant)
-    for text in texts:
-        try:
-            if ast.dump(parsed(text)) == dump:
-                return text
-        except SyntaxError:
-            continue
-    return ast.unparse(meant)
-
-
-def product(source: Source, node: ast.expr, factor: str, divide: bool = False) -> str:
-    """The text of a node times (or by) a factor."""
-    symbol, op = ("/", ast.Div()) if divide else ("*", ast.Mult())
-    own = source.segment(node)
-    bare = written(
-        ast.BinOp(node, op, ast.Name("x", ast.Load())), f"{own} {symbol} x", f"({own}) {symbol} x"
-    )
-    return f"{bare[:-1]}{factor}"
-
-
-def total(source: Source, node: ast.expr, term: str, subtract: bool = False) -> str:
-    """The text of a node plus (or minus) a term."""
-    symbol, op = ("-", ast.Sub()) if subtract else ("+", ast.Add())
-    meant = ast.BinOp(node, op, parsed(term))
-    own = source.segment(node)
-    return written(meant, f"{own} {symbol} {term}", f"({own}) {symbol} {term}")
-
-
-def negated(source: Source, node: ast.expr) -> str:
-    """The text of a node with a minus."""
-    own = source.segment(node)
-    return written(ast.UnaryOp(ast.USub(), node), f"-{own}", f"-({own})")
-
-
-def short(text: str, limit: int = 70) -> str:
-    """A text on one line, its middle left out where it is long."""
-    line = " ".join(text.split())
-    return line if len(line) <= limit else f"{line[: limit // 2]} … {line[-limit // 2 + 3 :]}"
-
-
-def values(program: Program, slot: int) -> Array:
-    """The values (B,) of a slot."""
-    return np.broadcast_to(program.tape.values[slot], program.samples.t.shape).astype(float)
+# --- edits applied --------------------------------------------------------------------------------
 
 
 def apply(source: Source, edits: Sequence[Candidate]) -> Source | None:
@@ -310,33 +183,23 @@ def apply(source: Source, edits: Sequence[Candidate]) -> Source | None:
         if end > last:
             return None
         last = start
-        node = source.nodes[edit.place]
         bare = text[:start] + edit.text + text[end:]
-        if isinstance(node, ast.stmt):
+        if isinstance(source.nodes[edit.place], ast.stmt):
             text = bare
             continue
         safe = f"{text[:start]}({edit.text}){text[end:]}"
-        text = bare if _same(bare, safe) else safe
+        text = bare if _dump(bare) == _dump(safe) else safe
     return source.replaced(text)
 
 
 def _nested(source: Source, outer: Candidate, inner: Candidate, own: str) -> Source | None:
     """The source with one edit made, and another in its text where `own` stands there once."""
-    found = list(re.finditer(rf"(?<![\w.]){re.escape(own)}(?!\w)", outer.text))
-    if len(found) != 1:
+    matches = list(re.finditer(rf"(?<![\w.]){re.escape(own)}(?!\w)", outer.text))
+    if len(matches) != 1:
         return None
-    start, end = found[0].span()
-    return apply(
-        source, [replace(outer, text=f"{outer.text[:start]}({inner.text}){outer.text[end:]}")]
-    )
-
-
-def _same(bare: str, safe: str) -> bool:
-    """Whether parentheses make no difference to what a text means."""
-    try:
-        return ast.dump(ast.parse(bare)) == ast.dump(ast.parse(safe))
-    except SyntaxError:
-        return False
+    start, end = matches[0].span()
+    text = f"{outer.text[:start]}({inner.text}){outer.text[end:]}"
+    return apply(source, [replace(outer, new=text)])
 
 
 def unified_diff(source: Source, changed: Source) -> str:
@@ -348,10 +211,11 @@ def unified_diff(source: Source, changed: Source) -> str:
         f"a/{name}",
         f"b/{name}",
     )
-    text = ""
-    for line in lines:
-        text += line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n"
-    return text
+    return "".join(_ended(line) for line in lines)
+
+
+def _ended(line: str) -> str:
+    return line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n"
 
 
 def _patch_name(source: Source) -> str:
@@ -364,3 +228,10 @@ def _patch_name(source: Source) -> str:
         if path.is_relative_to(root):
             return path.relative_to(root).as_posix()
     return path.name
+
+
+def parents(source: Source, place: int) -> Iterator[ast.AST]:
+    """The nodes around a node, the innermost first."""
+    while place in source.parent:
+        place = source.parent[place]
+        yield source.nodes[place]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import ast
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,18 +16,16 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.repair.edits.candidates import (
     Candidate,
-    array_names,
-    combine,
+    functions_used,
+    negated,
     number_cost,
     product,
     short,
-    slots,
     total,
-    values,
-    vocabulary,
+    variable,
 )
+from deltac.repair.edits.names import TracedNames
 from deltac.repair.edits.required import Requirement
-from deltac.repair.edits.substitutions import callables
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot
@@ -65,6 +63,7 @@ class Vocabulary:
     """Atoms at the places of a program, and their products, made once for each scope."""
 
     program: Program
+    names: TracedNames
     _atoms: dict[tuple[object, ...], tuple[Atoms, Atoms]] = field(default_factory=dict)
     _tables: dict[tuple[object, ...], Table] = field(default_factory=dict)
 
@@ -77,13 +76,13 @@ class Vocabulary:
         later = {requirement.slot, *program.tape.after(requirement.slot)}
         variables = {
             text: slot.index
-            for text, slot in vocabulary(program, instance).items()
+            for text, slot in self.names.scope(instance)[0].items()
             if slot.index not in later
         }
         for other in more[:SCOPES]:  # one name must hold one value at all evaluations
-            there = vocabulary(program, other)
+            scope = self.names.scope(other)[0]
             variables = {
-                text: k for text, k in variables.items() if text in there and there[text].index == k
+                text: k for text, k in variables.items() if text in scope and scope[text].index == k
             }
         expressions = {
             text: slot
@@ -109,11 +108,11 @@ class Vocabulary:
         program = self.program
         chosen = [
             {
-                text: values(program, k)
-                for text, k in found.items()
+                text: program.values(k)
+                for text, k in slots.items()
                 if program.tape.varying[k] == varying
             }
-            for found in (variables, expressions)
+            for slots in (variables, expressions)
         ]
         names = len(chosen[0])
         together = {**chosen[0], **dict(list(chosen[1].items())[:MOST]), **sines}
@@ -131,6 +130,18 @@ class Vocabulary:
                 rows = np.concatenate([rows, [rows[i] + rows[j], rows[i] - rows[j]]])
         return Atoms(tuple(texts), rows, names, min(core, TRIPLE), min(names, TRIPLE))
 
+    def products(
+        self, requirement: Requirement, value: Array, terms: bool = False
+    ) -> list[Product]:
+        """Products that equal `value` (B,): of two atoms and their quotients, or three for terms."""
+        state, constant = self.atoms(requirement)
+        degree = 3 if terms else 2
+        sides = (
+            (state, self.table(state, degree, not terms)),
+            (constant, self.table(constant, degree, True)),
+        )
+        return products(value, self.program.samples.group, *sides)
+
     def table(self, atoms: Atoms, degree: int, quotients: bool, triple: int = TRIPLE) -> Table:
         """`powers_of`, kept; of three at a time, the first `triple` at most."""
         # Constants of the same texts have the same values; others may have been set again.
@@ -146,7 +157,7 @@ class Vocabulary:
         if id(owner) in self._known:
             return self._known[id(owner)]
         program = self.program
-        found: list[tuple[int, str, int, set[str]]] = []
+        ranked: list[tuple[int, str, int, set[str]]] = []
         for place, instance in program.numbers.items():
             node = program.source.nodes[place]
             if not isinstance(node, ast.BinOp | ast.Call) or program.owner(place) is not owner:
@@ -156,9 +167,9 @@ class Vocabulary:
                 continue
             used = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
             rank = 0 if isinstance(node, ast.Call) else _RANKS.get(type(node.op), 3)
-            found.append((rank, text, instance.value.index, used))
-        found.sort(key=lambda x: (x[0], len(x[1])))
-        self._known[id(owner)] = {text: (slot, used) for _, text, slot, used in reversed(found)}
+            ranked.append((rank, text, instance.value.index, used))
+        ranked.sort(key=lambda x: (x[0], len(x[1])))
+        self._known[id(owner)] = {text: (slot, used) for _, text, slot, used in reversed(ranked)}
         self._known[id(owner)] = dict(reversed(self._known[id(owner)].items()))
         return self._known[id(owner)]
 
@@ -178,32 +189,32 @@ class Vocabulary:
             ]
             for inputs in (program.trace.inputs[1:nq], program.trace.inputs[nq:])
         )
-        made = {
-            f"{text} - {other}": values(program, k) - values(program, j)
+        terms = {
+            f"{text} - {other}": program.values(k) - program.values(j)
             for some in (angles, speeds)
             if len(some) <= 4
             for (other, j), (text, k) in itertools.combinations(some, 2)
         }
-        for name, called in callables(program):
+        for name, called in functions_used(program.source).items():
             function = getattr(np, name)
             for i, (text, k) in enumerate(angles):
-                made[f"{called}({text})"] = function(values(program, k))
+                terms[f"{called}({text})"] = function(program.values(k))
                 if len(angles) <= 4:
                     for other, j in angles[i + 1 :]:
-                        x = values(program, k) - values(program, j)
-                        made[f"{called}({text} - {other})"] = function(x)
-        made |= self._dots({**program.trace.scope, **scope})
-        return {text: x for text, x in made.items() if text not in expressions}
+                        x = program.values(k) - program.values(j)
+                        terms[f"{called}({text} - {other})"] = function(x)
+        terms |= self._dots({**program.trace.scope, **scope})
+        return {text: x for text, x in terms.items() if text not in expressions}
 
     def _dots(self, scope: Mapping[str, Any]) -> dict[str, Array]:
         """Scalar products of the vectors that depend on the state, as this source writes them."""
         program = self.program
         vectors = {
-            name: np.array([values(program, x.index) for x in held])
-            for name, held in scope.items()
-            if isinstance(held, np.ndarray) and held.ndim == 1 and 2 <= len(held) <= 4
-            if all(isinstance(x, Slot) for x in held) and name.isidentifier()
-            if any(program.tape.varying[x.index] for x in held)
+            name: np.array([program.values(x.index) for x in vector])
+            for name, vector in scope.items()
+            if isinstance(vector, np.ndarray) and vector.ndim == 1 and 2 <= len(vector) <= 4
+            if all(isinstance(x, Slot) for x in vector) and name.isidentifier()
+            if any(program.tape.varying[x.index] for x in vector)
         }
         dot = next((s for s in map(program.source.segment, _callees(program)) if _is_dot(s)), None)
         if len(vectors) > VECTORS:
@@ -230,7 +241,7 @@ _RANKS: dict[type[ast.operator], int] = {ast.Add: 1, ast.Sub: 1, ast.Pow: 1, ast
 
 
 def insertions(
-    program: Program, requirement: Requirement, words: Vocabulary
+    program: Program, requirement: Requirement, vocabulary: Vocabulary
 ) -> Iterator[Candidate]:
     """Edits that give a node the value it must have by a factor, a term or a number."""
     source, place = program.source, requirement.place
@@ -243,58 +254,48 @@ def insertions(
     if isinstance(node, ast.Constant):
         yield from _number(program, requirement, node)
         return
-    operation = type(parent.op) if isinstance(parent, ast.BinOp) else None
-    factor = operation not in (ast.Mult, ast.Div) and not isinstance(parent, ast.UnaryOp)
-    term = operation not in (ast.Add, ast.Sub)
-    if not (factor or term):
-        return
-    state, constant = words.atoms(requirement)
-    group = program.samples.group
-    own = source.segment(node)
+    outer = type(parent.op) if isinstance(parent, ast.BinOp) else None
+    factor = outer not in (ast.Mult, ast.Div) and not isinstance(parent, ast.UnaryOp)
+    term = outer not in (ast.Add, ast.Sub)
+    edit = partial(Candidate, source, place)
     if factor:
         with np.errstate(all="ignore"):
-            wanted = requirement.required / requirement.value
-        few = (state, words.table(state, 2, True)), (constant, words.table(constant, 2, True))
-        for p in products(wanted, group, *few):
-            candidate = _with_factor(program, place, node, own, p)
-            if candidate is not None:
-                yield candidate
+            ratio = requirement.required / requirement.value
+        yield from _factors(program, place, vocabulary.products(requirement, ratio))
     if term:
-        many = (state, words.table(state, 3, False)), (constant, words.table(constant, 3, True))
-        for p in products(requirement.required - requirement.value, group, *many):
-            text = total(source, node, p.text, subtract=p.number < 0)
-            said = f"{_named(source, node)} lacks the term {'−' if p.number < 0 else '+'} {p.text}"
-            place_cost = 0.0 if isinstance(node, ast.BinOp) else 0.05
-            yield Candidate(place, text, said, "term", 1.5 + p.cost + place_cost, None)
-        if factor:
-            for p in products(requirement.required, group, *many):
-                sign = "-" if p.number < 0 else ""
-                said = f"{short(own)} should be {sign}{p.text}"
-                yield Candidate(place, f"{sign}{p.text}", said, "term", 2.0 + p.cost, None)
+        difference = requirement.required - requirement.value
+        for p in vocabulary.products(requirement, difference, terms=True):
+            new = total(node, variable(p.text), subtract=p.number < 0)
+            words = f"{_named(source, node)} lacks the term {'−' if p.number < 0 else '+'} {p.text}"
+            outside = 0.0 if isinstance(node, ast.BinOp) else 0.05
+            yield edit(new, "term", 1.5 + p.cost + outside, words)
+    if term and factor:
+        for p in vocabulary.products(requirement, requirement.required, terms=True):
+            yield edit(f"{'-' if p.number < 0 else ''}{p.text}", "term", 2.0 + p.cost)
 
 
-def sums(program: Program, requirement: Requirement, words: Vocabulary) -> Iterator[Candidate]:
+def sums(program: Program, requirement: Requirement, vocabulary: Vocabulary) -> Iterator[Candidate]:
     """Edits that give a node its value by two terms: both are missing, or should stand there alone."""
     source, place = program.source, requirement.place
     node = source.nodes[place]
     if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
         return
-    state, constant = words.atoms(requirement)
-    few = words.table(state, 3, False, triple=SUM_TRIPLE)
-    sides = (state, few), (constant, words.table(constant, 3, True))
+    state, constant = vocabulary.atoms(requirement)
+    few = vocabulary.table(state, 3, False, triple=SUM_TRIPLE)
+    sides = (state, few), (constant, vocabulary.table(constant, 3, True))
     group = program.samples.group
     for missing in (True, False):
-        wanted = requirement.required - requirement.value * missing
-        for p, q in two_products(wanted, group, *sides, but=-requirement.value * missing):
+        old = requirement.value * missing
+        for p, q in two_products(requirement.required - old, group, *sides, but=-old):
             p, q = (p, q) if p.number > 0 else (q, p)
             both = f"{'-' if p.number < 0 else ''}{p.text} {'-' if q.number < 0 else '+'} {q.text}"
+            new: ast.expr | str = both
+            words = ""
             if missing:
-                text = total(source, node, p.text, p.number < 0)
-                text += f" {'-' if q.number < 0 else '+'} {q.text}"
-                said = f"{_named(source, node)} lacks the terms {both}"
-            else:
-                text, said = both, f"{short(source.segment(node))} should be {both}"
-            yield Candidate(place, text, said, "term", 2.0 + p.cost + q.cost, None)
+                new = total(node, variable(p.text), p.number < 0)
+                new = total(new, variable(q.text), q.number < 0)
+                words = f"{_named(source, node)} lacks the terms {both}"
+            yield Candidate(source, place, new, "term", 2.0 + p.cost + q.cost, words)
 
 
 def _named(source: Source, node: ast.expr) -> str:
@@ -305,109 +306,36 @@ def _named(source: Source, node: ast.expr) -> str:
     return short(source.segment(node))
 
 
-def additions(program: Program, place: int) -> Iterator[Candidate]:
-    """A name added, subtracted, multiplied or divided by, at every evaluation of a node: to be tried."""
-    source, node = program.source, program.source.nodes[place]
-    if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
-        return
-    instances = program.trace.instances[place]
-    parent = source.nodes[source.parent[place]]
-    inside = isinstance(parent, ast.BinOp) and type(parent.op) in (ast.Mult, ast.Div)
-    own = slots(program, place)
-    if not own or not any(program.tape.varying[k] for k in own):
-        return
-    scopes = [vocabulary(program, instance) for instance in instances]
-    symbols = "" if inside else "*/"
-    if isinstance(instances[0].value, Slot):
-        symbols += "+-"
-    yield from _joined(program, place, node, scopes, symbols, 1.75)
-
-
-JOINED = {"*": np.multiply, "/": np.true_divide, "+": np.add, "-": np.subtract}
-
-
-def _joined(
-    program: Program,
-    place: int,
-    node: ast.expr,
-    scopes: Sequence[Mapping[str, Any]],
-    symbols: str,
-    cost: float,
+def scalings(
+    program: Program, requirement: Requirement, vocabulary: Vocabulary
 ) -> Iterator[Candidate]:
-    """What all scopes of a node's evaluations name, joined to it by an operator; `cost` of a term."""
-    own = short(program.source.segment(node))
-    for name in scopes[0]:
-        if not all(name in scope for scope in scopes):
-            continue
-        others = [scope[name] for scope in scopes]
-        for symbol in symbols:
-            changes = combine(program, place, JOINED[symbol], others)
-            if not changes:
-                break
-            if symbol in "+-":
-                said = f"{own} lacks the term {'−' if symbol == '-' else '+'} {name}"
-                text = total(program.source, node, name, symbol == "-")
-                yield Candidate(place, text, said, "term", cost, changes)
-            else:
-                said = f"{own} lacks the factor {name}"
-                if symbol == "/":
-                    said = f"{own} must be divided by {name}"
-                text = product(program.source, node, name, symbol == "/")
-                yield Candidate(place, text, said, "factor", cost - 0.15, changes)
-
-
-def vector_terms(program: Program, place: int) -> Iterator[Candidate]:
-    """An array of the same shape added to, or subtracted from, an array."""
-    source, node = program.source, program.source.nodes[place]
-    instances = program.trace.instances[place]
-    value = instances[0].value
-    if not isinstance(node, ast.expr) or not isinstance(value, np.ndarray):
-        return
-    parent = source.nodes[source.parent[place]]
-    if isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Add | ast.Sub):
-        return
-    scopes = [
-        {name: x for name, x in array_names(program, instance).items() if x.shape == value.shape}
-        for instance in instances
-    ]
-    yield from _joined(program, place, node, scopes, "+-", 1.5)
-
-
-def scalings(program: Program, requirement: Requirement, words: Vocabulary) -> Iterator[Candidate]:
     """Edits that give a node, at all its evaluations or in all its entries, the factor that it must have."""
-    source, place = program.source, requirement.place
-    node = source.nodes[place]
-    if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
-        return
-    state, constant = words.atoms(requirement)
-    few = (state, words.table(state, 2, True)), (constant, words.table(constant, 2, True))
-    for p in products(requirement.required, program.samples.group, *few):
-        candidate = _with_factor(program, place, node, source.segment(node), p)
-        if candidate is not None:
-            yield candidate
+    node = program.source.nodes[requirement.place]
+    if isinstance(node, ast.expr) and not isinstance(node, ast.Constant):
+        factors = vocabulary.products(requirement, requirement.required)
+        yield from _factors(program, requirement.place, factors)
 
 
-def _with_factor(
-    program: Program, place: int, node: ast.expr, own: str, p: Product
-) -> Candidate | None:
-    source = program.source
-    negative = p.number < 0
-    divisors = [*([str(p.number.denominator)] if p.number.denominator != 1 else []), *p.below]
-    only_below = not p.above and abs(p.number.numerator) == 1
-    if only_below and divisors:
-        divisor = divisors[0] if len(divisors) == 1 else f"({' * '.join(divisors)})"
-        text = product(source, node, divisor, divide=True)
-        said = f"{short(own)} must be divided by {' and '.join(divisors)}"
-    elif not p.above and not divisors and abs(p.number) == 1:
-        return None  # a sign: not an insertion
-    else:
-        text = product(source, node, p.text)
-        said = f"{short(own)} lacks the factor {p.text}"
-    if negative:
-        text = f"-({text})"
-        said += ", and has the wrong sign"
-    kind = "number" if not p.above and not p.below else "factor"
-    return Candidate(place, text, said, kind, 1.25 + p.cost + 0.5 * negative, None)
+def _factors(program: Program, place: int, factors: Iterable[Product]) -> Iterator[Candidate]:
+    """A node times products; what is a sign alone is no insertion."""
+    node: Any = program.source.nodes[place]
+    own = short(program.source.segment(node))
+    for p in factors:
+        divisors = [*([str(p.number.denominator)] if p.number.denominator != 1 else []), *p.below]
+        negative = p.number < 0
+        if p.above or abs(p.number.numerator) != 1:
+            new = product(node, variable(p.text))
+            words = f"{own} lacks the factor {p.text}"
+        elif divisors:
+            divisor = divisors[0] if len(divisors) == 1 else f"({' * '.join(divisors)})"
+            new = product(node, variable(divisor), divide=True)
+            words = f"{own} must be divided by {' and '.join(divisors)}"
+        else:
+            continue
+        if negative:
+            new, words = negated(new), f"{words}, and has the wrong sign"
+        kind = "factor" if p.above or p.below else "number"
+        yield Candidate(program.source, place, new, kind, 1.25 + p.cost + 0.5 * negative, words)
 
 
 def _number(program: Program, requirement: Requirement, node: ast.expr) -> Iterator[Candidate]:
@@ -425,8 +353,7 @@ def _number(program: Program, requirement: Requirement, node: ast.expr) -> Itera
         text, cost = f"{simple.numerator} / {simple.denominator}", 1.6
     else:
         text, cost = repr(mean), 1.9
-    said = f"{program.source.segment(node)} should be {text}"
-    yield Candidate(requirement.place, text, said, "number", cost, None)
+    yield Candidate(program.source, requirement.place, text, "number", cost)
 
 
 CONSTANT = 1e-7
@@ -514,13 +441,13 @@ def powers_of(atoms: Atoms, degree: int, quotients: bool) -> Table:
             blocks.append((np.stack([i, j], axis=1)[i != j], (1, -1)))
             blocks.append((np.stack([i, j, j], axis=1)[i != j], (1, -1, -1)))  # I/r², k/r²
     with np.errstate(all="ignore"):
-        made = []
+        columns = []
         for indices, powers in blocks:
             product = np.ones((len(indices), V.shape[1]))
             for column, power in zip(indices.T, powers):
                 product = product * V[column] if power > 0 else product / V[column]
-            made.append(product)
-    return Table(np.concatenate(made), tuple(blocks))
+            columns.append(product)
+    return Table(np.concatenate(columns), tuple(blocks))
 
 
 @lru_cache(maxsize=64)
@@ -531,18 +458,18 @@ def _triples(count: int) -> NDArray[np.intp]:
 
 
 def products(
-    wanted: Array,
+    value: Array,
     group: NDArray[np.intp],
     state: tuple[Atoms, Table],
     constant: tuple[Atoms, Table],
 ) -> list[Product]:
     """Products that equal `wanted` (B,), the simplest first."""
-    if not np.isfinite(wanted).all() or np.abs(wanted).max() == 0.0:
+    if not np.isfinite(value).all() or np.abs(value).max() == 0.0:
         return []
-    found: list[Product] = []
+    matches: list[Product] = []
     starts = np.searchsorted(group, np.arange(group[-1] + 1))
     with np.errstate(all="ignore"):
-        rest = wanted / state[1].values
+        rest = value / state[1].values
         low = np.minimum.reduceat(rest, starts, axis=1)
         high = np.maximum.reduceat(rest, starts, axis=1)
         largest = np.maximum(np.abs(low), np.abs(high))
@@ -552,13 +479,13 @@ def products(
         if np.isfinite(coefficient).all() and np.abs(coefficient).max() > 0.0:
             powers = state[1].powers(int(k))
             for number, others in _numbers(coefficient, constant[1]):
-                found.append(_product(number, powers, state[0], others, constant[0]))
-    found.sort(key=_plainness)
-    return found[:KEPT]
+                matches.append(_product(number, powers, state[0], others, constant[0]))
+    matches.sort(key=_plainness)
+    return matches[:KEPT]
 
 
 def two_products(
-    wanted: Array,
+    value: Array,
     group: NDArray[np.intp],
     state: tuple[Atoms, Table],
     constant: tuple[Atoms, Table],
@@ -571,28 +498,28 @@ def two_products(
     matrix; those that fit are tried at the others.
     """
     values, nominal = state[1].values, group == 0
-    if not np.isfinite(wanted).all() or nominal.sum() < FEWEST or len(values) > MOST_SUMMED:
+    if not np.isfinite(value).all() or nominal.sum() < FEWEST or len(values) > MOST_SUMMED:
         return []
-    S, y = values[:, nominal], wanted[nominal]
+    S, y = values[:, nominal], value[nominal]
     with np.errstate(all="ignore"):
         S = S / np.linalg.norm(S, axis=1, keepdims=True)
     usable = np.isfinite(S).all(axis=1)
     S = np.where(usable[:, None], S, 0.0)
     c, G = S @ y, S @ S.T
-    apart = 1.0 - G**2
-    apart[:, ~usable] = apart[~usable] = 0.0
+    independence = 1.0 - G**2
+    independence[:, ~usable] = independence[~usable] = 0.0
     with np.errstate(all="ignore"):
-        left = y @ y - (c[:, None] ** 2 + c**2 - 2.0 * np.outer(c, c) * G) / apart
-    near = np.argwhere(np.triu((apart > 1e-6) & (left < 1e-8 * (y @ y)), 1))
-    found = []
+        squares = y @ y - (c[:, None] ** 2 + c**2 - 2.0 * np.outer(c, c) * G) / independence
+    near = np.argwhere(np.triu((independence > 1e-6) & (squares < 1e-8 * (y @ y)), 1))
+    matches = []
     for i, j in near[:MOST_PAIRS]:
         columns = values[[i, j]]
         coefficients = np.empty((2, group[-1] + 1))
         for g in range(group[-1] + 1):
             some = group == g
-            coefficients[:, g] = np.linalg.lstsq(columns[:, some].T, wanted[some], rcond=None)[0]
-        off = wanted - np.sum(coefficients[:, group] * columns, axis=0)
-        if np.abs(off).max() > CONSTANT * np.abs(wanted).max():
+            coefficients[:, g] = np.linalg.lstsq(columns[:, some].T, value[some], rcond=None)[0]
+        error = value - np.sum(coefficients[:, group] * columns, axis=0)
+        if np.abs(error).max() > CONSTANT * np.abs(value).max():
             continue
         if (
             np.abs(coefficients * np.abs(columns).max(axis=1)[:, None]).min()
@@ -610,9 +537,9 @@ def two_products(
             for side, k in enumerate((i, j))
         )
         if first and second:
-            found.append((min(first, key=_plainness), min(second, key=_plainness)))
-    found.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
-    return found[:KEPT]
+            matches.append((min(first, key=_plainness), min(second, key=_plainness)))
+    matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
+    return matches[:KEPT]
 
 
 def _numbers(coefficient: Array, table: Table) -> list[tuple[Fraction, Powers]]:

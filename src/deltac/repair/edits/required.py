@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.repair.edits.candidates import compose, slots
+from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT
+from deltac.repair.tracing.tape import Change, Slot
 
 STEPS = 10
 STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
@@ -65,7 +66,7 @@ class Requirements:
     """
 
     program: Program
-    found: dict[int, Requirement] = field(default_factory=dict)
+    solved: dict[int, Requirement] = field(default_factory=dict)
     undecided: list[int] = field(default_factory=list)
 
     def find(self, place: int) -> None:
@@ -81,7 +82,7 @@ class Requirements:
                 # It may be constant by mistake: what should stand there depends on the state.
                 outcome = self._solve(place, slot, False) or outcome
         if isinstance(outcome, Requirement):
-            self.found[place] = outcome
+            self.solved[place] = outcome
         elif outcome is None:
             self.undecided.append(place)
 
@@ -89,18 +90,18 @@ class Requirements:
         """What one node must be for one equation to be right, whatever becomes of the others."""
         slot = self.program.numbers[place].value.index
         with np.errstate(all="ignore"):
-            found = self._solve(place, slot, not self.program.tape.varying[slot], only=row)
-        return found if isinstance(found, Requirement) else None
+            requirement = self._solve(place, slot, not self.program.tape.varying[slot], only=row)
+        return requirement if isinstance(requirement, Requirement) else None
 
     def scale(self, place: int) -> Requirement | None:
         """The factor that all values of a node must have: of an array's entries, of a loop's turns."""
-        own = slots(self.program, place)
+        own = _slots(self.program, place)
         if not own:
             return None
         common = not any(self.program.tape.varying[k] for k in own)
         with np.errstate(all="ignore"):
-            found = self._solve(place, own[0], common, scaled=True)
-        return found if isinstance(found, Requirement) and found.whole else None
+            requirement = self._solve(place, own[0], common, scaled=True)
+        return requirement if isinstance(requirement, Requirement) and requirement.whole else None
 
     def _solve(
         self, place: int, slot: int, common: bool, only: int | None = None, scaled: bool = False
@@ -111,14 +112,14 @@ class Requirements:
         `scaled`: not the value itself is sought, but a factor of all the node's values.
         """
         program = self.program
-        held = 1.0 if scaled else program.tape.values[slot]
-        start = np.broadcast_to(held, program.samples.t.shape).astype(float)
+        value = 1.0 if scaled else program.tape.values[slot]
+        start = np.broadcast_to(value, program.samples.t.shape).astype(float)
         group = program.samples.group
         starts = np.searchsorted(group, np.arange(group[-1] + 1))
 
-        def off(x: Array) -> Array:
+        def residual(x: Array) -> Array:
             if scaled:
-                return program.residual(compose(program, place, lambda value: value * x))
+                return program.residual(_scaled(program, place, x))
             return program.residual(values={slot: x})
 
         def nearest(slope: Array, r: Array) -> Array:
@@ -131,7 +132,7 @@ class Requirements:
         size = np.abs(start) + np.sqrt(np.mean(start**2)) + 1e-12
         before = program.original_residual
         h = 1e-4 * size
-        slope = (off(start + h) - before) / h
+        slope = (residual(start + h) - before) / h
         effect = np.abs(slope * size).max(axis=1)
         if not np.isfinite(effect).all():
             return None
@@ -145,20 +146,20 @@ class Requirements:
         if np.abs(before[rows]).max() < RIGHT:
             return False  # what it acts on is right as it is
         step = nearest(slope[rows], before[rows])
-        x, after = start + step, off(start + step)
+        x, after = start + step, residual(start + step)
         bend = np.abs(after - before - slope * step).max()
         straight = bool(bend < STRAIGHT * np.abs(slope * step).max())
-        found = np.abs(after[rows]).max(axis=0) < RIGHT
-        if straight and not found.all():
+        solved = np.abs(after[rows]).max(axis=0) < RIGHT
+        if straight and not solved.all():
             return False
         if not straight:
-            x, found = self._divided(off, nearest, rows, start)
-            straight = bool(found.all())
+            x, solved = self._divided(residual, nearest, rows, start)
+            straight = bool(solved.all())
         if not straight:
-            x, found = _newton(off, nearest, rows, start, size, common)
-        if not found.all():
+            x, solved = _newton(residual, nearest, rows, start, size, common)
+        if not solved.all():
             return None
-        after = off(x)
+        after = residual(x)
         whole = bool(np.abs(after).max() < RIGHT)
         if not whole and rows.all() and only is None:
             return False
@@ -166,19 +167,46 @@ class Requirements:
         return Requirement(place, slot, start, x, tuple(map(bool, rows)), whole, unique)
 
     def _divided(
-        self, off: Residual, nearest: Callable[[Array, Array], Array], rows: Flags, start: Array
+        self,
+        residual: Residual,
+        nearest: Callable[[Array, Array], Array],
+        rows: Flags,
+        start: Array,
     ) -> tuple[Array, Flags]:
         """The same where the equations are linear in 1/x, as in a divisor: one step again."""
         y = 1.0 / np.where(start == 0.0, 1.0, start)
         h = 1e-4 * np.abs(y)
-        before = off(1.0 / y)[rows]
-        y = y + nearest((off(1.0 / (y + h))[rows] - before) / h, before)
+        before = residual(1.0 / y)[rows]
+        y = y + nearest((residual(1.0 / (y + h))[rows] - before) / h, before)
         x = 1.0 / y
-        return x, np.abs(off(x)[rows]).max(axis=0) < RIGHT
+        return x, np.abs(residual(x)[rows]).max(axis=0) < RIGHT
+
+
+def _slots(program: Program, place: int) -> list[int]:
+    """All slots that hold values of a node."""
+    return [
+        entry.index
+        for instance in program.trace.instances.get(place, [])
+        for entry in flatten(instance.value)
+        if isinstance(entry, Slot) and program.tape.nodes[entry.index] == place
+    ]
+
+
+def _scaled(program: Program, place: int, factor: Array) -> dict[int, Change]:
+    """All values of a node times a factor (B,)."""
+    tape = program.tape
+
+    def times(k: int) -> Change:
+        operation, value = tape.operations[k], tape.values[k]
+        if operation is None:
+            return Change(lambda: value * factor, ())
+        return Change(lambda *inputs: operation(*inputs) * factor, tape.inputs[k])
+
+    return {k: times(k) for k in _slots(program, place)}
 
 
 def _newton(
-    off: Residual,
+    residual: Residual,
     nearest: Callable[[Array, Array], Array],
     rows: Flags,
     start: Array,
@@ -187,26 +215,26 @@ def _newton(
 ) -> tuple[Array, Flags]:
     """Roots of the residual in `rows`, and at which states they were found."""
     best = start.copy()
-    found: Flags = np.zeros(start.shape, dtype=bool)
+    solved: Flags = np.zeros(start.shape, dtype=bool)
     h = 1e-7 * size
     for multiple in STARTS:
         x = multiple * start
-        r = off(x)[rows]
+        r = residual(x)[rows]
         for _ in range(STEPS):
-            dx = nearest((off(x + h)[rows] - r) / h, r)
+            dx = nearest((residual(x + h)[rows] - r) / h, r)
             x = np.where(np.isfinite(dx), x + dx, x)
-            r = off(x)[rows]
+            r = residual(x)[rows]
             good = np.abs(r).max(axis=0) < RIGHT
-            new = (np.full_like(found, good.all()) if common else good) & ~found
+            new = (np.full_like(solved, good.all()) if common else good) & ~solved
             best[new] = x[new]
-            found |= new
-            if found.all() or not (~found & (np.abs(dx) > 1e-6 * size)).any():
+            solved |= new
+            if solved.all() or not (~solved & (np.abs(dx) > 1e-6 * size)).any():
                 break
-        if found.all() or (multiple == -1.0 and np.mean(found) < 0.3):
+        if solved.all() or (multiple == -1.0 and np.mean(solved) < 0.3):
             break  # hopeless: the states contradict each other
     if (
-        found.all()
+        solved.all()
     ):  # once more: the last step of a quadratic method gives the other half of the digits
-        dx = nearest((off(best + h)[rows] - off(best)[rows]) / h, off(best)[rows])
+        dx = nearest((residual(best + h)[rows] - residual(best)[rows]) / h, residual(best)[rows])
         best = np.where(np.isfinite(dx), best + dx, best)
-    return best, found
+    return best, solved

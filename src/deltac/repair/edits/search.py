@@ -6,50 +6,40 @@ import ast
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.repair.edits.by_running import text_edits
-from deltac.repair.edits.candidates import Candidate, apply, short
-from deltac.repair.edits.insertions import (
-    Vocabulary,
-    additions,
-    insertions,
-    scalings,
-    sums,
-    vector_terms,
-)
+from deltac.repair.edits.candidates import Candidate, apply
+from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
+from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import Requirement, Requirements
-from deltac.repair.edits.structural import structural
-from deltac.repair.edits.substitutions import substitutions
+from deltac.repair.edits.single import additions, edits, structure
 from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.tracing.program import Program, at, reading
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Change
 
-STRUCTURAL_TIME = 12.0
-"""Time of the processor for edits of structure (s)."""
+TRACING_TIME = 12.0
+"""Time of the processor for edits for which the text is traced again (s)."""
 
-ENUMERATION_TIME = 6.0
-"""Time of the processor for edits of the text alone (s), where all else found nothing."""
+STATES = 3
+"""States at which a text is traced again at first."""
 
-FEW = 3
-"""States at which a text is read again at first."""
-
-READ_AGAIN = 1500
-"""Edits of structure for which the text is read again, at most."""
+TRACED_EDITS = 1500
+"""Edits for which the text is traced again, at most."""
 
 ENOUGH = 6
-"""Edits of structure that are right, after which no more are looked for."""
+"""Edits that are right when traced again, after which no more are looked for."""
 
 FAIR = 1.7
-"""With an edit as simple as this in hand, edits of structure are not looked for."""
+"""With an edit as simple as this in hand, none is looked for by tracing the text again."""
 
 MODELLED = 0.5
 """What it costs to change a number that is one of the model's parameters."""
@@ -57,20 +47,27 @@ MODELLED = 0.5
 SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
 
+Kind: TypeAlias = Callable[[Source, int, Names], Iterator[Candidate]]
+
 
 @dataclass(eq=False, repr=False)
 class Search:
-    """One program, and what was found out about its expressions."""
+    """One program, and what is known of its expressions.
+
+    `residuals`: edits for which the text was traced again, and the residual (n, STATES) that they leave.
+    """
 
     program: Program
     target: Target
     deadline: float = np.inf
+    residuals: list[tuple[Candidate, Array]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.vocabulary = Vocabulary(self.program)
+        self.names = TracedNames(self.program)
+        self.vocabulary = Vocabulary(self.program, self.names)
         self.requirements = Requirements(self.program)
-        self.left_over: list[tuple[Candidate, Array]] = []
-        """Edits that were tried by reading the text again, and the residual (n, FEW) that they leave."""
+        self.untraced: list[Candidate] = []
+        """Edits whose effect the tape does not show."""
 
     def require(self) -> None:
         """Find what each expression must be."""
@@ -82,83 +79,31 @@ class Search:
     @property
     def whole(self) -> list[Requirement]:
         """The expressions any one of which could be the only mistake."""
-        return [r for r in self.requirements.found.values() if r.whole]
+        return [r for r in self.requirements.solved.values() if r.whole]
 
     @property
     def partial(self) -> list[Requirement]:
         """The expressions that could be the mistake in some of the equations that are wrong."""
-        return [r for r in self.requirements.found.values() if not r.whole]
+        return [r for r in self.requirements.solved.values() if not r.whole]
 
     def single(self) -> list[Candidate]:
         """Single edits that seem to make the function right, cheapest first."""
-        found = [c for r in self.whole for c in self.edits(r)]
+        right = [c for r in self.whole for c in self.edits(r)]
         numbers = self.program.numbers
         # Arrays, and what is evaluated more than once, have no one value that they must have.
         others = [place for place in self.program.trace.instances if place not in numbers]
-        found += self.tried([*others, *self.requirements.undecided], substitutions)
-        if not any(c.cost <= SIMPLE for c in found):
-            found += self.exchanged()
-            found += self.scaled(others)
-            found += self.tried(others, vector_terms)
-        if not found:
-            found += [c for r in self.whole for c in sums(self.program, r, self.vocabulary)]
-        if not any(c.cost <= FAIR for c in found):
-            found += self.structural()
-        if not found:
-            found += self.tried([*others, *self.requirements.undecided], additions)
-        if not found:
-            source = self.program.source
-            read = {id(source.statement(place)) for place in self.program.trace.instances}
-            read_in = [n for n in source.nodes if isinstance(n, ast.stmt) and id(n) in read]
-            found += self.read_again(list(text_edits(source, read_in)), ENUMERATION_TIME)
-        return sorted(found, key=_plain_first)
-
-    def scaled(self, places: Iterable[int]) -> list[Candidate]:
-        """Factors of arrays, and of what is evaluated more than once."""
-        found: list[Candidate] = []
-        for place in places:
-            if time.monotonic() > self.deadline:
-                break
-            requirement = self.requirements.scale(place)
-            if requirement is not None:
-                found += scalings(self.program, requirement, self.vocabulary)
-        return found
-
-    def structural(self) -> list[Candidate]:
-        """Edits that the tape cannot show."""
-        return self.read_again(list(structural(self.program)))
-
-    def read_again(
-        self, edits: list[Candidate], seconds: float = STRUCTURAL_TIME
-    ) -> list[Candidate]:
-        """Those edits that are right when the text is read with them; the likeliest statements first."""
-        source = self.program.source
-        likely = {source.statement(r.place).lineno for r in self.requirements.found.values()}
-        candidates = sorted(
-            edits, key=lambda c: (source.statement(c.place).lineno not in likely, c.cost)
-        )
-        found: list[Candidate] = []
-        end = time.process_time() + seconds
-        for candidate in candidates[:READ_AGAIN]:
-            late = time.process_time() > end or time.monotonic() > self.deadline
-            if late or len(found) >= ENOUGH:
-                break
-            if self._right(candidate):
-                found.append(candidate)
-        return found
-
-    def tried(
-        self, places: Iterable[int], edits: Callable[[Program, int], Iterator[Candidate]]
-    ) -> list[Candidate]:
-        """Edits of some nodes that make the function right, found by running every one."""
-        found: list[Candidate] = []
-        for place in places:
-            for candidate in edits(self.program, place):
-                if time.monotonic() > self.deadline:
-                    return found
-                if candidate.changes and self.program.passes(candidate.changes):
-                    found.append(candidate)
-        return found
+        undecided = [*others, *self.requirements.undecided]
+        right += self.passing(undecided, edits)
+        if not any(c.cost <= SIMPLE for c in right):
+            right += self.scaled(others)
+            right += self.passing([p for p in others if self.names.shape(p)], additions)
+        if not right:
+            right += [c for r in self.whole for c in sums(self.program, r, self.vocabulary)]
+        if not any(c.cost <= FAIR for c in right):
+            right += self.traced_again()
+        if not right:
+            right += self.passing(undecided, additions)
+        return sorted(right, key=_plainness)
 
     def edits(self, r: Requirement) -> Iterator[Candidate]:
         """Edits of one expression that give it the value it must have."""
@@ -169,76 +114,99 @@ class Search:
         """Whether a node is a number that is one of the model's parameters: it is hardly the mistake."""
         node = self.program.source.nodes[place]
         value = getattr(node, "value", None)
-        known = self.target.mechanism.parameters.values()
-        return isinstance(value, float) and not value.is_integer() and value in known
+        parameters = self.target.mechanism.parameters.values()
+        return isinstance(value, float) and not value.is_integer() and value in parameters
 
     def _edits(self, r: Requirement) -> Iterator[Candidate]:
-        for candidate in substitutions(self.program, r.place):
-            if candidate.changes and self.meets(r, candidate.changes):
-                yield candidate
+        yield from (c for c, changes in self.tried([r.place], edits) if self._meets(r, changes))
         yield from insertions(self.program, r, self.vocabulary)
         if not r.unique:
-            yield from (
-                c for c in additions(self.program, r.place) if self.meets(r, c.changes or {})
-            )
+            joined = self.tried([r.place], additions)
+            yield from (c for c, changes in joined if self._meets(r, changes))
 
-    def meets(self, r: Requirement, changes: Mapping[int, Change]) -> bool:
+    def _meets(self, r: Requirement, changes: Mapping[int, Change]) -> bool:
         """Whether an edit gives an expression its required value; by running it where there may be others."""
         if not r.unique:
             residual = self.program.residual(changes)
             return bool(np.abs(residual[list(r.rows)]).max() < RIGHT)
+        if r.slot not in changes:
+            return False
         change = changes[r.slot]
         with np.errstate(all="ignore"):
             x = change.operation(*(self.program.tape.values[k] for k in change.inputs))
         size = np.abs(r.required).max() + np.abs(r.value).max()
         return bool(np.abs(x - r.required).max() <= 1e-7 * size)
 
-    def exchanged(self) -> list[Candidate]:
-        """Two elements of a list or of an unpacking exchanged: found by reading the text again."""
+    def tried(
+        self, places: Iterable[int], kind: Kind
+    ) -> Iterator[tuple[Candidate, Mapping[int, Change]]]:
+        """Edits of some nodes with what they do to the tape; those that it does not show are `untraced`."""
+        for place in places:
+            for candidate in kind(self.program.source, place, self.names):
+                if time.monotonic() > self.deadline:
+                    return
+                changes = self.names.changes(candidate)
+                if changes:
+                    yield candidate, changes
+                elif changes is None:
+                    self.untraced.append(candidate)
+
+    def passing(self, places: Iterable[int], kind: Kind) -> list[Candidate]:
+        """The edits of some nodes with which all equations are right."""
+        return [c for c, changes in self.tried(places, kind) if self.program.passes(changes)]
+
+    def scaled(self, places: Iterable[int]) -> list[Candidate]:
+        """Factors of arrays, and of what is evaluated more than once."""
+        right: list[Candidate] = []
+        for place in places:
+            if time.monotonic() > self.deadline:
+                break
+            requirement = self.requirements.scale(place)
+            if requirement is not None:
+                right += scalings(self.program, requirement, self.vocabulary)
+        return right
+
+    def traced_again(self) -> list[Candidate]:
+        """Edits that the tape does not show, of all statements that the function evaluates."""
         source = self.program.source
-        found: list[Candidate] = []
+        statements = {id(source.statement(place)) for place in self.program.trace.instances}
+        heads = (ast.For, ast.If, ast.While, ast.With)
         for place, node in enumerate(source.nodes):
-            if not isinstance(node, ast.Tuple | ast.List) or not 2 <= len(node.elts) <= 6:
+            if not isinstance(node, ast.expr | ast.stmt) or not hasattr(node, "lineno"):
                 continue
-            if isinstance(source.nodes[source.parent[place]], ast.Subscript):
-                continue
-            for i in range(len(node.elts)):
-                for j in range(i + 1, len(node.elts)):
-                    if time.monotonic() > self.deadline:
-                        return found
-                    candidate = _exchange(source, place, node, i, j)
-                    if candidate is not None and self._right(candidate):
-                        found.append(candidate)
-        return found
+            statement = source.statement(place)
+            inner = ast.walk(statement) if isinstance(statement, heads) else ()
+            if id(statement) in statements or any(id(n) in statements for n in inner):
+                self.untraced += structure(source, place, self.names)
+        right: list[Candidate] = []
+        end = time.process_time() + TRACING_TIME
+        texts: set[tuple[int, str]] = set()
+        for candidate in sorted(self.untraced, key=lambda c: c.cost):
+            late = time.monotonic() > self.deadline or time.process_time() > end
+            if late or len(right) >= ENOUGH or len(texts) >= TRACED_EDITS:
+                break
+            key = candidate.place, candidate.text
+            if key not in texts and self._right(candidate):
+                right.append(candidate)
+            texts.add(key)
+        self.untraced.clear()
+        return right
 
     def _right(self, candidate: Candidate) -> bool:
-        """Whether a candidate that the tape cannot show is right: the text is read again."""
+        """Whether a candidate that the tape cannot show is right: the text is traced again."""
         changed = apply(self.program.source, [candidate])
         if changed is None:
             return False
         samples = self.target.samples()
         try:
-            few = reading(changed, samples.at(np.arange(min(FEW, len(samples.t)))))
+            few = reading(changed, samples.at(np.arange(min(STATES, len(samples.t)))))
             if few.wrong < RIGHT:
                 return reading(changed, samples).wrong < RIGHT
         except InputError:
             return False
         if len(few.pieces) == 1:
-            self.left_over.append((candidate, few.worst.original_residual))
+            self.residuals.append((candidate, few.worst.original_residual))
         return False
-
-
-def _exchange(
-    source: Source, place: int, node: ast.Tuple | ast.List, i: int, j: int
-) -> Candidate | None:
-    first, second = source.segment(node.elts[i]), source.segment(node.elts[j])
-    if first == second or len(first) + len(second) > 200:
-        return None
-    start, end = source.span(node)
-    (a, b), (c, d) = source.span(node.elts[i]), source.span(node.elts[j])
-    text = source.text[start:a] + second + source.text[b:c] + first + source.text[d:end]
-    words = f"{short(first, 40)} and {short(second, 40)} should be exchanged"
-    return Candidate(place, text, words, "order", 1.2, None)
 
 
 def confirmed(
@@ -314,12 +282,12 @@ def _in_different_equations(search: Search) -> Iterator[tuple[Candidate, Candida
             by_rows.setdefault(rows, []).extend(search.edits(r))
     for rows in by_rows:
         by_rows[rows] = sorted(by_rows[rows], key=lambda c: (c.cost, len(c.text)))[:COMBINED]
-    found = []
+    matches = []
     for (a, first), (b, second) in itertools.combinations(by_rows.items(), 2):
         if all(np.array(a) | np.array(b) | ~wrong):
-            found += [(x, y) for x in first for y in second if x.place != y.place]
-    found.sort(key=lambda pair: pair[0].cost + pair[1].cost)
-    yield from found
+            matches += [(x, y) for x in first for y in second if x.place != y.place]
+    matches.sort(key=lambda pair: pair[0].cost + pair[1].cost)
+    yield from matches
 
 
 def _pool(search: Search) -> list[First]:
@@ -328,16 +296,12 @@ def _pool(search: Search) -> list[First]:
     base = program.original_residual
     pool: list[First] = []
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
-    for edits in (substitutions, additions):
-        for place in places:
-            if time.monotonic() > search.deadline:
-                return pool
-            for candidate in edits(program, place):
-                if candidate.changes and len(pool) < POOL:
-                    effect = program.residual(candidate.changes) - base
-                    size = np.abs(effect).max()
-                    if np.isfinite(size) and size > RIGHT:
-                        pool.append(First(candidate, effect, candidate.changes))
+    trials = (search.tried(places, kind) for kind in (edits, additions))
+    for candidate, changes in itertools.islice(itertools.chain.from_iterable(trials), POOL):
+        effect = program.residual(changes) - base
+        size = np.abs(effect).max()
+        if np.isfinite(size) and size > RIGHT:
+            pool.append(First(candidate, effect, changes))
     return pool
 
 
@@ -351,23 +315,23 @@ def _adding_up(search: Search, pool: list[First]) -> Iterator[tuple[Candidate, C
     if len(pool) < 2:
         return
     E = np.array([first.effect.ravel() for first in pool])
-    wanted = -base.ravel()
-    line = np.random.default_rng(0).standard_normal(len(wanted))
-    place_on_line, goal = E @ line, float(wanted @ line)
+    effect = -base.ravel()
+    line = np.random.default_rng(0).standard_normal(len(effect))
+    place_on_line, goal = E @ line, float(effect @ line)
     order = np.argsort(place_on_line)
     sorted_places = place_on_line[order]
-    found = []
-    width = MATCH * (np.abs(wanted).sum() + 1e-3)
+    matches = []
+    width = MATCH * (np.abs(effect).sum() + 1e-3)
     for i in range(len(pool)):
         need = goal - place_on_line[i]
         lo, hi = np.searchsorted(sorted_places, (need - width, need + width))
         for j in order[lo:hi]:
             if j <= i or pool[i].candidate.place == pool[j].candidate.place:
                 continue
-            if np.abs(E[i] + E[j] - wanted).max() < MATCH * np.abs(wanted).max():
-                found.append((pool[i].candidate, pool[int(j)].candidate))
-    found.sort(key=lambda pair: pair[0].cost + pair[1].cost)
-    yield from found
+            if np.abs(E[i] + E[j] - effect).max() < MATCH * np.abs(effect).max():
+                matches.append((pool[i].candidate, pool[int(j)].candidate))
+    matches.sort(key=lambda pair: pair[0].cost + pair[1].cost)
+    yield from matches
 
 
 def _wrong(program: Program) -> NDArray[np.bool_]:
@@ -378,21 +342,21 @@ def _wrong(program: Program) -> NDArray[np.bool_]:
 def _closing(search: Search) -> list[First]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
     program = search.program
-    found: list[First] = []
+    firsts: list[First] = []
     end = time.process_time() + FOLLOWED_TIME
     for place in program.numbers:
         for row in np.flatnonzero(_wrong(program)):
             if time.monotonic() > search.deadline or time.process_time() > end:
-                return found
+                return firsts
             r = search.requirements.closing(place, int(row))
             if r is not None:
                 changes = {r.slot: Change(partial(np.asarray, r.required), ())}
                 effect = program.residual(changes) - program.original_residual
-                found += [
+                firsts += [
                     First(candidate, effect, changes)
                     for candidate in insertions(program, r, search.vocabulary)
                 ]
-    return found
+    return firsts
 
 
 def _followed(search: Search, firsts: list[First]) -> Iterator[tuple[Candidate, Candidate]]:
@@ -404,21 +368,20 @@ def _followed(search: Search, firsts: list[First]) -> Iterator[tuple[Candidate, 
     program, end = search.program, time.process_time() + FOLLOWED_TIME
     if len(program.original_residual) < 2:
         return  # one direction is all there is
-    places, along = _directions(program)
-    for first in sorted(firsts, key=lambda f: _plain_first(f.candidate)):
-        explained = places[_explained(along, program.original_residual + first.effect)]
-        if not len(explained):
+    _, along = _directions(program)
+    for first in sorted(firsts, key=lambda f: (f.candidate.cost, f.candidate.place)):
+        if not _explained(along, program.original_residual + first.effect).any():
             continue
         then = Search(program.changed(first.changes), search.target, search.deadline)
-        for place in explained:
+        for place in _sole(then.program):
             if time.monotonic() > search.deadline or time.process_time() > end:
                 return
-            then.requirements.find(int(place))
-        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plain_first):
-            yield first.candidate, replace(second, changes=None)
+            then.requirements.find(place)
+        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plainness):
+            yield first.candidate, second
 
 
-def _plain_first(candidate: Candidate) -> tuple[float, int, int]:
+def _plainness(candidate: Candidate) -> tuple[float, int, int]:
     return candidate.cost, len(candidate.text), candidate.place
 
 
@@ -438,13 +401,19 @@ def _directions(program: Program) -> tuple[NDArray[np.intp], Array]:
     return np.array(places, dtype=np.intp), np.array(along)
 
 
-def _explained(along: Array, left: Array) -> NDArray[np.bool_]:
+def _explained(along: Array, residual: Array) -> NDArray[np.bool_]:
     """Of which expressions (P,) a residual has the direction at all states."""
-    if not len(along) or not np.isfinite(left).all():
+    if not len(along) or not np.isfinite(residual).all():
         return np.zeros(len(along), dtype=bool)
-    share = np.einsum("pnb,nb->pb", along, left)
-    rest = np.sum((left - share[:, None] * along) ** 2, axis=1)
-    return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(left).max())
+    share = np.einsum("pnb,nb->pb", along, residual)
+    rest = np.sum((residual - share[:, None] * along) ** 2, axis=1)
+    return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(residual).max())
+
+
+def _sole(program: Program) -> list[int]:
+    """The places of the numbers along whose directions the residual lies."""
+    places, along = _directions(program)
+    return [int(place) for place in places[_explained(along, program.original_residual)]]
 
 
 def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
@@ -452,12 +421,16 @@ def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
     program, target = search.program, search.target
     end = time.process_time() + FOLLOWED_TIME
     samples = target.samples()
-    few = reading(program.source, samples.at(np.arange(min(FEW, len(samples.t))))).worst
+    few = reading(program.source, samples.at(np.arange(min(STATES, len(samples.t))))).worst
     _, along = _directions(few)
-    for first, left in sorted(search.left_over, key=lambda x: x[0].cost):
+    for first, residual in sorted(search.residuals, key=lambda x: x[0].cost):
         if time.monotonic() > search.deadline or time.process_time() > end:
             return
-        if len(left) < 2 or left.shape != along.shape[1:] or not _explained(along, left).any():
+        if (
+            len(residual) < 2
+            or residual.shape != along.shape[1:]
+            or not _explained(along, residual).any()
+        ):
             continue
         changed = apply(program.source, [first])
         assert changed is not None  # it has been read
@@ -465,28 +438,27 @@ def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
             again = at(changed, target, tuple(program.samples.parameters)).worst
         except InputError:
             continue
-        places, whole = _directions(again)
         then = Search(again, target, search.deadline)
-        for place in places[_explained(whole, again.original_residual)]:
-            then.requirements.find(int(place))
-        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plain_first):
+        for place in _sole(again):
+            then.requirements.find(place)
+        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plainness):
             back = _before(program.source, first, changed, second.place)
             if back is not None:
-                yield first, replace(second, place=back, changes=None)
+                yield first, replace(second, source=program.source, place=back, new=second.text)
 
 
 def _before(source: Source, first: Candidate, changed: Source, place: int) -> int | None:
     """The place in the source of a node of the edited one; None where it is part of the edit."""
     _, end = source.span(source.nodes[first.place])
     shift = len(changed.text) - len(source.text)
-    wanted = changed.nodes[place]
-    a, b = changed.span(wanted)
+    edited = changed.nodes[place]
+    a, b = changed.span(edited)
     start, _ = source.span(source.nodes[first.place])
     if a >= end + shift:
         a, b = a - shift, b - shift
     elif b > start:
         return None
     for k, node in enumerate(source.nodes):
-        if type(node) is type(wanted) and hasattr(node, "lineno") and source.span(node) == (a, b):
+        if type(node) is type(edited) and hasattr(node, "lineno") and source.span(node) == (a, b):
             return k
     return None

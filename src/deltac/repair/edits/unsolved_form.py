@@ -42,11 +42,11 @@ class UnsolvedForm(Program):
     ) -> Array:
         """M u̇ − f (n, B) at the model's accelerations, 1 being the size of a row's terms."""
         M, f = self._terms(changes, values)
-        left = (np.einsum("bij,jb->ib", M, self.samples.acceleration) - f) / self._rows[:, None]
+        residual = (np.einsum("bij,jb->ib", M, self.samples.acceleration) - f) / self._rows[:, None]
         if not self.trace.rates:
-            return np.asarray(left)
+            return np.asarray(residual)
         rates = self.tape.run(self.trace.rates, changes, values)
-        return np.concatenate([left, (rates - self.samples.rates) / self.samples.rate_size])
+        return np.concatenate([residual, (rates - self.samples.rates) / self.samples.rate_size])
 
     def _terms(
         self, changes: Mapping[int, Change] | None, values: Mapping[int, Any] | None
@@ -80,10 +80,10 @@ def unsolved_form(program: Program) -> UnsolvedForm | None:
     if program.solves or not 2 <= n <= MOST_EQUATIONS:
         return None
     for forces in _forces(program):
-        found = UnsolvedForm(program.trace, program.samples, forces)
+        form = UnsolvedForm(program.trace, program.samples, forces)
         with np.errstate(all="ignore"):
-            if np.isfinite(found.original_residual).all():
-                return found
+            if np.isfinite(form.original_residual).all():
+                return form
     return None
 
 

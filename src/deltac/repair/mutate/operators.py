@@ -73,16 +73,16 @@ def mutants(
         return _of_all(text, module, names, seed, read)
     target = next(s for s in module.body if isinstance(s, ast.FunctionDef) and s.name == function)
     draw = random.Random(seed)
-    found: dict[str, Mutant] = {}
+    unique: dict[str, Mutant] = {}
     scopes = [*_constants(module, target), target]
     for scope in scopes:
-        known = _known(module, scope, target)
+        counts = _known(module, scope, target)
         for parent, field, node in _slots(scope):
-            for kind, new in _changes(parent, field, node, known, names, draw):
+            for kind, new in _changes(parent, field, node, counts, names, draw):
                 mutant = _write(text, kind, node, new)
                 if mutant is not None:
-                    found.setdefault(mutant.text, mutant)
-    return list(found.values())
+                    unique.setdefault(mutant.text, mutant)
+    return list(unique.values())
 
 
 def _of_all(
@@ -90,7 +90,7 @@ def _of_all(
 ) -> list[Mutant]:
     """Mutants of all expressions that are read, wherever they stand."""
     draw = random.Random(seed)
-    found: dict[str, Mutant] = {}
+    unique: dict[str, Mutant] = {}
     scopes: list[ast.stmt] = [n for n in ast.walk(module) if isinstance(n, ast.FunctionDef)]
     scopes += [s for s in module.body if isinstance(s, ast.Assign | ast.AnnAssign)]
     scopes += [
@@ -103,28 +103,28 @@ def _of_all(
     siblings = _siblings(module, read)
     for scope in scopes:
         target = scope if isinstance(scope, ast.FunctionDef) else _alone(scope)
-        known = _known(module, scope, target)
+        counts = _known(module, scope, target)
         for parent, field, node in _slots(scope):
             inside = any(_span(n) in read for n in ast.walk(node) if isinstance(n, ast.expr))
             if not inside or (isinstance(node, ast.expr) and _span(node) not in read):
                 continue
             changes = [
-                *_changes(parent, field, node, known, names, draw),
+                *_changes(parent, field, node, counts, names, draw),
                 *_other_entries(node, siblings, names, draw),
             ]
             for kind, new in changes:
                 mutant = _write(text, kind, node, new)
                 if mutant is not None:
-                    found.setdefault(mutant.text, mutant)
-    return list(found.values())
+                    unique.setdefault(mutant.text, mutant)
+    return list(unique.values())
 
 
 def _alone(statement: ast.stmt) -> ast.FunctionDef:
     """A statement as the body of a function."""
-    made = ast.parse("def f(): pass").body[0]
-    assert isinstance(made, ast.FunctionDef)
-    made.body = [statement]
-    return made
+    function = ast.parse("def f(): pass").body[0]
+    assert isinstance(function, ast.FunctionDef)
+    function.body = [statement]
+    return function
 
 
 def _span(node: ast.AST) -> Span:
@@ -134,16 +134,16 @@ def _span(node: ast.AST) -> Span:
 
 def _siblings(module: ast.Module, read: Container[Span]) -> dict[str, list[ast.expr]]:
     """Attributes and entries by strings of one object that are read, by the object's text."""
-    found: dict[str, list[ast.expr]] = {}
+    groups: dict[str, list[ast.expr]] = {}
     for node in ast.walk(module):
         entry = isinstance(node, ast.Attribute) or (
             isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
         )
         if entry and isinstance(node, ast.expr) and _span(node) in read:
-            known = found.setdefault(ast.unparse(node.value), [])  # type: ignore[attr-defined]
-            if ast.unparse(node) not in map(ast.unparse, known):
-                known.append(node)
-    return found
+            group = groups.setdefault(ast.unparse(node.value), [])  # type: ignore[attr-defined]
+            if ast.unparse(node) not in map(ast.unparse, group):
+                group.append(node)
+    return groups
 
 
 def _other_entries(
@@ -179,7 +179,7 @@ def _constants(module: ast.Module, target: ast.FunctionDef) -> list[ast.Assign]:
 
 def _known(module: ast.Module, scope: ast.stmt, target: ast.FunctionDef) -> dict[str, int]:
     """Names of numbers that may be used in a scope, with the line from which each is known."""
-    known: dict[str, int] = {}
+    counts: dict[str, int] = {}
     bodies = [s for s in module.body if isinstance(s, ast.Assign)]
     if scope is target:
         bodies += [s for s in ast.walk(target) if isinstance(s, ast.Assign)]
@@ -194,8 +194,8 @@ def _known(module: ast.Module, scope: ast.stmt, target: ast.FunctionDef) -> dict
         for element in statement.targets:
             for n in ast.walk(element):
                 if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) and n.id not in arrays:
-                    known.setdefault(n.id, statement.end_lineno or statement.lineno)
-    return known
+                    counts.setdefault(n.id, statement.end_lineno or statement.lineno)
+    return counts
 
 
 def _slots(root: ast.AST) -> Iterator[tuple[ast.AST, str, ast.AST]]:
@@ -217,7 +217,7 @@ def _changes(
     parent: ast.AST,
     field: str,
     node: ast.AST,
-    known: dict[str, int],
+    counts: dict[str, int],
     names: int,
     draw: random.Random,
 ) -> Iterator[tuple[str, ast.AST | None]]:
@@ -230,9 +230,9 @@ def _changes(
             yield from _binary(node)
         case ast.UnaryOp(op=ast.USub()):
             yield "sign", node.operand
-        case ast.Name() if node.id in known:
+        case ast.Name() if node.id in counts:
             yield "sign", ast.UnaryOp(ast.USub(), node)
-            others = [n for n, line in known.items() if n != node.id and line < node.lineno]
+            others = [n for n, line in counts.items() if n != node.id and line < node.lineno]
             for other in draw.sample(others, min(names, len(others))):
                 yield "name", ast.Name(other, ast.Load())
             if not (isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Pow)):
@@ -283,8 +283,8 @@ def _binary(node: ast.BinOp) -> Iterator[tuple[str, ast.AST]]:
 
 
 def _other_constants(value: float) -> list[float]:
-    found = [value + 1, value - 1, value * 2]
-    return [c for c in dict.fromkeys(found) if c not in (value, 0)]
+    others = [value + 1, value - 1, value * 2]
+    return [c for c in dict.fromkeys(others) if c not in (value, 0)]
 
 
 def _called(node: ast.Call) -> str:

@@ -131,8 +131,8 @@ class MutationReport(Report, also=("counts",)):
         total = counts.get("all", {"mutants": 0, "equivalent": 0})
         mistakes = total["mutants"] - total["equivalent"]
         for test in self.tests if mistakes else ():
-            seen = f"{total[test]} of {mistakes} ({total[test] / mistakes:.1%})"
-            yield f"- {test} {'see' if test == SUITE else 'sees'} {seen}."
+            share = f"{total[test]} of {mistakes} ({total[test] / mistakes:.1%})"
+            yield f"- {test} {'see' if test == SUITE else 'sees'} {share}."
         for reason in ("coincidence", "workless"):
             some = [t for t in self.trials if t.reason == reason]
             if some:
@@ -198,18 +198,18 @@ def mutate_equations(
     for name, value, least in (("names", names, 0), ("most", most, 1)):
         if value < least:
             raise InputError(f"{name} is {value}; expected {least} or more")
-    found = load_model(model)
-    chosen = chosen_map(found, coordinates, equations)
-    target = Target(found.mechanism, chosen, seed, found.first)
+    loaded = load_model(model)
+    chosen = chosen_map(loaded, coordinates, equations)
+    target = Target(loaded.mechanism, chosen, seed, loaded.first)
     source = source_of(equations)
     program = read(source, target)
     varied = program.varied
     source = program.source
-    made = mutants_of(program, names, seed)
+    mutants = mutants_of(program, names, seed)
     trials = []
-    for k, mutant in enumerate(made):
+    for k, mutant in enumerate(mutants):
         if progress is not None:
-            progress(k / len(made))
+            progress(k / len(mutants))
         trials.append(_tried(source, mutant, target, varied))
     names_of_tests = tuple(_blank(target))
     report = MutationReport(
@@ -250,61 +250,61 @@ def _with_suite(
             if progress is not None:
                 progress(done / len(chosen))
             trial = report.trials[k]
-            seen = 0.0 if suite.passes(trial.mutant.text) else np.inf
-            trials.append(replace(trial, seen={**trial.seen, SUITE: seen}))
+            value = 0.0 if suite.passes(trial.mutant.text) else np.inf
+            trials.append(replace(trial, seen={**trial.seen, SUITE: value}))
     return replace(report, trials=tuple(trials), tests=(*report.tests, SUITE))
 
 
 def _blank(target: Target) -> dict[str, float]:
     """Each test that applies, with what it sees of something that cannot be evaluated."""
     test = target.test()
-    found = dict.fromkeys(test.powers(test.acceleration), np.inf)
+    tests = dict.fromkeys(test.powers(test.acceleration), np.inf)
     if test.momenta(test.acceleration):
-        found[MOMENTUM] = np.inf
+        tests[MOMENTUM] = np.inf
     if len(test.gamma):
-        found[CONSTRAINTS] = np.inf
-    found[RESIDUAL] = np.inf
-    return found
+        tests[CONSTRAINTS] = np.inf
+    tests[RESIDUAL] = np.inf
+    return tests
 
 
 def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ...]) -> Trial:
     """What the tests see of one mutant."""
     changed = source.replaced(mutant.text)
     samples, test = target.samples(), target.test()
-    seen = _blank(target)
+    sizes = _blank(target)
     try:
         again = read(changed, target, vary=False)
     except InputError:
-        return Trial(mutant, seen)  # it cannot even be evaluated
-    found = again.run()
-    udot = found[: len(samples.acceleration)]
+        return Trial(mutant, sizes)  # it cannot even be evaluated
+    result = again.run()
+    udot = result[: len(samples.acceleration)]
     if not np.isfinite(udot).all():
-        return Trial(mutant, seen)
+        return Trial(mutant, sizes)
     residuals = test(udot)
-    seen |= {name: float(x.max()) for name, x in residuals.relative_power.items()}
-    if MOMENTUM in seen:
-        seen[MOMENTUM] = max(float(x.max()) for x in residuals.relative_momentum.values())
-    if CONSTRAINTS in seen:
-        seen[CONSTRAINTS] = float(residuals.relative_violation.max(initial=0.0))
-    seen[RESIDUAL] = samples.wrong(found)
+    sizes |= {name: float(x.max()) for name, x in residuals.relative_power.items()}
+    if MOMENTUM in sizes:
+        sizes[MOMENTUM] = max(float(x.max()) for x in residuals.relative_momentum.values())
+    if CONSTRAINTS in sizes:
+        sizes[CONSTRAINTS] = float(residuals.relative_violation.max(initial=0.0))
+    sizes[RESIDUAL] = samples.wrong(result)
     return Trial(
-        mutant, seen, _reason(changed, seen, target, varied, named_parameters(again, target))
+        mutant, sizes, _reason(changed, sizes, target, varied, named_parameters(again, target))
     )
 
 
 def _reason(
     changed: Source,
-    seen: Mapping[str, float],
+    sizes: Mapping[str, float],
     target: Target,
     varied: tuple[str, ...],
     named: Mapping[str, str],
 ) -> str:
-    if seen[RESIDUAL] < RIGHT:
+    if sizes[RESIDUAL] < RIGHT:
         common = tuple(name for name in varied if name in named.values())
         try:
             same = set(common) == set(varied) and at(changed, target, common).wrong < RIGHT
         except InputError:
             same = False
         return "equivalent" if same else "coincidence"
-    powers = [v for k, v in seen.items() if k not in (RESIDUAL, MOMENTUM, CONSTRAINTS)]
+    powers = [v for k, v in sizes.items() if k not in (RESIDUAL, MOMENTUM, CONSTRAINTS)]
     return "workless" if max(powers, default=np.inf) < RIGHT else ""

@@ -82,11 +82,11 @@ def copied(command: str, file: Path, function: str) -> Iterator[Suite]:
             f"the project {root} has {size / 1024**2:.0f} MB, more than are copied ({LARGEST // 1024**2}); "
             "run the command where the equations and their tests are alone"
         )
-    here = Path.cwd().resolve()
+    folder = Path.cwd().resolve()
     with tempfile.TemporaryDirectory(prefix="deltac-mutate-") as name:
         copy = Path(name).resolve() / root.name
         shutil.copytree(root, copy, ignore=shutil.ignore_patterns(*LEFT_OUT), symlinks=True)
-        folder = copy / here.relative_to(root) if here.is_relative_to(root) else copy
+        folder = copy / folder.relative_to(root) if folder.is_relative_to(root) else copy
         suite = Suite(words, folder, copy / path.relative_to(root), _environment(root, copy))
         text = path.read_text(encoding="utf-8")
         start = time.monotonic()
@@ -112,7 +112,7 @@ def _files(root: Path) -> Iterator[Path]:
 
 def _environment(root: Path, copy: Path) -> dict[str, str]:
     """The environment, in which imports find the copy before the project itself."""
-    known = [Path(p).resolve() for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p]
-    moved = [copy / p.relative_to(root) if p.is_relative_to(root) else p for p in known]
-    paths = map(str, (copy, copy / "src", *moved))
-    return {**os.environ, "PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
+    paths = [Path(p).resolve() for p in os.environ.get("PYTHONPATH", "").split(os.pathsep) if p]
+    moved = [copy / p.relative_to(root) if p.is_relative_to(root) else p for p in paths]
+    path = os.pathsep.join(map(str, (copy, copy / "src", *moved)))
+    return {**os.environ, "PYTHONPATH": path, "PYTHONDONTWRITEBYTECODE": "1"}

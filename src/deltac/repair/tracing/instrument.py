@@ -151,7 +151,7 @@ class _Rewriter:
 
     def statements(self, body: Iterable[ast.stmt]) -> list[ast.stmt]:
         """Statements rewritten; within a function each notes what is in scope before it."""
-        found: list[ast.stmt] = []
+        rewritten: list[ast.stmt] = []
         for s in body:
             method = getattr(self, f"visit_{type(s).__name__}", self.same)
             new = method(s)
@@ -163,12 +163,12 @@ class _Rewriter:
             if self.scopes and self.scopes[-1]:
                 scope = self.scopes[-1]
                 above = next((x for x in reversed(self.scopes[:-1]) if x), None)
-                here = _hook("here", make.Call(_name("locals"), [], []), above and _name(above))
-                found.append(
-                    ast.copy_location(make.Assign([make.Name(scope, ast.Store())], here), s)
+                note = _hook("here", make.Call(_name("locals"), [], []), above and _name(above))
+                rewritten.append(
+                    ast.copy_location(make.Assign([make.Name(scope, ast.Store())], note), s)
                 )
-            found += new
-        return found or [make.Pass()]
+            rewritten += new
+        return rewritten or [make.Pass()]
 
     def visit_Assign(self, s: ast.Assign) -> Any:
         value = self.bound(s, s.value, s.targets)
@@ -235,8 +235,8 @@ class _Rewriter:
         return make.For(self.target(s.target), _hook("over", over), body, orelse)
 
     def visit_While(self, s: ast.While) -> Any:
-        test = make.BoolOp(ast.And(), [_hook("turn", self.number[id(s)]), self.expression(s.test)])
-        return make.While(test, self.statements(s.body), self.part(s.orelse))
+        body = [_placed(make.Expr(_hook("turn")), s), *self.statements(s.body)]
+        return make.While(self.expression(s.test), body, self.part(s.orelse))
 
     def visit_With(self, s: ast.With) -> Any:
         items = [
@@ -261,12 +261,12 @@ class _Rewriter:
         return s
 
     def visit_Import(self, s: ast.Import) -> Any:
-        found = []
+        imports = []
         for alias in s.names:
             bound = alias.asname or alias.name.partition(".")[0]
             value = _hook("module", alias.name, alias.asname is not None)
-            found.append(make.Assign([make.Name(bound, ast.Store())], value))
-        return found
+            imports.append(make.Assign([make.Name(bound, ast.Store())], value))
+        return imports
 
     def visit_ImportFrom(self, s: ast.ImportFrom) -> Any:
         return [
@@ -283,13 +283,13 @@ class _Rewriter:
             _placed(_hook("decorator", self.expression(d)), d) for d in s.decorator_list
         ]
         arguments = self.arguments(s.args)
-        known = self.globals
+        outer = self.globals
         self.scopes.append(f"{SCOPE}{self.number[id(s)]}_")
         inner, self.inner = self.inner, []
         body = self.statements(s.body)
         self.inner = inner
         self.scopes.pop()
-        self.globals = known
+        self.globals = outer
         new = type(s)(s.name, arguments, body, decorators, None)
         # Python shows the line of a function where its first decorator stands.
         return [ast.copy_location(new, s)]
@@ -347,15 +347,17 @@ class _Rewriter:
                 new = _hook("operate", place, type(e.op).__name__, left, right)
             case ast.UnaryOp() if not isinstance(e.op, ast.Not):
                 new = _hook("operate", place, type(e.op).__name__, self.expression(e.operand))
-            case ast.Compare() if len(e.ops) == 1:
+            case ast.Compare(
+                ops=[ast.Lt() | ast.LtE() | ast.Gt() | ast.GtE() | ast.Eq() | ast.NotEq()]
+            ):
                 left, right = self.expression(e.left), self.expression(e.comparators[0])
                 new = _hook("compare", type(e.ops[0]).__name__, left, right)
             case ast.Call():
                 new = self.call(e)
             case ast.Dict():
                 keys = [None if k is None else self.index(k) for k in e.keys]
-                made = make.Dict(keys, [self.expression(v) for v in e.values])
-                new = _hook("literal", place, made)
+                entries = make.Dict(keys, [self.expression(v) for v in e.values])
+                new = _hook("literal", place, entries)
             case ast.Set():
                 new = make.Set([self.index(v) for v in e.elts])
             case ast.Lambda():
@@ -410,9 +412,9 @@ class _Rewriter:
             return make.Call(e.func, [self.expression(a) for a in e.args], [])
         starred = any(isinstance(a, ast.Starred) for a in e.args)
         by_name = [isinstance(a, STORED) and not starred for a in e.args]
-        places = [self.number[id(a)] if held else None for a, held in zip(e.args, by_name)]
+        places = [self.number[id(a)] if named else None for a, named in zip(e.args, by_name)]
         arguments = [
-            self.plain(a) if held else self.expression(a) for a, held in zip(e.args, by_name)
+            self.plain(a) if named else self.expression(a) for a, named in zip(e.args, by_name)
         ]
         new = _hook(
             "call",
@@ -421,10 +423,7 @@ class _Rewriter:
             self.plain(e.func),
             *arguments,
         )
-        new.keywords = [
-            make.keyword(k.arg, self.plain(k.value) if k.arg == "out" else self.expression(k.value))
-            for k in e.keywords
-        ]
+        new.keywords = [make.keyword(k.arg, self.expression(k.value)) for k in e.keywords]
         return new
 
     def within(self, names: list[str], build: Callable[[], Any]) -> Any:
@@ -438,10 +437,10 @@ class _Rewriter:
     def noted(self, e: ast.expr) -> Any:
         """An expression that first tells the names in scope."""
         names = list(dict.fromkeys(name for some in self.inner for name in some))
-        held = make.Dict([make.Constant(n) for n in names], [_name(n) for n in names])
+        scope = make.Dict([make.Constant(n) for n in names], [_name(n) for n in names])
         above = next((x for x in reversed(self.scopes) if x), None)
-        told = _hook("inner", held, above and _name(above))
-        both = make.Tuple([told, self.expression(e)], ast.Load())
+        note = _hook("inner", scope, above and _name(above))
+        both = make.Tuple([note, self.expression(e)], ast.Load())
         return make.Subscript(both, make.Constant(1), ast.Load())
 
     def function(self, e: ast.Lambda) -> Any:
@@ -464,7 +463,9 @@ class _Rewriter:
         if isinstance(e, ast.DictComp):
             new: Any = make.DictComp(self.index(e.key), self.noted(e.value), generators)
         else:
-            made = self.noted(e.elt)
-            new = type(e)(_hook("index", made) if isinstance(e, ast.SetComp) else made, generators)
+            element = self.noted(e.elt)
+            new = type(e)(
+                _hook("index", element) if isinstance(e, ast.SetComp) else element, generators
+            )
         self.inner.pop()
         return new

@@ -62,23 +62,21 @@ class Library:
         inner = f"{self.__name}.{name}"
         if inner in ALIKE:
             return Library(inner)
-        own = RENAMED.get(name, name)
-        for found in (FUNCTIONS.get(own), getattr(np, own, None), getattr(np.linalg, own, None)):
-            if found is not None:
-                return found
-        return None if name == "newaxis" else Foreign(inner)
+        sources = (FUNCTIONS.get(name), getattr(np, name, None), getattr(np.linalg, name, None))
+        return next(
+            (f for f in sources if f is not None), None if name == "newaxis" else Foreign(inner)
+        )
 
 
 ALIKE = {
-    "jax", "jax.numpy", "jax.numpy.linalg", "jax.lax", "jax.scipy", "jax.scipy.linalg", "autograd",
-    "autograd.numpy", "autograd.numpy.linalg", "casadi", "sympy", "cupy", "mpmath",
+    "jax", "jax.numpy", "jax.numpy.linalg", "autograd", "autograd.numpy", "autograd.numpy.linalg",
 }  # fmt: skip
 """Libraries whose functions of NumPy's names do what NumPy's do."""
 
 IMPORTED = {
     "numpy", "scipy", "math", "cmath", "itertools", "functools", "operator", "collections", "copy", "types",
     "typing", "typing_extensions", "dataclasses", "enum", "abc", "numbers", "json", "tomllib", "contextlib",
-    "fractions", "string", "re", "textwrap", "__future__",
+    "fractions", "string", "re", "textwrap", "__future__", "attr", "attrs",
 }  # fmt: skip
 """Packages that are imported; others are the user's own, or `Foreign`."""
 
@@ -96,15 +94,6 @@ FILES = {
     "fromregex", "tofile", "dump", "loadmat", "savemat", "import_module", "f2py",
 }  # fmt: skip
 """Functions of those packages that read or write files, and are not called."""
-
-RENAMED = {
-    "vertcat": "concatenate_scalars", "horzcat": "columns", "mtimes": "matmul", "if_else": "where",
-    "fmax": "maximum", "fmin": "minimum", "Abs": "abs", "Max": "maximum", "Min": "minimum",
-    "Matrix": "array", "DM": "array", "SX": "array", "norm_2": "norm", "select": "where",
-    "permute_dims": "transpose", "asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2",
-    "acosh": "arccosh", "asinh": "arcsinh", "atanh": "arctanh",
-}  # fmt: skip
-"""What libraries call otherwise than NumPy."""
 
 
 class Entry(float):
@@ -135,8 +124,6 @@ def known(function: Any) -> Callable[..., Any] | None:
     root = module.partition(".")[0]
     if isinstance(function, np.ufunc):
         root = "numpy"
-    if root in ("jax", "jaxlib"):
-        root, name = "numpy", RENAMED.get(name, name)
     if root == "builtins" and isinstance(own, type(None) | type(math)):
         return {"min": least("minimum"), "max": least("maximum")}.get(name)
     if root not in ("numpy", "math", "cmath", "scipy"):
@@ -155,24 +142,16 @@ class Elementary:
 
     name: str
 
-    def __call__(self, *arguments: Any, out: Any = None, **named: Any) -> Any:
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Apply it to every entry."""
         operation, count = ELEMENTARY[self.name]
-        if len(arguments) == count + 1 and isinstance(arguments[-1], np.ndarray):
-            *arguments, out = arguments  # type: ignore[assignment]
-        if len(arguments) != count or named.keys() - {"dtype", "where", "casting"}:
-            if self.name == "hypot" and len(arguments) > 2:
-                return norm(list(arguments))
+        if self.name == "hypot" and len(arguments) > 2:
+            return norm(list(arguments))
+        if len(arguments) != count or named.keys() - {"dtype"}:
             raise NotUnderstood(
                 f"calls {self.name}: expected {count} argument{'s' if count > 1 else ''}"
             )
-        found = applied(operation, *arguments)
-        if isinstance(out, tuple):
-            (out,) = out
-        if out is None:
-            return found
-        out[...] = found
-        return out
+        return applied(operation, *arguments)
 
 
 def applied(operation: Operation, *arguments: Any) -> Any:
@@ -194,57 +173,22 @@ def applied(operation: Operation, *arguments: Any) -> Any:
 
 
 def _ufunc(function: np.ufunc, name: str, *arguments: Any, **named: Any) -> Any:
-    """np.add.reduce, np.maximum.outer and their like."""
+    """np.subtract.outer and its like."""
     own = FUNCTIONS.get(function.__name__)
-    if not isinstance(own, Elementary):
+    if name != "outer" or not isinstance(own, Elementary):
         raise NotUnderstood(f"calls {function.__name__}.{name}")
-    if name == "outer":
-        a, b = (np.asarray(arrayed(x), dtype=object) for x in arguments)
-        return own(a.reshape(a.shape + (1,) * b.ndim), b.reshape((1,) * a.ndim + b.shape))
-    made = np.frompyfunc(own, 2, 1)
-    return getattr(made, name)(arrayed(arguments[0]), *map(plain, arguments[1:]), **plain(named))
-
-
-@dataclass(frozen=True)
-class At:
-    """JAX's way to set entries: x.at[i].set(y) is a copy of x."""
-
-    array: np.ndarray[Any, Any]
-    index: Any = None
-
-    def __getitem__(self, index: Any) -> At:
-        return At(self.array, index)
-
-    def _with(self, change: Callable[[Any], Any]) -> Any:
-        made = self.array.copy()
-        made[self.index] = change(made[self.index])
-        return made
-
-    def set(self, value: Any) -> Any:
-        """The array with these entries."""
-        return self._with(lambda old: arrayed(value))
-
-    def add(self, value: Any) -> Any:
-        """The array with these added."""
-        return self._with(lambda old: old + arrayed(value))
-
-    def multiply(self, value: Any) -> Any:
-        """The array with these entries times something."""
-        return self._with(lambda old: old * arrayed(value))
-
-    def divide(self, value: Any) -> Any:
-        """The array with these entries over something."""
-        return self._with(lambda old: old / arrayed(value))
+    a, b = (np.asarray(arrayed(x), dtype=object) for x in arguments)
+    return own(a.reshape(a.shape + (1,) * b.ndim), b.reshape((1,) * a.ndim + b.shape))
 
 
 def _made(fill: Any, like: bool = False) -> Callable[..., Any]:
     """np.zeros and its like, with entries that can hold slots."""
 
-    def make(shape: Any = None, *given: Any, fill_value: Any = None, **named: Any) -> Any:
-        made = np.empty(np.shape(arrayed(shape)) if like else plain(shape), dtype=object)
-        value = fill_value if fill_value is not None else given[0] if given else 0.0
-        made[...] = arrayed(value) if fill is None else fill
-        return made
+    def make(shape: Any = None, *more: Any, fill_value: Any = None, **named: Any) -> Any:
+        array = np.empty(np.shape(arrayed(shape)) if like else plain(shape), dtype=object)
+        value = fill_value if fill_value is not None else more[0] if more else 0.0
+        array[...] = arrayed(value) if fill is None else fill
+        return array
 
     return make
 
@@ -259,20 +203,15 @@ def eye(rows: Any, columns: Any = None, k: Any = 0, **named: Any) -> Any:
 def array(value: Any, *more: Any, copy: Any = True, ndmin: int = 0, **named: Any) -> Any:
     """np.array."""
     many = isinstance(value, Iterator | ValuesView | map | zip)
-    made = arrayed(list(value) if many else value, copy=copy is not False)
-    if not isinstance(made, np.ndarray) or ndmin > made.ndim:
-        made = np.array(made, dtype=object, ndmin=int(plain(ndmin))) if ndmin else made
-    return made
+    entries = arrayed(list(value) if many else value, copy=copy is not False)
+    if not isinstance(entries, np.ndarray) or ndmin > entries.ndim:
+        entries = np.array(entries, dtype=object, ndmin=int(plain(ndmin))) if ndmin else entries
+    return entries
 
 
 def same_array(value: Any, *more: Any, **named: Any) -> Any:
     """np.asarray: an array stays what it is."""
     return array(value, copy=False)
-
-
-def matrix(value: Any, **named: Any) -> Any:
-    """np.matrix, whose * is the product of matrices."""
-    return np.asmatrix(array(value))
 
 
 def block(parts: Any) -> Any:
@@ -281,9 +220,9 @@ def block(parts: Any) -> Any:
     def joined(rows: Any, depth: int) -> Any:
         if not isinstance(rows, list | tuple):
             return np.atleast_2d(arrayed(rows)) if depth else np.atleast_1d(arrayed(rows))
-        made = [joined(row, depth) for row in rows]
+        parts = [joined(row, depth) for row in rows]
         nested = any(isinstance(row, list | tuple) for row in rows)
-        return np.concatenate(made, axis=-2 if nested else -1)
+        return np.concatenate(parts, axis=-2 if nested else -1)
 
     return joined(parts, int(any(isinstance(row, list | tuple) for row in parts)))
 
@@ -296,9 +235,7 @@ def einsum(sums: Any, *operands: Any, **named: Any) -> Any:
 def solve(A: Any, b: Any, *more: Any, **named: Any) -> Any:
     """The solution of A x = b; b may have columns."""
     A, b = arrayed(A), arrayed(b)
-    if isinstance(b, np.matrix):
-        return np.asmatrix(solve(A, np.asarray(b)))
-    A, rows = np.asarray(A), np.shape(A)[0]
+    rows = np.shape(A)[0]
     if A.shape != (rows, rows) or np.shape(b)[:1] != (rows,):
         raise NotUnderstood(f"a matrix of shape {A.shape} and a right side of shape {np.shape(b)}")
     if b.ndim == 2:
@@ -353,8 +290,7 @@ def inverse(A: Any, **named: Any) -> Any:
     A = arrayed(A)
     if np.ndim(A) != 2 or A.shape[0] != A.shape[1]:
         raise NotUnderstood(f"a matrix of shape {np.shape(A)}")
-    found = solve(np.asarray(A), np.eye(A.shape[0]).astype(object))
-    return np.asmatrix(found) if isinstance(A, np.matrix) else found
+    return solve(A, np.eye(A.shape[0]).astype(object))
 
 
 def least_squares(A: Any, b: Any, **named: Any) -> Any:
@@ -385,58 +321,15 @@ def norm(x: Any, order: Any = None, axis: Any = None, **named: Any) -> Any:
     return applied(np.sqrt, sum((e * e for e in rest), start=first * first))
 
 
-def cross(a: Any, b: Any, **named: Any) -> Any:
-    """The vector product; of plane vectors its third component."""
-    a, b = (np.asarray(arrayed(x), dtype=object) for x in (a, b))
-    if a.shape == (3,) == b.shape:
-        return objects(
-            [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-        )
-    if a.shape == (2,) == b.shape:
-        return a[0] * b[1] - a[1] * b[0]
-    return np.cross(a, b, **plain(named))
-
-
-def skew(v: Any) -> Any:
-    """The matrix of v ×."""
-    x, y, z = arrayed(v)
-    return arrayed([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def block_diagonal(*given: Any) -> Any:
-    """Matrices along the diagonal."""
-    parts = [np.atleast_2d(arrayed(a)) for a in given]
-    made = np.zeros([sum(p.shape[k] for p in parts) for k in (0, 1)]).astype(object)
-    i = j = 0
-    for p in parts:
-        made[i : i + p.shape[0], j : j + p.shape[1]] = p
-        i, j = i + p.shape[0], j + p.shape[1]
-    return made
-
-
-def concatenate_scalars(*given: Any) -> Any:
-    """CasADi's vertcat: a column of all there is, or rows of matrices one below the other."""
-    parts = [arrayed(a) for a in given]
-    if any(isinstance(p, np.ndarray) and p.ndim == 2 for p in parts):
-        return np.vstack([np.atleast_2d(p) for p in parts])
-    return objects(list(flatten(parts)))
-
-
-def columns(*given: Any) -> Any:
-    """CasADi's horzcat."""
-    parts = [np.atleast_1d(arrayed(a)) for a in given]
-    if parts[0].size > 1:
-        return np.column_stack(parts)
-    return np.concatenate([p.ravel() for p in parts])[None, :]
-
-
 def least(pick: str) -> Callable[..., Any]:
     """The least, or greatest, of numbers or of an array's entries."""
 
-    def call(*given: Any, default: Any = None, key: Any = None, **named: Any) -> Any:
+    def call(*arguments: Any, default: Any = None, key: Any = None, **named: Any) -> Any:
         python: Callable[..., Any] = max if pick == "maximum" else min
-        entries = list(given[0] if isinstance(given[0], Iterator) else flatten(given[0]))
-        entries = entries if len(given) == 1 else list(given)
+        entries = list(
+            arguments[0] if isinstance(arguments[0], Iterator) else flatten(arguments[0])
+        )
+        entries = entries if len(arguments) == 1 else list(arguments)
         if key is not None or not any(isinstance(e, Slot) for e in entries):
             return python(entries) if key is None else python(entries, key=key)
         return functools.reduce(lambda a, b: applied(ELEMENTARY[pick][0], a, b), entries)
@@ -447,8 +340,8 @@ def least(pick: str) -> Callable[..., Any]:
 def clip(x: Any, low: Any = None, high: Any = None, **named: Any) -> Any:
     """np.clip."""
     low, high = (
-        next((named[k] for k in names if k in named), given)
-        for names, given in ((("a_min", "min"), low), (("a_max", "max"), high))
+        next((named[k] for k in names if k in named), bound)
+        for names, bound in ((("a_min", "min"), low), (("a_max", "max"), high))
     )
     above = x if low is None else applied(np.maximum, x, low)
     return above if high is None else applied(np.minimum, above, high)
@@ -464,19 +357,14 @@ def number(value: Any = 0.0) -> Any:
     return value.item() if isinstance(value, np.ndarray) else value
 
 
-def fori_loop(first: Any, last: Any, body: Any, value: Any) -> Any:
-    """jax.lax.fori_loop."""
-    for k in range(plain(first), plain(last)):
-        value = body(k, value)
-    return value
-
-
 def _numbers(function: Callable[..., Any]) -> Callable[..., Any]:
     """A function of NumPy's that acts on arrays of slots: lists are arrays, whole numbers axes and sizes."""
 
     def call(*arguments: Any, **named: Any) -> Any:
-        kept = {k: plain(v) for k, v in named.items() if k not in ("dtype", "order", "optimize")}
-        return function(*(_sequence(_whole(a)) for a in arguments), **kept)
+        keywords = {
+            k: plain(v) for k, v in named.items() if k not in ("dtype", "order", "optimize")
+        }
+        return function(*(_sequence(_whole(a)) for a in arguments), **keywords)
 
     return call
 
@@ -488,11 +376,11 @@ def _whole(value: Any) -> Any:
 
 
 def _sequence(value: Any) -> Any:
-    """An array; arrays of different shapes, and matrices, as a list of them: np.concatenate joins them."""
+    """An array; arrays of different shapes as a list of them: np.concatenate joins them."""
     if isinstance(value, list | tuple):
         parts = [arrayed(part) for part in value]
         arrays = [part for part in parts if isinstance(part, np.ndarray)]
-        if len({part.shape for part in arrays}) > 1 or any(type(a) is np.matrix for a in arrays):
+        if len({part.shape for part in arrays}) > 1:
             return parts
     return arrayed(value)
 
@@ -503,7 +391,7 @@ STRUCTURAL = (
     "swapaxes rollaxis expand_dims atleast_1d atleast_2d atleast_3d mean average split array_split hsplit "
     "vsplit repeat append insert delete tril triu broadcast_to diff rot90 take vecdot matvec vecmat "
     "linspace count_nonzero matrix_transpose indices ix_ shape size ndim unravel_index diag_indices "
-    "triu_indices tril_indices isscalar"
+    "triu_indices tril_indices isscalar cross"
 ).split()
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -520,16 +408,13 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     },
     "arange": lambda *ends, **named: np.arange(*map(plain, ends)),
     "eye": eye, "identity": eye, "array": array, "copy": array, "fromiter": array, "asarray": same_array,
-    "asanyarray": same_array, "ascontiguousarray": same_array, "asfarray": same_array, "matrix": matrix,
-    "mat": matrix, "asmatrix": matrix, "block": block, "bmat": block, "einsum": einsum, "dot": dot,
+    "asanyarray": same_array, "ascontiguousarray": same_array, "block": block, "einsum": einsum, "dot": dot,
     "matmul": dot, "solve": solve, "inv": inverse, "pinv": inverse, "lstsq": least_squares,
     "cho_factor": lambda A, *a, **named: (arrayed(A), True),
     "lu_factor": lambda A, *a, **named: (arrayed(A), None),
     "cho_solve": lambda factors, b, **named: solve(factors[0], b),
     "lu_solve": lambda factors, b, **named: solve(factors[0], b),
-    "norm": norm, "det": determinant, "cross": cross, "skew": skew, "block_diag": block_diagonal,
-    "diagcat": block_diagonal, "concatenate_scalars": concatenate_scalars, "columns": columns,
-    "row_stack": _numbers(np.vstack), "sumsqr": lambda x: sum(e * e for e in flatten(arrayed(x))),
+    "norm": norm, "det": determinant,
     "clip": clip, "max": least("maximum"), "min": least("minimum"), "amax": least("maximum"),
     "amin": least("minimum"), "all": lambda x, **named: all(bool(e) for e in flatten(x)),
     "any": lambda x, **named: any(bool(e) for e in flatten(x)), "fsum": sum,
@@ -537,7 +422,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "dist": lambda a, b: norm(arrayed(a) - arrayed(b)), "reciprocal": lambda x, **named: 1.0 / arrayed(x),
     "float64": number, "float32": number, "double": number, "longdouble": number, "float16": number,
     "int64": lambda x: int(x), "int32": lambda x: int(x), "intp": lambda x: int(x),
-    "fori_loop": fori_loop, "fill_diagonal": np.fill_diagonal,
+    "fill_diagonal": np.fill_diagonal,
 }  # fmt: skip
 """What takes the place of a library's function of this name."""
 
@@ -607,10 +492,10 @@ def entries(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 def objects(entries: list[Any]) -> np.ndarray[Any, Any]:
     """A NumPy array of objects of one dimension."""
-    made = np.empty(len(entries), dtype=object)
+    array = np.empty(len(entries), dtype=object)
     for k, entry in enumerate(entries):
-        made[k] = entry
-    return made
+        array[k] = entry
+    return array
 
 
 def flatten(value: Any) -> Iterator[Any]:
@@ -630,8 +515,8 @@ def flatten(value: Any) -> Iterator[Any]:
 def arrayed(value: Any, copy: bool = False) -> Any:
     """Lists and tuples of numbers as arrays of objects; everything else as it is."""
     if isinstance(value, np.ndarray):
-        made = entries(value) if value.dtype.kind == "f" else value
-        return made.copy() if copy and made is value else made
+        array = entries(value) if value.dtype.kind == "f" else value
+        return array.copy() if copy and array is value else array
     if isinstance(value, list | tuple | range):
         parts = [arrayed(part) for part in value]
         if any(isinstance(part, str | slice) or part is Ellipsis or part is None for part in parts):
@@ -640,10 +525,10 @@ def arrayed(value: Any, copy: bool = False) -> Any:
         if len(shapes) > 1:
             raise TypeError("an array of rows of different length")
         shape = shapes.pop() if shapes else ()
-        made = np.empty((len(parts), *shape), dtype=object)
+        array = np.empty((len(parts), *shape), dtype=object)
         for k, part in enumerate(parts):
-            made[k] = part
-        return made
+            array[k] = part
+        return array
     return value
 
 
@@ -658,6 +543,6 @@ def plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: plain(part) for key, part in value.items()}
     if isinstance(value, np.ndarray) and value.dtype == object:
-        found = np.array([plain(x) for x in value.flat])
-        return found.reshape(value.shape) if value.size else value.astype(int)
+        numbers = np.array([plain(x) for x in value.flat])
+        return numbers.reshape(value.shape) if value.size else value.astype(int)
     return value

@@ -65,40 +65,40 @@ class UserModule:
     @cached_property
     def in_classes(self) -> frozenset[str]:
         """Names that the bodies of classes use, outside of their methods."""
-        found: set[str] = set()
+        names: set[str] = set()
         for cls in self.classes:
             waiting: list[ast.AST] = [*cls.body]
             while waiting:
                 node = waiting.pop()
                 if isinstance(node, ast.Name):
-                    found.add(node.id)
+                    names.add(node.id)
                 if isinstance(node, ast.FunctionDef):
                     waiting += [*node.decorator_list, node.args]
                 else:
                     waiting += [*ast.iter_child_nodes(node)]
-        return frozenset(found)
+        return frozenset(names)
 
     @cached_property
     def functions(self) -> dict[int, ast.FunctionDef]:
         """All functions that it defines, by their first lines."""
-        found = {}
+        functions = {}
         for node in self.nodes:
             if isinstance(node, ast.FunctionDef):
                 line = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-                found[node.lineno] = found[line] = node
-        return found
+                functions[node.lineno] = functions[line] = node
+        return functions
 
     def written(self, line: int) -> frozenset[str]:
         """Names that the function which begins at a line writes into."""
         if line not in self.writes:
-            known = self.functions.get(line)
-            self.writes[line] = frozenset(() if known is None else _written(known))
+            function = self.functions.get(line)
+            self.writes[line] = frozenset(() if function is None else _written(function))
         return self.writes[line]
 
     @cached_property
     def setters(self) -> dict[str, list[ast.stmt]]:
         """The statements of the module that set, or change, each of its names."""
-        found: dict[str, list[ast.stmt]] = {}
+        statements: dict[str, list[ast.stmt]] = {}
         sets = {s.name: _globals(s) for s in self.tree.body if isinstance(s, ast.FunctionDef)}
         for statement in self.tree.body:
             names = bound(statement)
@@ -106,8 +106,8 @@ class UserModule:
                 case ast.Expr(value=ast.Call(func=ast.Name(id=called))):  # configure(…)
                     names = names | sets.get(called, set())
             for name in sorted(names):
-                found.setdefault(name, []).append(statement)
-        return found
+                statements.setdefault(name, []).append(statement)
+        return statements
 
     @cached_property
     def stars(self) -> list[ast.ImportFrom]:

@@ -73,10 +73,12 @@ class Program:
         A, b, rates = np.split(entries, (n * n, n * n + n))
         A = A.reshape(n, n, -1)
         with np.errstate(all="ignore"):
-            left = (np.einsum("ijb,jb->ib", A, self.samples.acceleration) - b) / self._rows[:, None]
+            residual = (np.einsum("ijb,jb->ib", A, self.samples.acceleration) - b) / self._rows[
+                :, None
+            ]
         if not len(rates):
-            return np.asarray(left)
-        return np.concatenate([left, (rates - self.samples.rates) / self.samples.rate_size])
+            return np.asarray(residual)
+        return np.concatenate([residual, (rates - self.samples.rates) / self.samples.rate_size])
 
     @cached_property
     def _system(self) -> tuple[int, ...] | None:
@@ -128,7 +130,7 @@ class Program:
     @cached_property
     def numbers(self) -> dict[int, Instance]:
         """Nodes of one number in one slot: those that a single value can stand for."""
-        found = {}
+        numbers = {}
         for place, instances in self.trace.instances.items():
             value = instances[0].value
             if not isinstance(value, Slot):
@@ -138,8 +140,12 @@ class Program:
             ):
                 continue
             if self.tape.nodes[value.index] == place and self.matters(value.index):
-                found[place] = instances[0]
-        return found
+                numbers[place] = instances[0]
+        return numbers
+
+    def values(self, slot: int) -> Array:
+        """The values (B,) of a slot."""
+        return np.broadcast_to(self.tape.values[slot], self.samples.t.shape).astype(float)
 
     def matters(self, slot: int) -> bool:
         """Whether the accelerations depend on a slot."""
@@ -168,10 +174,10 @@ class Reading:
     def run(self) -> Array:
         """What the function returns (n, B) at all states: u̇, then q̇ where every way returns it."""
         parts = [piece.run() for piece in self.pieces]
-        found = np.empty((min(map(len, parts)), sum(len(which) for which in self.places)))
+        result = np.empty((min(map(len, parts)), sum(len(which) for which in self.places)))
         for which, part in zip(self.places, parts):
-            found[:, which] = part[: len(found)]
-        return found
+            result[:, which] = part[: len(result)]
+        return result
 
     @property
     def source(self) -> Source:
@@ -216,11 +222,11 @@ def read(source: Source, target: Target, *, vary: bool = True, fresh: bool = Fal
         if not varied:
             return first
         try:
-            found = at(source, target, varied, fresh)
+            varied_reading = at(source, target, varied, fresh)
         except InputError:  # the mechanism allows no other values, or no states at them
             continue
-        if not right or found.wrong < RIGHT or not by_value:
-            return found  # else constants of one value were not what they seemed to be
+        if not right or varied_reading.wrong < RIGHT or not by_value:
+            return varied_reading  # else constants of one value were not what they seemed to be
     return first
 
 
@@ -247,19 +253,19 @@ def formed(source: Source, target: Target) -> Source:
             np.full((nq, len(some.t)), np.nan),
             np.full((nu, len(some.t)), np.nan),
         )
-        for which, found in parts:
-            accelerations[:, which] = found.tape.run(found.outputs)
-            rates[:, which] = found.tape.run(found.rates) if found.rates else np.nan
+        for which, trace in parts:
+            accelerations[:, which] = trace.tape.run(trace.outputs)
+            rates[:, which] = trace.tape.run(trace.rates) if trace.rates else np.nan
         return rates if parts[0][1].rates else rates[:0], accelerations
 
     motors = len(target.mechanism.motors)
-    said, order = source.told
+    declared, order = source.declared
     test = target.test()
     entries = test.kane.told_names, test.states.speeds
     places = None if order is None else told_order(order, *entries)
-    candidates = as_told(forms(names, needed, nq, nu, motors), said, places)
-    found = likeliest(candidates, evaluate, some.rates, some.acceleration)
-    if found is None:
+    candidates = as_told(forms(names, needed, nq, nu, motors), declared, places)
+    form = likeliest(candidates, evaluate, some.rates, some.acceleration)
+    if form is None:
         failed = [f for f in failures if isinstance(f, Failed) and f.file == source.name]
         if failed and failed[0] is failures[0]:  # in the likeliest form
             lines = tuple(dict.fromkeys(line for f in failed for line in f.lines))
@@ -270,36 +276,36 @@ def formed(source: Source, target: Target) -> Source:
             f"{source.name}: {source.qualified} takes the arguments ({', '.join(names)}); expected a "
             "function of (t, q, u), of (t, y) or of (y, t)"
         )
-    return replace(source, form=found)
+    return replace(source, form=form)
 
 
 def named_parameters(
-    found: Reading | Trace, target: Target, by_value: bool = True
+    reading: Reading | Trace, target: Target, by_value: bool = True
 ) -> dict[str, str]:
     """The mechanism's parameters that the function has, by the function's names for them.
 
     They have the same name (m1 is m[1] and m_1 as well) and the same value; or, `by_value`, a value that
     only one constant of the function and one parameter of the mechanism have.
     """
-    known = {name: value for name, value in target.mechanism.parameters.items() if value != 0.0}
-    traces = [found] if isinstance(found, Trace) else [piece.trace for piece in found.pieces]
+    model = {name: value for name, value in target.mechanism.parameters.items() if value != 0.0}
+    traces = [reading] if isinstance(reading, Trace) else [piece.trace for piece in reading.pieces]
     own = {
         name: float(one.tape.exact[slot])
         for one in traces
         for name, slot in one.parameters.items()
         if one.tape.exact[slot] is not None
     }
-    bare = {_bare(name): name for name in known}
+    bare = {_bare(name): name for name in model}
     links = {}
     for name, value in own.items():
-        meant = name if name in known else bare.get(_bare(name))
-        if meant is not None and abs(value - known[meant]) <= SAME * abs(known[meant]):
+        meant = name if name in model else bare.get(_bare(name))
+        if meant is not None and abs(value - model[meant]) <= SAME * abs(model[meant]):
             links[name] = meant
     if by_value:
-        free = {name: value for name, value in known.items() if name not in links.values()}
+        free = {name: value for name, value in model.items() if name not in links.values()}
         for name, value in own.items():
             # A name of another parameter with this one's value is a mistake, no other name for it.
-            known_name = name in known or _bare(name) in bare
+            known_name = name in model or _bare(name) in bare
             if known_name or (value.is_integer() and abs(value) <= PLAIN):
                 continue
             alike = [n for n, v in free.items() if abs(v - value) <= SAME * abs(v)]
@@ -341,24 +347,24 @@ def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = Fa
     )
 
 
-def spans(known: Reading) -> set[tuple[int, int, int, int]]:
+def spans(reading: Reading) -> set[tuple[int, int, int, int]]:
     """Where the expressions stand that the function evaluates: line, column, line, column of the end."""
-    found = set()
-    for piece in known.pieces:
+    places = set()
+    for piece in reading.pieces:
         for place in piece.trace.instances:
             node = piece.source.nodes[place]
             if isinstance(node, ast.expr):
-                found.add(
+                places.add(
                     (node.lineno, node.col_offset, node.end_lineno or 0, node.end_col_offset or 0)
                 )
-    return found
+    return places
 
 
 def moved(source: Source, samples: Samples, factor: Callable[[str], float]) -> Array:
     """What a function returns with each of its named constants multiplied by a factor of its own."""
-    found = branches(source, samples.t, samples.q, samples.u)
+    traces = branches(source, samples.t, samples.q, samples.u)
     override = {}
-    for _, part in found:
+    for _, part in traces:
         for name, slot in sorted(part.parameters.items()):
             if part.tape.exact[slot] is not None:
                 value = float(part.tape.exact[slot]) * factor(name)
@@ -372,6 +378,6 @@ def reading(
     """The function at samples; `override` has values that constants take instead of their own."""
     parts = branches(source, samples.t, samples.q, samples.u, override)
     return Reading(
-        tuple(Program(found, samples.at(which)) for which, found in parts),
+        tuple(Program(trace, samples.at(which)) for which, trace in parts),
         tuple(which for which, _ in parts),
     )

@@ -76,15 +76,15 @@ class Samples:
         Rows after the n accelerations are q̇, and their residual q̇ − q̇ of the model over its size.
         """
         n = len(self.acceleration)
-        off = np.einsum("bij,jb->ib", self.M, udot[:n] - self.acceleration) / self.typical
+        error = np.einsum("bij,jb->ib", self.M, udot[:n] - self.acceleration) / self.typical
         if len(udot) == n:
-            return np.asarray(off)
-        return np.concatenate([off, (udot[n:] - self.rates) / self.rate_size])
+            return np.asarray(error)
+        return np.concatenate([error, (udot[n:] - self.rates) / self.rate_size])
 
-    def fits(self, found: Array) -> bool:
+    def fits(self, result: Array) -> bool:
         """Whether an array is accelerations, perhaps with q̇ below, at these states."""
         n, batch = self.acceleration.shape
-        return found.shape in ((n, batch), (n + len(self.rates), batch))
+        return result.shape in ((n, batch), (n + len(self.rates), batch))
 
     def wrong_rows(self, udot: Array) -> NDArray[np.bool_]:
         """The equations, then coordinates, that are not right."""

@@ -28,7 +28,7 @@ class Source:
     outside   values of names that the module's text does not give: of closures and of live modules
     root      the function itself, of a running session; None where it is found by its name
     form      how it takes the state; None where that has not been found out
-    told      what the user says of that: "ode" or None, and the order of the state's entries or None
+    declared      what the user says of that: "ode" or None, and the order of the state's entries or None
     """
 
     name: str
@@ -38,7 +38,7 @@ class Source:
     outside: dict[str, Any] = field(default_factory=dict)
     root: Any = None
     form: StateForm | None = None
-    told: tuple[str | None, Order] = (None, None)
+    declared: tuple[str | None, Order] = (None, None)
 
     @cached_property
     def module(self) -> ast.Module:
@@ -47,23 +47,27 @@ class Source:
 
     def user_module(self) -> UserModule:
         """The module, to be read."""
-        made = UserModule(self.name, self.module, self.path, True, dict(self.outside))
+        module = UserModule(self.name, self.module, self.path, True, dict(self.outside))
         text = self._text
-        made.codes, made.writes, made.nodes, made.number = (
+        module.codes, module.writes, module.nodes, module.number = (
             text.codes,
             text.writes,
             text.nodes,
             text.number,
         )
-        made.setters, made.classes, made.functions = text.setters, text.classes, text.functions
-        return made
+        module.setters, module.classes, module.functions = (
+            text.setters,
+            text.classes,
+            text.functions,
+        )
+        return module
 
     @cached_property
     def _text(self) -> UserModule:
         """What does not change from trace to trace."""
-        made = UserModule(self.name, self.module)
-        made.nodes, made.number = self.nodes, self.number
-        return made
+        module = UserModule(self.name, self.module)
+        module.nodes, module.number = self.nodes, self.number
+        return module
 
     @property
     def first_line(self) -> int:
@@ -94,16 +98,16 @@ class Source:
     def definition(self) -> ast.FunctionDef | None:
         """Where the function is defined, by its name alone; None for what an expression gives."""
         body: list[ast.stmt] = self.module.body
-        found: ast.AST | None = None
+        definition: ast.AST | None = None
         for part in self.qualified.split("."):
             if part == "<locals>":
                 continue
-            known = [s for s in body if isinstance(s, ast.FunctionDef | ast.ClassDef)]
-            found = next((s for s in reversed(known) if s.name == part), None)
-            if found is None:
+            definitions = [s for s in body if isinstance(s, ast.FunctionDef | ast.ClassDef)]
+            definition = next((s for s in reversed(definitions) if s.name == part), None)
+            if definition is None:
                 return None
-            body = found.body
-        return found if isinstance(found, ast.FunctionDef) else None
+            body = definition.body
+        return definition if isinstance(definition, ast.FunctionDef) else None
 
     @cached_property
     def _starts(self) -> tuple[tuple[int, ...], tuple[bytes, ...]]:
@@ -176,12 +180,12 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
 
 
 def source_of(rhs: str | Path | Callable[..., Any] | Equations) -> Source:
-    """The source of what a user hands over as equations of motion, with what is told of its state.
+    """The source of what a user hands over as equations of motion, with what is declared of its state.
 
     Raises InputError as `read_source`.
     """
     if isinstance(rhs, Equations):
-        return replace(read_source(rhs.rhs), told=(rhs.form, rhs.order))
+        return replace(read_source(rhs.rhs), declared=(rhs.form, rhs.order))
     return read_source(rhs)
 
 

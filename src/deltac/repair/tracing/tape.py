@@ -7,7 +7,8 @@ from it is computed again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, TypeAlias
 
@@ -141,9 +142,9 @@ class Tape:
                 exact = None
         with np.errstate(all="ignore"):
             value = operation(*(self.values[k] for k in slots))
-        made = self._append(operation, slots, value, exact, any(self.varying[k] for k in slots))
-        self._known[key] = made.index
-        return made
+        slot = self._append(operation, slots, value, exact, any(self.varying[k] for k in slots))
+        self._known[key] = slot.index
+        return slot
 
     def slot(self, value: Any) -> Slot:
         """A value as a slot; numbers become constants."""
@@ -175,6 +176,48 @@ class Tape:
         self.varying.append(varying)
         return Slot(self, len(self.operations) - 1)
 
+    # --- operations put in place of others ---------------------------------------------------------
+
+    @contextlib.contextmanager
+    def aside(self) -> Iterator[int]:
+        """What is computed within is taken off the tape afterwards; gives the first slot of it."""
+        first, noted, node = len(self.operations), self._known, self.node
+        self._known, self.node = {}, None
+        try:
+            yield first
+        finally:
+            self._known, self.node = noted, node
+            for entries in (
+                self.operations, self.inputs, self.nodes, self.values, self.exact, self.varying
+            ):  # fmt: skip
+                del entries[first:]
+
+    def spliced(self, slot: Slot, first: int, own: Container[int]) -> Change:
+        """What replaces one of the operations `own`: a number computed `aside`, of earlier slots."""
+        steps: set[int] = set()
+        outside: set[int] = set()
+        stack = [slot.index]
+        while stack:
+            k = stack.pop()
+            if k < first and k not in own:
+                outside.add(k)
+            elif k not in steps:
+                steps.add(k)
+                stack += self.inputs[k]
+        if not steps:
+            return Change(identity, (slot.index,))
+        inputs = tuple(sorted(outside))
+        program = [(k, self.operations[k], self.inputs[k], self.values[k]) for k in sorted(steps)]
+        last = slot.index
+
+        def operation(*values: Any) -> Any:
+            results = dict(zip(inputs, values))
+            for k, step, of, value in program:
+                results[k] = value if step is None else step(*[results[i] for i in of])
+            return results[last]
+
+        return Change(operation, inputs)
+
     # --- running it again -------------------------------------------------------------------------
 
     def after(self, index: int) -> tuple[int, ...]:
@@ -191,13 +234,13 @@ class Tape:
     def before(self, outputs: tuple[int, ...]) -> frozenset[int]:
         """The slots that some outputs depend on, with themselves."""
         if outputs not in self._before:
-            seen, stack = set(outputs), list(outputs)
+            slots, stack = set(outputs), list(outputs)
             while stack:
                 for k in self.inputs[stack.pop()]:
-                    if k not in seen:
-                        seen.add(k)
+                    if k not in slots:
+                        slots.add(k)
                         stack.append(k)
-            self._before[outputs] = frozenset(seen)
+            self._before[outputs] = frozenset(slots)
         return self._before[outputs]
 
     def run(

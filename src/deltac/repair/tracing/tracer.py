@@ -11,10 +11,8 @@ from __future__ import annotations
 import ast
 import builtins
 import contextlib
-import dataclasses
 import functools
 import inspect
-import itertools
 import operator
 import sysconfig
 import types
@@ -40,8 +38,8 @@ from deltac.simulation.state_form import PLAIN
 STANDARD = Path(sysconfig.get_path("stdlib"))
 """Python's own modules, whose functions are not traced."""
 
-TURNS = 20_000
-"""Turns of a while loop."""
+TURNS = 200_000
+"""Turns of all loops together."""
 
 LINES = 20_000
 """Lines of a module whose functions are traced; longer ones are generated, as CasADi's 70 000."""
@@ -67,10 +65,11 @@ OPERATORS: dict[str, Callable[..., Any]] = {
     "RShift": operator.rshift, "USub": operator.neg, "UAdd": operator.pos, "Invert": operator.invert,
 }  # fmt: skip
 
-COMPARED: dict[str, Any] = {
-    "Lt": "less", "LtE": "less_equal", "Gt": "greater", "GtE": "greater_equal", "Eq": "equal",
-    "NotEq": "not_equal",
+COMPARED = {
+    "Lt": ("less", "lt"), "LtE": ("less_equal", "le"), "Gt": ("greater", "gt"),
+    "GtE": ("greater_equal", "ge"), "Eq": ("equal", "eq"), "NotEq": ("not_equal", "ne"),
 }  # fmt: skip
+"""Comparisons that are traced: of arrays, and of two numbers."""
 
 COMPILERS = {"numba", "jax", "typeguard", "beartype", "line_profiler", "deltac", "jaxtyping", "cython",
              "overrides", "autograd"}  # fmt: skip
@@ -152,22 +151,22 @@ def branches(
     """
     override = override or {}
     open_sets = [np.arange(len(t))]
-    found: list[tuple[NDArray[np.intp], Trace]] = []
-    tried = 0
+    traces: list[tuple[NDArray[np.intp], Trace]] = []
+    count = 0
     while open_sets:
         which = open_sets.pop()
-        tried += 1
-        if tried > 3 * PATHS or len(found) > PATHS:
+        count += 1
+        if count > 3 * PATHS or len(traces) > PATHS:
             raise Refused(
                 f"{source.name}: more than {PATHS} ways through branches that depend on the state"
             )
         some = {key: value[which] for key, value in override.items()}
         try:
-            found.append((which, _Tracer(source, some).run(t[which], q[:, which], u[:, which])))
+            traces.append((which, _Tracer(source, some).run(t[which], q[:, which], u[:, which])))
         except Branch as branch:
             holds = np.broadcast_to(branch.holds, which.shape)
             open_sets += [which[~holds], which[holds]]
-    return sorted(found, key=lambda part: -len(part[0]))
+    return sorted(traces, key=lambda part: -len(part[0]))
 
 
 def form_of(source: Source) -> tuple[tuple[str, ...], int]:
@@ -177,10 +176,10 @@ def form_of(source: Source) -> tuple[tuple[str, ...], int]:
     """
     tracer = _Tracer(source, {})
     parameters = inspect.signature(tracer.guarded(tracer.callee)).parameters.values()
-    given = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
-    if not given and any(p.kind is p.VAR_POSITIONAL for p in parameters):
+    arguments = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    if not arguments and any(p.kind is p.VAR_POSITIONAL for p in parameters):
         return ("t", "q", "u"), 3
-    return tuple(p.name for p in given), sum(p.default is p.empty for p in given)
+    return tuple(p.name for p in arguments), sum(p.default is p.empty for p in arguments)
 
 
 def fields_of(value: Any) -> dict[str, Any]:
@@ -191,12 +190,13 @@ def fields_of(value: Any) -> dict[str, Any]:
         return vars(value)
     if type(value).__module__ != NAME or isinstance(value, type):
         return {}
-    held: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for cls in reversed(type(value).__mro__):
-        held |= vars(cls) if cls.__module__ == NAME else {}
+        fields |= vars(cls) if cls.__module__ == NAME else {}
     if hasattr(value, "_asdict"):
-        held |= value._asdict()
-    return {**held, **getattr(value, "__dict__", {})}
+        fields |= value._asdict()
+    slots = [name for name in getattr(value, "__slots__", ()) if hasattr(value, name)]
+    return {**fields, **{n: getattr(value, n) for n in slots}, **getattr(value, "__dict__", {})}
 
 
 class Imported:
@@ -241,7 +241,7 @@ class _Tracer:
         self.literal_of: dict[int, Any] = {}
         self.lives: dict[Any, Any] = {}
         self.scope: Mapping[str, Any] = {}
-        self.turns: dict[Any, int] = {}
+        self.turns = 0
         self.defaults: list[tuple[str, Any, Any]] = []
         self.arguments: dict[int, Any] = {}
 
@@ -294,14 +294,14 @@ class _Tracer:
     def callee(self) -> Any:
         """The function that is meant: an object of a running session, or what the module calls so."""
         if self.source.root is not None:
-            found = self.traced(self.source.root)
+            function = self.traced(self.source.root)
         else:
-            found = function_named(self.main.names, self.source.qualified)
-        if not callable(found) or isinstance(found, Foreign):
+            function = function_named(self.main.names, self.source.qualified)
+        if not callable(function) or isinstance(function, Foreign):
             raise Refused(
                 f"{self.source.name}: {self.source.qualified} is no function that can be traced"
             )
-        return found
+        return function
 
     def guarded(self, compute: Callable[[], Any]) -> Any:
         """What is computed; errors of Python's as refusals with the line where they are raised."""
@@ -316,40 +316,40 @@ class _Tracer:
             where = f"{name}:{line}"
             if isinstance(error, RecursionError):
                 raise Refused(f"{where}: calls itself without end") from None
-            said = str(error)
+            message = str(error)
             if isinstance(error, TapeError | library.NotUnderstood):
-                raise Refused(f"{where}: {said}. The function is traced: {READABLE}") from None
-            if "Slot" in said or "dtype('O')" in said:
+                raise Refused(f"{where}: {message}. The function is traced: {READABLE}") from None
+            if "Slot" in message or "dtype('O')" in message:
                 raise Refused(
-                    f"{where}: a computation that cannot be traced ({said}). Instead, {READABLE}"
+                    f"{where}: a computation that cannot be traced ({message}). Instead, {READABLE}"
                 ) from None
-            said = f"{where}: {type(error).__name__}: {said}"
+            message = f"{where}: {type(error).__name__}: {message}"
             if place is None or isinstance(error, NameError | ImportError):
-                raise Refused(said) from None
+                raise Refused(message) from None
             raise Failed(
-                f"{said}. The function is traced: call it once, and if Python raises the same error at this "
-                f"line, mend that first; else {READABLE}",
+                f"{message}. The function is traced: call it once, and if Python raises the same error at "
+                f"this line, mend that first; else {READABLE}",
                 name,
                 (line,),
             ) from None
 
     def place_of(self, error: BaseException) -> tuple[str, int] | None:
         """The file and line of the user's where an error was raised; None where it was in none."""
-        found, frame = None, error.__traceback__
+        place, frame = None, error.__traceback__
         while frame is not None:
             names = frame.tb_frame.f_globals
             if isinstance(names, _Namespace):
-                found = names.module.name, frame.tb_lineno
+                place = names.module.name, frame.tb_lineno
             frame = frame.tb_next
-        return found
+        return place
 
     def unused(self) -> None:
         """Read other plain constants, of the module and of the user's that it has by name.
 
         One of them may be what the function lacks.
         """
-        held = [_module_of(x) for x in self.main.names.values() if isinstance(x, Imported)]
-        for module in (self.main, *held):
+        modules = [_module_of(x) for x in self.main.names.values() if isinstance(x, Imported)]
+        for module in (self.main, *modules):
             for name in module.setters.keys() - module.names.keys():
                 statement = module.setters[name][0]
                 if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
@@ -415,23 +415,23 @@ class _Tracer:
         """A name that the module's text does not set: of a star import, or of a live module."""
         for star in module.stars:
             owner = self.module(module, star.module or "", star.level)
-            found = getattr(owner, name, None)
-            if found is not None and not isinstance(found, Foreign):
-                return found
+            value = getattr(owner, name, None)
+            if value is not None and not isinstance(value, Foreign):
+                return value
         if name in module.outside:
             return self.live(module.outside[name], name)
         raise KeyError(name)
 
     def module(self, module: UserModule, name: str, level: int = 0) -> Any:
         """What an import binds: a library, a module of the user's, or neither."""
-        found = None
+        value = None
         if not level:
             with contextlib.suppress(ImportError):
-                found = library.library(name)
-        if found is None and (level or name.partition(".")[0] not in COMPILERS):
-            beside = found_beside(module.path, name, level)
-            found = None if beside is None else Imported(self.opened(beside))
-        return Foreign(name) if found is None else found
+                value = library.library(name)
+        if value is None and (level or name.partition(".")[0] not in COMPILERS):
+            own = found_beside(module.path, name, level)
+            value = None if own is None else Imported(self.opened(own))
+        return Foreign(name) if value is None else value
 
     def live(self, value: Any, name: str) -> Any:
         """A value of a running session: numbers become constants under their name."""
@@ -440,15 +440,17 @@ class _Tracer:
         if isinstance(value, int | float | np.integer | np.floating):
             return self.named_constant(value if isinstance(value, int) else float(value), name)
         if isinstance(value, np.ndarray) or type(value).__module__.startswith("jax"):
-            held = np.asarray(value)
-            if held.dtype.kind not in "fiu":
+            numbers = np.asarray(value)
+            if numbers.dtype.kind not in "fiu":
                 return value
-            if held.ndim == 0:
-                return self.named_constant(held.item(), name)
-            made = np.empty(held.shape, dtype=object)
-            for k in np.ndindex(held.shape):
-                made[k] = self.named_constant(held[k].item(), f"{name}[{', '.join(map(str, k))}]")
-            return made
+            if numbers.ndim == 0:
+                return self.named_constant(numbers.item(), name)
+            array = np.empty(numbers.shape, dtype=object)
+            for k in np.ndindex(numbers.shape):
+                array[k] = self.named_constant(
+                    numbers[k].item(), f"{name}[{', '.join(map(str, k))}]"
+                )
+            return array
         if type(value) in (tuple, list):
             return type(value)(self.live(v, f"{name}[{k}]") for k, v in enumerate(value))
         if type(value) is dict:
@@ -458,16 +460,16 @@ class _Tracer:
     def named_constant(self, value: float, name: str) -> Slot:
         """A constant that has no text: known, and varied, by its name."""
         key: tuple[Any, ...] = ("live", name)
-        known = self.lives.get(key)
-        if known is not None and known.exact() != value:  # another constant of this name
+        slot = self.lives.get(key)
+        if slot is not None and slot.exact() != value:  # another constant of this name
             key = ("live", name, value)
-            known = self.lives.get(key)
-        if known is not None:
-            return known  # type: ignore[no-any-return]
+            slot = self.lives.get(key)
+        if slot is not None:
+            return slot  # type: ignore[no-any-return]
         node, self.tape.node = self.tape.node, None
-        given = self.override.get(key)
+        override = self.override.get(key)
         slot = self.tape.given(
-            np.float64(value) if given is None else given, exact=value, varying=False
+            np.float64(value) if override is None else override, exact=value, varying=False
         )
         self.tape.node = node
         self.lives[key] = slot
@@ -489,12 +491,12 @@ class _Tracer:
                 if isinstance(key, str):
                     self.note_parameters(key, value[key], part)
         elif isinstance(of, ast.Call):
-            held = value if isinstance(value, dict) else fields_of(value)
+            fields = value if isinstance(value, dict) else fields_of(value)
             if isinstance(value, functools.partial):
-                held = value.keywords
+                fields = value.keywords
             for keyword in of.keywords:
-                if keyword.arg is not None and keyword.arg in held:
-                    self.note_parameters(keyword.arg, held[keyword.arg], keyword.value)
+                if keyword.arg is not None and keyword.arg in fields:
+                    self.note_parameters(keyword.arg, fields[keyword.arg], keyword.value)
             if isinstance(value, np.ndarray) and of.args:
                 self.note_parameters(name, list(value), of.args[0])
         elif isinstance(of, ast.List | ast.Tuple) and isinstance(value, list | tuple):
@@ -523,10 +525,10 @@ class _Tracer:
             return function
         if python.__module__.partition(".")[0] in library.CALLED:
             return function
-        made = self.traced_function(python)
-        if made is not None and python is inspect.getattr_static(type(function), "__call__", None):
-            return types.MethodType(made, function)
-        return function if made is None else made
+        copy = self.traced_function(python)
+        if copy is not None and python is inspect.getattr_static(type(function), "__call__", None):
+            return types.MethodType(copy, function)
+        return function if copy is None else copy
 
     def traced_function(self, function: types.FunctionType) -> Any:
         """A function of a running session, compiled again from its text; None where it has none."""
@@ -556,20 +558,22 @@ class _Tracer:
         for name, cell in zip(code.co_freevars, function.__closure__ or ()):
             with contextlib.suppress(ValueError):  # a cell that is still empty
                 cells[name] = self.live(cell.cell_contents, name)
-        held = [cells.get(name) for name in code.co_freevars]
-        made = module.names.pop("made")(*held, {k: v for k, v in cells.items() if k != "__class__"})
-        made.__defaults__ = function.__defaults__ and tuple(
+        closure = [cells.get(name) for name in code.co_freevars]
+        copy = module.names.pop("made")(
+            *closure, {k: v for k, v in cells.items() if k != "__class__"}
+        )
+        copy.__defaults__ = function.__defaults__ and tuple(
             self.live(v, name)
             for name, v in zip(
                 code.co_varnames[: code.co_argcount][-len(function.__defaults__) :],
                 function.__defaults__,
             )
         )
-        made.__kwdefaults__ = {
+        copy.__kwdefaults__ = {
             k: self.live(v, k) for k, v in (function.__kwdefaults__ or {}).items()
         }
-        self.lives[id(function)] = function, made  # the function is kept alive
-        return made
+        self.lives[id(function)] = function, copy  # the function is kept alive
+        return copy
 
 
 class _Hooks:
@@ -585,47 +589,37 @@ class _Hooks:
 
     # --- scopes and loops -------------------------------------------------------------------------
 
-    def here(self, held: dict[str, Any], above: Mapping[str, Any] | None) -> Mapping[str, Any]:
+    def here(self, names: dict[str, Any], above: Mapping[str, Any] | None) -> Mapping[str, Any]:
         """What is in scope at a statement: its own names, then those of the functions around it."""
-        own = {k: v for k, v in held.items() if not k.startswith(instrument.SCOPE)}
+        own = {k: v for k, v in names.items() if not k.startswith(instrument.SCOPE)}
         if above:
             own = {**own, **above, **own}
         self.tracer.scope = own
         return own
 
-    def inner(self, held: dict[str, Any], above: Mapping[str, Any] | None) -> None:
+    def inner(self, names: dict[str, Any], above: Mapping[str, Any] | None) -> None:
         """The names of a comprehension or a lambda come into scope."""
-        self.tracer.scope = {**held, **(above or {}), **held}
-        for name, value in held.items():
+        self.turn()
+        self.tracer.scope = {**names, **(above or {}), **names}
+        for name, value in names.items():
             self.tracer.note_parameters(name, value, None)
+
+    def turn(self) -> None:
+        """One turn of a loop."""
+        self.tracer.turns += 1
+        if self.tracer.turns > TURNS:
+            raise Endless(f"{self.of.name}: a loop that has not ended after {TURNS} turns")
 
     def item(self, place: int, value: Any) -> None:
         """What a loop's variables hold in a turn."""
+        self.turn()
         self.named_target(self.of.nodes[place].target, value, None)  # type: ignore[attr-defined]
-
-    def turn(self, place: int) -> bool:
-        """One turn of a while loop."""
-        turns = self.tracer.turns[self.of.path, place] = (
-            self.tracer.turns.get((self.of.path, place), 0) + 1
-        )
-        if turns > TURNS:
-            line = self.of.nodes[place].lineno  # type: ignore[attr-defined]
-            raise Endless(f"{self.of.name}:{line}: a loop that has not ended after {TURNS} turns")
-        return True
 
     def over(self, value: Any) -> Any:
         """What a loop goes over: the numbers of an array of a running session become constants."""
         if isinstance(value, np.ndarray) and value.dtype.kind == "f":
             return self.tracer.live(value, "")
-        endless = itertools.count, itertools.cycle, itertools.repeat
-        return self.bounded(value) if isinstance(value, endless) else value
-
-    def bounded(self, values: Iterator[Any]) -> Iterator[Any]:
-        """What may never end, for so many turns."""
-        for k, value in enumerate(values):
-            if k > TURNS:
-                raise Endless(f"{self.of.name}: a loop that has not ended after {TURNS} turns")
-            yield value
+        return value
 
     # --- values -----------------------------------------------------------------------------------
 
@@ -654,8 +648,8 @@ class _Hooks:
 
     def remember(self, place: int, value: Any) -> None:
         if self.edited and isinstance(value, Slot | np.ndarray):
-            known = self.tracer.result.instances.setdefault(place, [])
-            known.append(Instance(value, self.tracer.scope))
+            instances = self.tracer.result.instances.setdefault(place, [])
+            instances.append(Instance(value, self.tracer.scope))
 
     def constant(self, place: int) -> Any:
         """A literal: one slot, however often it is evaluated, for it is one number."""
@@ -668,9 +662,9 @@ class _Hooks:
                 self.refuse(place, f"the constant {value!r}")
             tape = tracer.tape
             outer, tape.node = tape.node, place if self.edited else None
-            given = tracer.override.get(("literal", key))
+            override = tracer.override.get(("literal", key))
             slot = tape.given(
-                np.float64(value) if given is None else given, exact=value, varying=False
+                np.float64(value) if override is None else override, exact=value, varying=False
             )
             tape.node = outer
             tracer.literals[key], tracer.literal_of[slot.index] = slot, key
@@ -731,28 +725,14 @@ class _Hooks:
     def operate(self, place: int, op: str, *operands: Any) -> Any:
         """An operator's result; a sequence beside an array acts as an array, as with NumPy."""
         values = [library.arrayed(x) if isinstance(x, np.ndarray) else x for x in operands]
-        if op == "Mult" and any(isinstance(x, np.matrix) for x in values):
-            op = "MatMult" if all(isinstance(x, np.ndarray) for x in values) else op
         return self.noted(place, OPERATORS[op], *values)
 
     def compare(self, op: str, left: Any, right: Any) -> Any:
         """A comparison, entry by entry where there are arrays."""
-        match op:
-            case "Is":
-                return left is right
-            case "IsNot":
-                return left is not right
-            case "In" | "NotIn":
-                found = (
-                    plain(left) if isinstance(right, dict | set | frozenset | str) else left
-                ) in right
-                return found == (op == "In")
-        numbers = (Slot, np.ndarray, int, float, np.generic)
-        if isinstance(left, numbers) and isinstance(right, numbers):
-            return library.compared(COMPARISONS[COMPARED[op]], left, right)
-        return getattr(operator, {"LtE": "le", "GtE": "ge", "NotEq": "ne"}.get(op, op.lower()))(
-            left, right
-        )
+        ufunc, name = COMPARED[op]
+        if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
+            return library.compared(COMPARISONS[ufunc], left, right)
+        return getattr(operator, name)(left, right)
 
     def index(self, value: Any) -> Any:
         """An index or a key as Python's own number; one that depends on the state as it is."""
@@ -764,12 +744,6 @@ class _Hooks:
         """An attribute; those of arrays that only some libraries' arrays have."""
         if name == "__dict__":
             self.holder(place, base)
-        if isinstance(base, np.ndarray) and name == "at":
-            return library.At(base)
-        if isinstance(base, np.matrix) and name == "I":
-            return library.inverse(base)
-        if isinstance(base, types.FunctionType | functools.partial) and name == "py_func":
-            return base
         if getattr(base, "__module__", None) == library.__name__ and not hasattr(base, name):
             raise library.NotUnderstood(f"{ast.unparse(self.of.nodes[place])} is not understood")
         own = inspect.getattr_static(type(base), name, None)
@@ -829,10 +803,10 @@ class _Hooks:
             case ast.Subscript(slice=ast.Constant(value=str() as name)):
                 note(name, value, of)
             case ast.Tuple(elts=parts) | ast.List(elts=parts):
-                given = of.elts if isinstance(of, ast.Tuple | ast.List) else [None] * len(parts)
+                sources = of.elts if isinstance(of, ast.Tuple | ast.List) else [None] * len(parts)
                 value = list(value) if isinstance(value, ValuesView) else value
-                if isinstance(value, list | tuple) and len(value) == len(parts) == len(given):
-                    for one, entry, part in zip(parts, value, given):
+                if isinstance(value, list | tuple) and len(value) == len(parts) == len(sources):
+                    for one, entry, part in zip(parts, value, sources):
                         self.named_target(one, entry, part)
 
     def default(self, name: str, place: int | None, value: Any) -> Any:
@@ -856,9 +830,9 @@ class _Hooks:
             self.refuse(place, f"changes the outer variable {shown!r}, a side effect")
         names = target.elts if isinstance(target, ast.Tuple | ast.List) else [target]
         tracer = self.tracer
-        for name, held in zip(names, value if len(names) > 1 else [value]):
-            if isinstance(name, ast.Name) and isinstance(held, Slot):
-                index = held.index
+        for name, number in zip(names, value if len(names) > 1 else [value]):
+            if isinstance(name, ast.Name) and isinstance(number, Slot):
+                index = number.index
                 while tracer.tape.operations[index] is identity:
                     (index,) = tracer.tape.inputs[index]
                 if index in tracer.literal_of:
@@ -869,11 +843,16 @@ class _Hooks:
     # --- functions and classes --------------------------------------------------------------------
 
     def call(
-        self, place: int, places: tuple[int | None, ...], function: Any, *given: Any, **named: Any
+        self,
+        place: int,
+        places: tuple[int | None, ...],
+        function: Any,
+        *positional: Any,
+        **named: Any,
     ) -> Any:
         """A call's result: of the user's function, or of a library's as it acts on slots."""
         tracer = self.tracer
-        arguments = list(given)
+        arguments = list(positional)
         changed = (
             _changed_parameters(function) if any(p is not None for p in places) else frozenset()
         )
@@ -932,15 +911,15 @@ class _Hooks:
             value = function(*arguments, **named)
         node: Any = self.of.nodes[place]
         if isinstance(function, type):
-            held = fields_of(value)
+            fields = fields_of(value)
             with contextlib.suppress(TypeError, ValueError):
                 names = list(inspect.signature(function).parameters)
                 for name, part in [
                     *zip(names, node.args),
                     *((k.arg, k.value) for k in node.keywords),
                 ]:
-                    if name in held:
-                        tracer.note_parameters(name, held[name], part)
+                    if name in fields:
+                        tracer.note_parameters(name, fields[name], part)
         return self.load(place, value)
 
     def check(self, place: int, function: Any, module: str) -> None:
@@ -954,44 +933,22 @@ class _Hooks:
         self, place: int, function: Foreign, arguments: list[Any], named: dict[str, Any]
     ) -> Any:
         """Decorators of compilers, which leave a function as it is; everything else is refused."""
-        top, _, last = function.name.partition(".")[0], "", function.name.rpartition(".")[2]
-        if top in ("attr", "attrs", "pydantic", "chex", "flax", "equinox"):
-            if last in ("field", "ib", "attrib", "Field"):
-                factory = named.get("default_factory", named.get("factory"))
-                if factory is not None:
-                    return dataclasses.field(default_factory=factory)
-                return named.get("default", arguments[0] if arguments else dataclasses.field())
-            return self.decorator(function) if not arguments else _dataclass(arguments[0])
         if function.name == "numba.prange":
             return range(*map(plain, arguments))
-        if (top in COMPILERS and last not in DERIVING) or last in ("njit", "jit", "override"):
-            if arguments and (callable(arguments[0]) and not isinstance(arguments[0], Foreign)):
-                return arguments[0]
-            return Foreign(f"{top}.identity" if top in COMPILERS else "numba.identity")
-        if top in ("logging", "warnings", "tqdm"):
-            return Foreign("logging.logger")
-        self.refuse(place, f"calls {function.name}, which is not understood")
+        if not _compiles(function):
+            self.refuse(place, f"calls {function.name}, which is not understood")
+        if arguments and callable(arguments[0]) and not isinstance(arguments[0], Foreign):
+            return arguments[0]
+        return Foreign("numba.identity")
 
     def decorator(self, value: Any) -> Any:
         """What is called on a function or class to decorate it."""
-        if isinstance(value, Foreign):
-            top, last = value.name.partition(".")[0], value.name.rpartition(".")[2]
-            if top in ("attr", "attrs", "pydantic", "chex", "flax", "equinox"):
-                return _dataclass
-            if (top in COMPILERS and last not in DERIVING) or last in (
-                "njit",
-                "jit",
-                "override",
-                "jitclass",
-            ):
-                return lambda decorated: decorated
+        if isinstance(value, Foreign) and _compiles(value):
+            return lambda decorated: decorated
         return value
 
     def base(self, value: Any) -> Any:
         """A class that another derives from."""
-        if isinstance(value, Foreign):
-            kinds = ("BaseModel", "Module", "Struct")
-            return _Fields if value.name.rpartition(".")[2] in kinds else _Opaque
         return {Float: float, Int: int}.get(value, value)
 
     def annotation(self, text: str) -> Any:
@@ -1000,9 +957,9 @@ class _Hooks:
 
     def module(self, name: str, whole: bool) -> Any:
         """What `import name` binds: with `as` that module, else the package it is in."""
-        found = self.tracer.module(self.of, name)
+        module = self.tracer.module(self.of, name)
         root = name.partition(".")[0]
-        return found if whole or root == name else self.tracer.module(self.of, root)
+        return module if whole or root == name else self.tracer.module(self.of, root)
 
     def member(self, place: int, owner: str, level: int, name: str) -> Any:
         """What `from owner import name` binds."""
@@ -1011,10 +968,10 @@ class _Hooks:
             return self.lifted_member(getattr(module, name), name)
         except (AttributeError, KeyError):
             dotted = f"{owner}.{name}" if owner else name
-            found = self.tracer.module(self.of, dotted, level)
-            if isinstance(found, Foreign):
+            value = self.tracer.module(self.of, dotted, level)
+            if isinstance(value, Foreign):
                 raise ImportError(f"cannot import name {name!r} from {owner!r}") from None
-            return found
+            return value
 
     def lifted_member(self, value: Any, name: str) -> Any:
         return self.tracer.named_constant(value, name) if type(value) is float else value
@@ -1037,22 +994,10 @@ class _Entries:
         self.array[index] = value
 
 
-class _Opaque:
-    """Stands for a class of a package that is not imported."""
-
-    def __init__(self, *arguments: Any, **named: Any) -> None:
-        pass
-
-
-class _Fields:
-    """Stands for classes whose annotations are their fields: pydantic's, equinox's, flax's."""
-
-    def __init_subclass__(cls) -> None:
-        _dataclass(cls)
-
-
-def _dataclass(cls: Any) -> Any:
-    return dataclasses.dataclass(cls)
+def _compiles(value: Foreign) -> bool:
+    """Whether a decorator leaves what a function gives as it is."""
+    package, name = value.name.partition(".")[0], value.name.rpartition(".")[2]
+    return (package in COMPILERS and name not in DERIVING) or name in ("njit", "jit", "override")
 
 
 BUILTINS: dict[str, Any] = {
@@ -1071,8 +1016,6 @@ def _changed_parameters(function: Any) -> frozenset[int]:
     while isinstance(function, functools.partial | types.MethodType):
         shift += 1 if isinstance(function, types.MethodType) else len(function.args)
         function = function.__func__ if isinstance(function, types.MethodType) else function.func
-    if isinstance(function, np.ufunc):
-        return frozenset({function.nin})  # where it is given `out`
     if function in (np.fill_diagonal, np.copyto, np.put, np.place):
         return frozenset({0})
     if not isinstance(function, types.FunctionType):

@@ -19,7 +19,7 @@ from deltac.diagnosis.recommend.work_precision import Trial
 from deltac.diagnosis.study.convergence import order_text
 from deltac.diagnosis.study.runs import before_blow_up
 from deltac.diagnosis.study.study import Study
-from deltac.diagnosis.verdict import MEANINGS, Judged
+from deltac.diagnosis.verdict import MEANINGS, Judged, Verdict
 from deltac.energy import Ledger
 from deltac.errors import DeltacError
 from deltac.mechanism.channels import KINDS
@@ -55,7 +55,7 @@ from deltac.report.panels import (
     residuals,
     study_errors,
 )
-from deltac.results import Finding, Report, Section, Table, Verbatim, number, percent
+from deltac.results import Finding, Report, Section, Table, Verbatim, fraction, number, percent
 from deltac.simulation.equations import Equations
 from deltac.simulation.simulate import simulate
 from deltac.trajectories import Trajectory
@@ -94,6 +94,23 @@ class Beside:
     def mechanism(self) -> Mechanism | None:
         """The mechanism of the model."""
         return None if self.model is None else self.model.mechanism
+
+
+def _share(report: Audit | Study) -> tuple[tuple[str, str], ...]:
+    """The energy error beside the energy that the system has, what is accepted, and how sure it is."""
+    return (
+        (
+            "of the energy that the system has",
+            f"{percent(report.relative)} of {number(report.reference_energy, 'J')}",
+        ),
+        ("accepted", percent(report.tolerance)),
+        *_confidence(report.verdict),
+    )
+
+
+def _confidence(verdict: Verdict) -> tuple[tuple[str, str], ...]:
+    """How sure a verdict is; of what is not decided nothing is."""
+    return () if verdict.kind == "unresolved" else (("confidence", verdict.confidence),)
 
 
 @singledispatch
@@ -139,14 +156,7 @@ def _(report: Audit, beside: Beside) -> Page:
         **_verdict(report),
         numbers=(
             ("largest |ΔC|", f"{number(left, 'J', 3)} ± {number(bar, '', 2)}"),
-            (
-                "of the energy exchanged"
-                if report.beside == report.energy_exchanged
-                else "of the energy held",
-                f"{percent(report.relative)} of {number(report.beside, 'J')}",
-            ),
-            ("accepted", percent(report.tolerance)),
-            ("confidence", v.confidence),
+            *_share(report),
             ("samples", f"{len(run):,} over {number(run.duration, 's')}"),
         ),
         chapters=tuple(chapters),
@@ -174,14 +184,9 @@ def _(report: Study, beside: Beside) -> Page:
         **_verdict(report),
         numbers=(
             (f"|ΔC| at the finest {knob}", number(report.measures.left[-1], "J", 3)),
-            (
-                "of the energy exchanged",
-                f"{percent(report.relative)} of {number(report.energy_exchanged, 'J')}",
-            ),
-            ("accepted", percent(report.tolerance)),
+            *_share(report),
             *order,
             *nominal,
-            ("confidence", report.verdict.confidence),
         ),
         chapters=(
             Chapter("The evidence", (study_errors(report), orders(report), _rests_on(report))),
@@ -253,11 +258,11 @@ def _(report: EquationCheck, beside: Beside) -> Page:
         asked="Are these equations of motion the model's, and if not, where do they differ?",
         **_checked(report, fixed),
         numbers=(
-            ("largest residual", number(report.worst, digits=2)),
-            ("accepted", f"{number(report.tolerance, digits=2)} of an equation's terms"),
+            ("largest residual", f"{fraction(report.worst)} of an equation's terms"),
+            ("accepted", fraction(report.tolerance)),
             ("equations that fail", f"{len(report.blame)} of {len(report.relative_residual)}"),
             ("states", str(report.count)),
-            ("confidence", report.verdict.confidence),
+            *_confidence(report.verdict),
         ),
         chapters=tuple(chapters),
         scene=_right_and_wrong(report, beside),
@@ -364,7 +369,7 @@ def _(report: Recommendation, beside: Beside) -> Page:
     numbers: list[tuple[str, str]] = []
     if best is not None:
         numbers = [
-            ("|ΔC| of the energy exchanged", percent(best.energy)),
+            ("|ΔC| of the energy that the system has", percent(best.energy)),
             *(
                 []
                 if not np.isfinite(best.motion)
@@ -409,7 +414,7 @@ def _(report: Recommendation, beside: Beside) -> Page:
 
 
 _RECOMMENDED = {
-    0: "The cheapest setting tried that keeps the tolerance; a finer run confirms it.",
+    0: "The cheapest setting that keeps the tolerance, verified at every row.",
     1: "The best that was tried; it is not confirmed.",
     3: "",
 }
@@ -564,7 +569,9 @@ def _first_line(report: Report) -> str:
 
 
 def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]
+    """The text with a capital letter, unless it begins with a name or a symbol."""
+    first = text.partition(" ")[0].rstrip(",:.")
+    return text[:1].upper() + text[1:] if re.fullmatch("[a-z]+", first) else text
 
 
 def made(run: Trajectory | None, mechanism: Mechanism | None = None) -> tuple[tuple[str, str], ...]:

@@ -15,11 +15,11 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.report.panels import Bars, Flows, LogPlot, Panel, TimePlot
+from deltac.report.panels import Bars, Flows, HeatMap, LogPlot, Panel, TimePlot
 from deltac.results import Finding, Serialisable, Table, plain
 
-NUMBERS = 900_000
-"""Numbers of time histories that a page holds, about 5 MB; all plots together share them."""
+NUMBERS = 140_000
+"""Numbers of time histories that a page holds, 0.75 MB; all plots together share them."""
 
 STRETCHES = 4000
 """Stretches of which a history keeps the extremes: more than any screen has columns of pixels."""
@@ -86,13 +86,14 @@ class Stretches:
 
 @dataclass(frozen=True)
 class Grid(Panel):
-    """A table whose columns can be sorted."""
+    """A table whose columns can be sorted; `links` are of the last cells of its rows, "" for none."""
 
     title: str
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     numeric: tuple[bool, ...] = ()
     folded: bool = False
+    links: tuple[str, ...] = ()
     kind = "table"
 
     @classmethod
@@ -136,7 +137,7 @@ class Link(Panel):
     kind = "links"
 
 
-Part: TypeAlias = "TimePlot | LogPlot | Bars | Flows | Grid | Words | Code | Link"
+Part: TypeAlias = "TimePlot | LogPlot | HeatMap | Bars | Flows | Grid | Words | Code | Link"
 
 
 @dataclass(frozen=True)

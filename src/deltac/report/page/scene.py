@@ -18,7 +18,7 @@ from deltac.arrays import Array
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
 from deltac.mechanism.shapes import HalfSpace
-from deltac.report.page.forces import Arrow, arrows
+from deltac.report.page.forces import ARROWS, Arrow, arrows
 from deltac.report.page.geometry import (
     Drawn,
     Tie,
@@ -35,8 +35,8 @@ from deltac.report.page.geometry import (
 from deltac.report.page.parts import Numbers
 from deltac.trajectories import Trajectory
 
-POSES = 250_000
-"""Numbers of poses that a page holds, seven for each body and frame: 1.3 MB."""
+NUMBERS = 100_000
+"""Numbers that a page holds of what moves, seven for each body and frame, six for each force: 0.5 MB."""
 
 FRAMES = 3000
 """Instants at which bodies are placed, at most; 60 a second for 50 s."""
@@ -122,7 +122,8 @@ def scene(
 
 def _frames(mechanism: Mechanism, run: Trajectory, share: int) -> Instants:
     """The run at as many of its rows as the page holds, evenly in time."""
-    count = int(max(60, min(FRAMES, POSES / (7 * len(mechanism.bodies) * share))))
+    of_frame = 7 * len(mechanism.bodies) * share + 6 * min(ARROWS, len(run.forces))
+    count = int(max(60, min(FRAMES, NUMBERS / of_frame)))
     at = instants(mechanism, run)
     if len(at.t) <= count:
         return at

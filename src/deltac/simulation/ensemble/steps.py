@@ -74,7 +74,7 @@ class Advance:
         """
         self.flow, self.solver = flow, solver
         self.rows = flow.x.shape[0] * (1 + len(along))
-        size = int(_method(flow, solver).single_step.n_instructions()) * (1 + 2 * len(along))
+        size = _method(flow, solver).instructions * (1 + 2 * len(along))
         self.fused = 0
         if size <= FUSED_INSTRUCTIONS or along:
             if size > MOST_INSTRUCTIONS:

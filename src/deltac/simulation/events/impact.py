@@ -2,8 +2,10 @@
 
 Impulses go through the mass matrix and the constraints. Without friction: Newton's restitution, all contacts
 that touch at once as one complementarity problem (J. J. Moreau, Unilateral contact and dry friction in finite
-freedom dynamics, 1988), which makes no energy where their restitutions agree. Otherwise, or where that would
-make some, one contact after the other, the fastest approach first; a contact with friction by `stronge`.
+freedom dynamics, 1988), which makes no energy where their restitutions agree. Otherwise, where that would
+make some, or where it is asked for, one contact after the other, the fastest approach first (C. Glocker, U.
+Aeberhard, The geometry of Newton's cradle, 2006, compare both); a contact with friction by `stronge`. Which
+law is right depends on how stiff the contacts are, and no rigid body has that.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.errors import DeltacError
 from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.events import Simultaneous
 from deltac.simulation.events.stronge import REST, collide
 from deltac.simulation.flow import Flow
 
@@ -34,7 +37,7 @@ class Contact:
     """A contact that may receive an impulse; its normal speed is `normal`·u + `drift`, of free speeds u (n,).
 
     `tangents` (2 by n) and `tangent_drift` (2,) give the slip; empty rows for a stop. The first direction of
-    a contact is its normal.
+    a contact is its normal. `sequential` asks for one impact after the other.
     """
 
     normal: Array
@@ -43,6 +46,7 @@ class Contact:
     tangent_drift: Array
     restitution: float
     friction: float
+    sequential: bool = False
 
     @property
     def rows(self) -> Array:
@@ -74,14 +78,15 @@ class Inertia:
         return self.R.T @ (self.R @ impulse)
 
 
-def resolve(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[Array]:
-    """Impulses of the contacts by direction (1 or 3 each), so that none approaches any more."""
-    smooth = all(not contact.friction for contact in contacts)
-    if smooth:
-        found = _together(inertia, contacts, u)
-        if found is not None:
-            return found
-    return _one_by_one(inertia, contacts, u)
+def resolve(
+    inertia: Inertia, contacts: Sequence[Contact], u: Array
+) -> tuple[list[Array], Simultaneous]:
+    """Impulses of the contacts by direction (1 or 3 each), so that none approaches any more; by which law."""
+    if not any(contact.friction or contact.sequential for contact in contacts):
+        impulses = _together(inertia, contacts, u)
+        if impulses is not None:
+            return impulses, "moreau"
+    return _one_by_one(inertia, contacts, u), "sequential"
 
 
 def _together(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[Array] | None:
@@ -171,15 +176,18 @@ class Collider:
 
     def collide(
         self, touching: Sequence[int], t: float, x: Array, p: Array
-    ) -> tuple[Array, dict[ChannelName, Array]]:
-        """The state after an impact of the points that touch, and the impulses by channel."""
+    ) -> tuple[Array, dict[ChannelName, Array], Simultaneous | None]:
+        """The state after an impact of the points that touch, and the impulses by channel.
+
+        The law where several received an impulse, which may then be another's by another law; else None.
+        """
         system, bound = self.flow.system, self.flow.bound
         free = system.free_u
         M, G_all, u_all, inertia, frames, contacts = self._meeting(touching, t, x, p)
-        found = resolve(inertia, contacts, u_all[free])
+        pushes, law = resolve(inertia, contacts, u_all[free])
         impulses: dict[ChannelName, Array] = {}
         total = np.zeros(len(u_all))
-        for k, rows, impulse in zip(touching, frames, found):
+        for k, rows, impulse in zip(touching, frames, pushes):
             pushed = rows[: len(impulse)].T @ impulse
             total += pushed
             channel = self.points[k].channel
@@ -208,7 +216,8 @@ class Collider:
         after[u_part] += change[free]
         fed = self._fed(t, x, p, u_all, u_all + change, total, driving, tied)
         after[self.flow.tested] += np.array(fed).ravel()
-        return after, impulses
+        several = sum(bool(push.any()) for push in pushes) > 1
+        return after, impulses, law if several else None
 
     def _meeting(
         self, touching: Sequence[int], t: float, x: Array, p: Array
@@ -223,7 +232,7 @@ class Collider:
             _directions(n.ravel(), push, normal.ravel()) for normal, _, n, push, _, _ in numbers
         ]
         contacts = []
-        for rows, (_, drift, _, _, e, mu) in zip(frames, numbers):
+        for k, rows, (_, drift, _, _, e, mu) in zip(touching, frames, numbers):
             # What prescribed joints give the contact belongs to its drift.
             drifts = rows @ u_all - rows[:, free] @ u_all[free]
             drifts[0] += float(drift.item())
@@ -235,6 +244,7 @@ class Collider:
                     drifts[1:],
                     float(e.item()),
                     float(mu.item()) if len(rows) > 1 else 0.0,
+                    self.points[k].sequential,
                 )
             )
         return M, G_all, u_all, inertia, frames, contacts

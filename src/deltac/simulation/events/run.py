@@ -16,7 +16,7 @@ from deltac.dynamics.impacts import impact_points
 from deltac.errors import DeltacError, StateError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.events import Event, JointStop
+from deltac.mechanism.events import Event, JointStop, Simultaneous
 from deltac.simulation.events.impact import Collider
 from deltac.simulation.events.location import End, crossing, may_cross
 from deltac.simulation.events.switching import switched
@@ -82,6 +82,7 @@ class EventRun:
         p: the values of the parameters, with the sides of laws that switch.
         happened: the events so far.
         message: why the run cannot go on, if so; `ended` by which terminal event.
+        simultaneous: at how many instants several contacts were hit at once, by the law that resolved them.
     """
 
     def __init__(self, watch: Witnesses, collider: Collider, rate: StageRate, p: Array) -> None:
@@ -95,6 +96,7 @@ class EventRun:
         self._accumulation = Accumulation(watch.names)
         self._here: Witness | None = None  # at the state where the run is
         self.happened: list[Happened] = []
+        self.simultaneous: dict[Simultaneous, int] = {}
         self.message, self.ended = "", ""
         self.last: list[str] = []
 
@@ -240,10 +242,12 @@ class EventRun:
         """An impact of the points that touch; the state after it."""
         before, p_before = x, self.p.copy()
         try:
-            x, impulses = self.collider.collide(touching, t, x, self.p)
+            x, impulses, law = self.collider.collide(touching, t, x, self.p)
         except DeltacError as error:
             self.message = f"stopped at t = {t:.9g} s: {error}"
             return x
+        if law is not None:
+            self.simultaneous[law] = self.simultaneous.get(law, 0) + 1
         also = (*also, *self._jumped_over(t, x))
         sight = self._look(t, x)
         channels = dict.fromkeys(self.watch.points[k].channel for k in touching)

@@ -88,16 +88,22 @@ class FixedMethod:
     @cached_property
     def loop(self) -> StepLoop | None:
         """What takes many steps in one call; None where a step goes stage by stage from Python."""
-        flow, size = self.flow, int(self.single_step.n_instructions())
-        tableau = tableau_of(self.solver.name)
-        if (
-            size > FUSED_INSTRUCTIONS
-            and tableau is not None
-            and flow.bound is None
-            and not flow.correcting
-        ):
-            return _stages(flow, tableau)
-        return self._steps if size <= MOST_INSTRUCTIONS else None
+        if self.stages is not None and self.instructions > FUSED_INSTRUCTIONS:
+            return _stages(self.flow, self.stages)
+        return self._steps if self.instructions <= MOST_INSTRUCTIONS else None
+
+    @cached_property
+    def stages(self) -> Tableau | None:
+        """The tableau, where its stages and their sums are all that a step consists of."""
+        plain = self.flow.bound is None and not self.flow.correcting
+        return tableau_of(self.solver.name) if plain else None
+
+    @cached_property
+    def instructions(self) -> int:
+        """The size of a step: that of its stages, so that a large one is not written out to know it."""
+        if self.stages is not None:
+            return len(self.stages.b) * int(self.flow.rate.n_instructions())
+        return int(self.single_step.n_instructions())
 
     @property
     def _steps(self) -> StepLoop:

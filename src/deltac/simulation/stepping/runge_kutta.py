@@ -82,56 +82,6 @@ def tableau_of(name: str) -> Tableau | None:
     return _dop853() if name == "ode8" else _WRITTEN_OUT.get(name)
 
 
-@dataclass(frozen=True)
-class Embedded:
-    """The order of a lower method, and weights of local errors on all stages and on ẋ at the step's end."""
-
-    order: int
-    errors: tuple[tuple[float, ...], ...]
-
-
-EMBEDDED: dict[str, Embedded] = {
-    "ode3": Embedded(2, ((2 / 9 - 7 / 24, 1 / 3 - 1 / 4, 4 / 9 - 1 / 3, -1 / 8),)),
-    "ode5": Embedded(
-        4,
-        (
-            (
-                35 / 384 - 5179 / 57600,
-                0.0,
-                500 / 1113 - 7571 / 16695,
-                125 / 192 - 393 / 640,
-                -2187 / 6784 + 92097 / 339200,
-                11 / 84 - 187 / 2100,
-                -1 / 40,
-            ),
-        ),
-    ),
-    "ode8": Embedded(7, ()),
-}
-"""Methods with an embedded one; the weights of ode8 are SciPy's, loaded when they are needed."""
-
-
-@cache
-def _error_weights(name: str) -> tuple[tuple[float, ...], ...]:
-    if name != "ode8":
-        return EMBEDDED[name].errors
-    from scipy.integrate import DOP853
-
-    return tuple(tuple(map(float, weights)) for weights in (DOP853.E5, DOP853.E3))
-
-
-def embedded_step(name: str, f: Rate, t: Any, x: Any, h: Any) -> tuple[Any, list[Any]]:
-    """X one step later, and what embedded methods say of its local error."""
-    tableau = tableau_of(name)
-    assert tableau is not None, name
-    k: list[Any] = []
-    for row, c in zip(tableau.a, tableau.c):
-        k.append(f(t + c * h, _moved(x, h, row, k)))
-    after = _moved(x, h, tableau.b, k)
-    k.append(f(t + h, after))
-    return after, [_moved(0.0 * x, h, weights, k) for weights in _error_weights(name)]
-
-
 def growth(tableau: Tableau, z: complex) -> complex:
     """The stability function R(z): what a step makes of ẋ = λ x, z = h λ."""
     k: list[complex] = []

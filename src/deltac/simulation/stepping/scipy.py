@@ -11,6 +11,7 @@ from deltac.arrays import Array
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
+from deltac.simulation.step_size.sizes import NEAR_ZERO
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import Step, StepFailed, Stepper
 
@@ -29,15 +30,22 @@ class ScipySteps(Stepper):
         rate: StageRate,
         p: Array,
         tolerance: float,
+        sizes: Array,
         *,
         compiled: bool,
     ) -> None:
-        """`compiled` unless users' functions are called in between, whose derivatives are unknown."""
+        """Of states with `sizes` (n,).
+
+        `compiled` unless users' functions are called in between, whose derivatives are unknown.
+        """
         from scipy import integrate
 
         self._flow, self._rate, self._p = flow, rate, p
         self._make: Any = getattr(integrate, solver.name)
-        self._options: dict[str, Any] = {"rtol": max(tolerance, 1e-13), "atol": 1e-3 * tolerance}
+        self._options: dict[str, Any] = {
+            "rtol": max(tolerance, 1e-13),
+            "atol": NEAR_ZERO * tolerance * sizes,
+        }
         if compiled and solver.name in IMPLICIT:
             self._options["jac"] = self._jacobian()
         self._method: Any = None

@@ -18,6 +18,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
+from deltac.simulation.step_size.sizes import NEAR_ZERO
 from deltac.simulation.stepping.implicit.form import Form, Point
 from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid, Stepper
 
@@ -38,11 +39,13 @@ class SundialsSteps(Stepper):
     own: index 1, constraints on the level of accelerations.
     """
 
-    def __init__(self, flow: Flow, solver: Solver, p: Array, tolerance: float) -> None:
-        """Of a run with parameters p."""
+    def __init__(
+        self, flow: Flow, solver: Solver, p: Array, tolerance: float, sizes: Array
+    ) -> None:
+        """Of a run with parameters p, whose states have `sizes` (n,)."""
         self._flow, self._p, self._failed = flow, p, False
         equations = _implicit(flow) if solver.name == "IDAS" else _explicit(flow)
-        self._integrate = _Integration(equations, solver.name.lower(), tolerance)
+        self._integrate = _Integration(equations, solver.name.lower(), tolerance, sizes)
 
     def attempt(self, t: float, x: Array, until: float) -> Step:
         """To the next sample."""
@@ -149,18 +152,22 @@ _SILENCE = _Silence()
 class _Integration:
     """CasADi's integrators from one instant to another, in equal parts; time is scaled into the equations.
 
-    So one integrator serves intervals of every length, those that end at an event too.
+    So one integrator serves intervals of every length, those that end at an event too. States are scaled by
+    their sizes, since the methods have one absolute tolerance.
     """
 
-    def __init__(self, equations: dict[str, SX], plugin: str, tolerance: float) -> None:
+    def __init__(
+        self, equations: dict[str, SX], plugin: str, tolerance: float, sizes: Array
+    ) -> None:
         dae = dict(equations)
+        self._sizes = sizes
         start = dae.pop("start", None)
         inputs = [dae["t"], dae["x"], dae["p"]]
         self._start = None if start is None else ca.Function("start", inputs, [start])
         self._dae, self._plugin = dae, plugin
         self._options: dict[str, Any] = {
             "reltol": max(tolerance, 1e-13),
-            "abstol": 1e-3 * tolerance,
+            "abstol": NEAR_ZERO * tolerance,
             "max_num_steps": MOST_STEPS,
             "show_eval_warnings": False,
             "disable_internal_warnings": True,  # what they say is said in the run's message
@@ -175,28 +182,27 @@ class _Integration:
             # digits than they have.
             states, others = dae["x"].shape[0], dae["z"].shape[0]
             self._options["suppress_algebraic"] = True
-            self._options["abstolv"] = [1e-3 * tolerance] * states + [1e3 * tolerance] * others
+            self._options["abstolv"] = [NEAR_ZERO * tolerance] * states + [1e3 * tolerance] * others
         self._known: dict[int, Any] = {}
 
     def __call__(self, x: Array, t: float, length: float, parts: int, p: Array) -> Array:
         """States (parts, n) at the ends of equal parts of [t, t + length]; RuntimeError where it fails."""
         if parts not in self._known:
             self._known[parts] = self._integrator(parts)
-        given: dict[str, Any] = {"x0": x, "p": np.concatenate([p, [t, length]])}
+        given: dict[str, Any] = {"x0": x / self._sizes, "p": np.concatenate([p, [t, length]])}
         if self._start is not None:
             given["z0"] = self._start(t, x, p)
         with _SILENCE:
-            return np.array(self._known[parts](**given)["xf"]).T
+            return np.array(self._known[parts](**given)["xf"]).T * self._sizes
 
     def _integrator(self, parts: int) -> Any:
         dae = self._dae
         passed, origin, length = ca.SX.sym("passed"), ca.SX.sym("origin"), ca.SX.sym("length")
+        old, new = [dae["t"], dae["x"]], [origin + length * passed, self._sizes * dae["x"]]
         moved: dict[str, Any] = {
-            name: ca.substitute(dae[name], dae["t"], origin + length * passed)
-            for name in ("ode", "alg")
-            if name in dae
+            name: ca.substitute([dae[name]], old, new)[0] for name in ("ode", "alg") if name in dae
         }
-        moved["ode"] = length * moved["ode"]
+        moved["ode"] = length * moved["ode"] / self._sizes
         p = ca.vertcat(dae["p"], origin, length)
         problem: dict[str, Any] = {**dae, **moved, "t": passed, "p": p}
         grid = [k / parts for k in range(1, parts + 1)]

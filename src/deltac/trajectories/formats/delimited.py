@@ -171,6 +171,7 @@ _LOOKED_AT = 2**18
 """Bytes at the start of a table in which its form is looked for."""
 _MOST_HEADERS = 4
 _BLANKS = re.compile(rb"[ \t]+")
+_COMMENTS = re.compile(rb"^[ \t]*(#|%|//)", re.MULTILINE)
 
 
 def _in_utf8(data: bytes) -> bytes:
@@ -234,8 +235,12 @@ def _foreign(data: bytes) -> _Table | None:
     names, units = _names_and_units(headers, len(headers[0]) if headers else width)
     start = len("".join(lines[:first]).encode())
     rest = data.removeprefix(_BYTE_ORDER_MARK)[start:]
-    if first and rest.find(head := lines[first - 1].strip().encode()) >= 0 and head:
-        rest = b"\n".join(line for line in rest.split(b"\n") if line.strip() != head)  # said again
+    head = lines[first - 1].strip().encode() if first else b""
+    if (head and head in rest) or _COMMENTS.search(
+        rest
+    ):  # names said again, remarks among the rows
+        rows = (row for row in rest.split(b"\n") if row.strip() != head or not head)
+        rest = b"\n".join(row for row in rows if not _COMMENTS.match(row))
     Limits.current().check("columns", width, "the log has")
     Limits.current().check("header", start, f"line {first + 1}: the lines before the rows are of")
     return _Table(distinct(names), units, first, rest.rstrip(), dialect)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 from deltac.calls.arguments import checked
+from deltac.calls.stubs import registered
 from deltac.errors import FileError, InputError, LimitError, UnknownName, closest
 from deltac.foreign.files import appearing, opened
 from deltac.foreign.limits import Limits, require_memory
@@ -26,10 +27,9 @@ from deltac.trajectories.formats.opensim import is_opensim_folder, read_opensim,
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
 from deltac.trajectories.formats.raw import RawLog, checked_raw
 from deltac.trajectories.formats.reading import ColumnReading, LogReading
-from deltac.trajectories.formats.recognition import arrays_named
 from deltac.trajectories.formats.records import read_json, read_json_lines
 from deltac.trajectories.formats.rosbag import is_bag_folder, read_bag
-from deltac.trajectories.trajectory import FloatArray, Trajectory
+from deltac.trajectories.trajectory import Trajectory
 
 # --- logs on disk --------------------------------------------------------------------------------
 
@@ -70,7 +70,11 @@ FORMATS: Mapping[str, Format] = {
     ".sto": _OPENSIM,
     ".mot": _OPENSIM,
 }
-"""Every suffix of a log, and its format."""
+"""Every suffix of a log, and its format.
+
+Other packages add their own by entry points of the group ``deltac.formats``, named by the suffix:
+``".chrono" = "module:FORMAT"``, a `Format`.
+"""
 
 FOLDERS: Sequence[tuple[Callable[[Path], bool], Callable[[Path], RawLog]]] = (
     (is_bag_folder, read_bag),
@@ -84,6 +88,7 @@ def is_log_folder(path: Path) -> bool:
     return any(is_one(path) for is_one, _ in FOLDERS)
 
 
+@checked
 def write_trajectory(run: Trajectory, path: str | Path) -> None:
     """Write a log in the format of its suffix (see `FORMATS`); reading it back is bitwise equal.
 
@@ -134,7 +139,7 @@ def read_trajectory(
         InputError: that names the file and, where it applies, column and row.
     """
     with naming(log):
-        return _reading(log, mapping, model, only_episode).trajectory()
+        return log_reading(log, mapping, model).trajectory()
 
 
 def explain(
@@ -145,7 +150,7 @@ def explain(
     What is missing, or cannot be used, is a reading whose note says so.
     """
     with naming(log):
-        return _reading(log, mapping, model).explain()
+        return log_reading(log, mapping, model, lambda raw: raw).explain()
 
 
 def draft_mapping(log: Any, model: Any) -> str:
@@ -155,22 +160,17 @@ def draft_mapping(log: Any, model: Any) -> str:
     """
     with naming(log):
         title = Path(log).name if isinstance(log, str | Path) else "a table"
-        return _reading(log, None, model, first_episode).draft(title)
+        return log_reading(log, None, model, first_episode).draft(title)
 
 
-def _reading(
-    log: Any, mapping: Any, model: Any, episode: Callable[[RawLog], RawLog] = lambda raw: raw
+def log_reading(
+    log: Any, mapping: Any, model: Any, episode: Callable[[RawLog], RawLog] = only_episode
 ) -> LogReading:
+    """How a log is read, with its columns as they are (`raw`): `episode` chooses one of several."""
     names = None if model is None else MechanismNames.of(model)
     known = as_mapping(mapping)
     raw = read_raw(log) if isinstance(log, str | Path) else checked_raw(read_table(log))
     return LogReading.of(episode(raw), known, names)
-
-
-def read_arrays(path: str | Path, names: Sequence[str], width: int) -> list[FloatArray]:
-    """Arrays (T, n) of a file that are called one of these names and have so many columns; none twice."""
-    with naming(path):
-        return arrays_named(read_raw(path), names, width)
 
 
 def read_raw(path: str | Path) -> RawLog:
@@ -242,6 +242,9 @@ def _format(path: str | Path, writing: bool = False) -> Format:
         raise FileError(f"{path}: {_REFUSED[suffix]}")
     options = {name: form for name, form in FORMATS.items() if form.write or not writing}
     if suffix not in options:
+        foreign: Format | None = registered("deltac.formats", suffix)
+        if foreign is not None and (foreign.write or not writing):
+            return foreign
         what = "format that deltac does not write:" if suffix in FORMATS else "unknown suffix"
         raise UnknownName(
             f"{path}: {what} {suffix!r}{closest(suffix, options)} "

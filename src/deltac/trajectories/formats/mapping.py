@@ -33,9 +33,10 @@ name if that is one of the log schema, and is ignored otherwise.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -117,6 +118,20 @@ def as_mapping(mapping: LogMapping | str | Path | None) -> LogMapping | None:
             "order of arguments is read_trajectory(log, mapping, mechanism)"
         )
     return mapping
+
+
+def with_step(mapping: LogMapping | str | Path | None, step: float) -> LogMapping:
+    """The mapping, or none, for rows that are `step` (s) apart whatever times the log has.
+
+    Raises InputError for a step that is not positive and finite.
+    """
+    if not 0.0 < step < math.inf:
+        raise InputError(
+            f"step is {step!r}; expected the time from row to row, a positive number of seconds"
+        )
+    known = as_mapping(mapping) or LogMapping({}, where="the step")
+    clock = Meaning("time", "", "the step between rows is given", step=step, where="the step")
+    return replace(known, sources={**known.sources, "time": clock})
 
 
 @dataclass(frozen=True)

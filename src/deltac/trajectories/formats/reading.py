@@ -31,16 +31,15 @@ from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
 from deltac.trajectories.formats.words import is_time
 from deltac.trajectories.rates import FEWEST, derived_speeds
-from deltac.trajectories.trajectory import FloatArray, Provenance, Trajectory
-
-LEFT_OUT = "left out"
-"""The note of provenance that says which rows were left out."""
-
-FRAMES = "frames"
-"""The note of provenance that says in which components velocities are that were turned."""
-
-BY_LAW = "by the laws of prescribed joints"
-"""The note of provenance that names the columns which the log lacks and the mechanism tells."""
+from deltac.trajectories.trajectory import (
+    BY_LAW,
+    FRAMES,
+    LEFT_OUT,
+    FloatArray,
+    Provenance,
+    Trajectory,
+    rounded_clock,
+)
 
 _LAW = "the law of its prescribed joint"
 
@@ -310,10 +309,10 @@ class LogReading:
                 if len(rows):
                     row = int(rows[0])
                     before, at = raw.columns[name][row - 1 : row + 1]
+                    remedy = "Leave out rows that are there twice, and give each motion a file of its own."
                     return LogError(
                         f"column {name!r} is called a time, but row {row} ({at:.9g}) is not later than the "
-                        f"row before ({before:.9g}). Leave out rows that are there twice, and give each "
-                        "motion a file of its own"
+                        f"row before ({before:.9g}). {rounded_clock(raw.columns[name]) or remedy}"
                     )
         hint = ""
         if guess is not None and guess.column:

@@ -569,14 +569,14 @@ def _widths(s: _Search, kind: str) -> list[list[str]]:
     return [every, rest] if len(s.floating) == 1 and rest else [every]
 
 
-def arrays_named(raw: RawLog, names: Sequence[str], width: int) -> list[FloatArray]:
+def arrays_named(
+    columns: Mapping[str, FloatArray], names: Sequence[str], width: int
+) -> list[FloatArray]:
     """Arrays (T, n) that are called one of the names, the first that is there, and have so many columns."""
     for name in names:
-        fitting = [
-            c for n, c in arrays_of(raw.columns).items() if key(n) == name and len(c) == width
-        ]
+        fitting = [c for n, c in arrays_of(columns).items() if key(n) == name and len(c) == width]
         if fitting:
-            return [np.column_stack([raw.columns[column] for column in c]) for c in fitting]
+            return [np.column_stack([columns[column] for column in c]) for c in fitting]
     return []
 
 

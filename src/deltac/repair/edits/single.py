@@ -1,0 +1,419 @@
+"""All single edits of a node: what else could stand in its place.
+
+One list for functions that are traced and for those that can only be run: signs, operators, functions,
+powers, numbers, names, indices; matrices transposed or inverted; parentheses elsewhere; arguments exchanged.
+Whether an edit is right is seen on the tape where its tree has a value there, else by tracing or running the
+text again.
+"""
+
+from __future__ import annotations
+
+import ast
+import itertools
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import TypeAlias
+
+from deltac.repair.edits.candidates import (
+    Candidate,
+    called,
+    family,
+    functions_used,
+    negated,
+    number_cost,
+    parents,
+    product,
+    short,
+    stem,
+    total,
+    variable,
+)
+from deltac.repair.edits.names import Names
+from deltac.repair.tracing.modules import bound
+from deltac.repair.tracing.source import Source
+
+FAMILIES = (
+    ("sin", "cos", "tan"),
+    ("arcsin", "arccos", "arctan"),
+    ("asin", "acos", "atan"),
+    ("sinh", "cosh", "tanh"),
+    ("sqrt", "square", "abs", "exp", "log", "sign"),
+    ("maximum", "minimum"),
+)
+"""Functions that are mistaken for each other."""
+
+NOT_IN_MATH = ("square", "abs", "sign")
+
+OPERATORS: dict[type[ast.operator], str] = {
+    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**",
+}  # fmt: skip
+
+SHOWN = {"+": "+", "-": "−"}
+
+ARGUMENTS = 6
+"""Arguments of a call that are exchanged."""
+
+LONGEST = 400
+"""Characters of what is written anew."""
+
+NEAR = 3
+"""How far from an index others are tried."""
+
+Edits: TypeAlias = Iterator[Candidate]
+
+
+def edits(source: Source, place: int, names: Names) -> Edits:
+    """Edits of a node that is evaluated: of an expression, or an update x += y."""
+    node = source.nodes[place]
+    edit = partial(Candidate, source, place)
+    own = short(source.segment(node))
+    match node:
+        case ast.UnaryOp(op=ast.USub()):
+            operand = short(source.segment(node.operand))
+            yield edit(node.operand, "sign", 1.0, f"{operand} enters with −, should be +")
+        case ast.expr() if not isinstance(node, ast.Constant):
+            cost = 1.1 + _oddity(source, place, node, names)
+            yield edit(negated(node), "sign", cost, f"{own} enters with +, should be −")
+    match node:
+        case ast.BinOp():
+            yield from _operators(source, place, node)
+        case ast.AugAssign():
+            yield from _updates(source, place, node)
+        case ast.Call():
+            yield from _functions(source, place, node)
+        case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
+            yield from _numbers(source, place, node, names)
+        case ast.Attribute(attr="T"):
+            text = short(source.segment(node.value))
+            yield edit(node.value, "order", 1.0, f"{text} should not be transposed")
+    if isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
+        shape = names.shape(place)
+        others = [text for text, other in names.arrays(place).items() if other == shape]
+        for text in others if shape else names.numbers(place):
+            if text != source.segment(node):
+                alike = family(text) == family(source.segment(node))
+                cost = 1.0 if alike else 1.15 if stem(text) == stem(own) else 1.3
+                entry = alike and isinstance(node, ast.Subscript)
+                yield edit(variable(text), "index" if entry else "name", cost)
+    if isinstance(node, ast.Name | ast.Attribute | ast.Subscript | ast.Call | ast.BinOp):
+        yield edit(ast.BinOp(node, ast.Pow(), ast.Constant(2)), "power", 1.2)
+        yield from _applied(source, place, node)
+    if isinstance(node, ast.Name | ast.Attribute | ast.Subscript | ast.Call):
+        yield from _arrays(source, place, node, names)
+
+
+def structure(source: Source, place: int, names: Names) -> Edits:
+    """Edits of a node that no tape shows: of indices, bounds, conditions, assignments, lists, calls."""
+    node = source.nodes[place]
+    match node:
+        case ast.Assign(targets=[ast.Name() | ast.Subscript() | ast.Attribute() as target]):
+            for op in (ast.Add(), ast.Sub()):
+                new = ast.AugAssign(target, op, node.value)
+                name = source.segment(target)
+                words = f"{name} = should be {name} {_symbol(op)}="
+                yield Candidate(source, place, new, "operator", 1.1, words)
+        case ast.AugAssign():
+            name, value = source.segment(node.target), source.segment(node.value)
+            for text in (f"{name} = {value}", f"{name} = -({value})"):
+                words = f"{name} is added to, and should be set: {text}"
+                yield Candidate(source, place, text, "operator", 1.15, words)
+        case ast.Subscript():
+            yield from _subscripts(source, place, node, names)
+        case ast.Tuple() | ast.List():
+            yield from _exchanges(source, place, node)
+
+
+def additions(source: Source, place: int, names: Names) -> Edits:
+    """What is forgotten beside a node: a name as a factor, a divisor or a term."""
+    node = source.nodes[place]
+    if not isinstance(node, ast.expr) or isinstance(node, ast.Constant) or names.constant(place):
+        return
+    edit = partial(Candidate, source, place)
+    parent = source.nodes[source.parent[place]]
+    outer = type(parent.op) if isinstance(parent, ast.BinOp) else None
+    own, shape = short(source.segment(node)), names.shape(place)
+    if outer not in (ast.Mult, ast.Div, ast.Pow):
+        for text in names.numbers(place):
+            factor = variable(text)
+            yield edit(product(node, factor), "factor", 1.6, f"{own} lacks the factor {text}")
+            divided = f"{own} must be divided by {text}"
+            yield edit(product(node, factor, True), "factor", 1.6, divided)
+    if outer not in (ast.Add, ast.Sub):
+        arrays = [text for text, other in names.arrays(place).items() if other == shape]
+        for text in arrays if shape else names.numbers(place):
+            for subtract, sign in ((False, "+"), (True, "−")):
+                new = total(node, variable(text), subtract)
+                cost = 1.5 if shape else 1.75
+                yield edit(new, "term", cost, f"{own} lacks the term {sign} {text}")
+
+
+# --- expressions ----------------------------------------------------------------------------------
+
+
+def _symbol(op: ast.operator) -> str:
+    return OPERATORS.get(type(op), "")
+
+
+def _oddity(source: Source, place: int, node: ast.expr, names: Names) -> float:
+    """How odd a minus is here: a factor's sign is that of its product, and a length's is not forgotten."""
+    parent = source.nodes[source.parent[place]]
+    factor = isinstance(parent, ast.BinOp) and isinstance(parent.op, ast.Mult | ast.Div)
+    first = factor and parent.left is node  # type: ignore[attr-defined]
+    return 0.02 * factor + 0.05 * (factor and not first) + 0.15 * names.constant(place)
+
+
+def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
+    """Another operator, operands exchanged, one of them left out, parentheses elsewhere."""
+    edit = partial(Candidate, source, place)
+    left, right = (short(source.segment(part)) for part in (node.left, node.right))
+    own, symbol = short(source.segment(node)), _symbol(node.op)
+    if isinstance(node.op, ast.MatMult):
+        words = f"{own}: the factors should be exchanged"
+        yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.1, words)
+    if not symbol:
+        return
+    for kind, other in OPERATORS.items():
+        if other == symbol or (kind is ast.Pow and not isinstance(node.right, ast.Constant)):
+            continue
+        signs = symbol in SHOWN and other in SHOWN
+        words = f"{own}: {symbol} should be {other}"
+        if signs:
+            words = f"{right} enters with {SHOWN[symbol]}, should be {SHOWN[other]}"
+        new = ast.BinOp(node.left, kind(), node.right)
+        yield edit(new, "sign" if signs else "operator", 1.0, words)
+    if symbol in "-/":
+        yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.0)
+    part = "term" if symbol in SHOWN else "factor"
+    noun = "exponent" if symbol == "**" else part
+    yield edit(node.left, part, 1.3, f"the {noun} {right} should not be there")
+    if symbol == "-":
+        yield edit(negated(node.right), part, 1.4, f"the term {left} should not be there")
+    if symbol != "**":
+        yield edit(node.right, part, 1.3, f"the {noun} {left} should not be there")
+    for tree in regrouped(node):
+        yield edit(tree, "order", 1.25)
+
+
+def regrouped(node: ast.BinOp) -> Iterator[ast.expr]:
+    """The same with parentheses elsewhere: (a + b) c for a + b c, a / (b c) for a / b c, (a b)² for a b²."""
+    left, right = node.left, node.right
+    if isinstance(left, ast.BinOp):
+        yield ast.BinOp(left.left, left.op, ast.BinOp(left.right, node.op, right))
+        if isinstance(left.left, ast.BinOp):
+            inner = left.left
+            tail = ast.BinOp(ast.BinOp(inner.right, left.op, left.right), node.op, right)
+            yield ast.BinOp(inner.left, inner.op, tail)
+    if isinstance(right, ast.BinOp):
+        yield ast.BinOp(ast.BinOp(left, node.op, right.left), right.op, right.right)
+        if isinstance(right.left, ast.BinOp):
+            inner = right.left
+            head = ast.BinOp(ast.BinOp(left, node.op, inner.left), inner.op, inner.right)
+            yield ast.BinOp(head, right.op, right.right)
+    for side, other in ((left, right), (right, left)):
+        if isinstance(side, ast.UnaryOp) and isinstance(side.op, ast.USub):
+            operands = (side.operand, other) if side is left else (other, side.operand)
+            yield negated(ast.BinOp(operands[0], node.op, operands[1]))
+
+
+def _updates(source: Source, place: int, node: ast.AugAssign) -> Edits:
+    """Another operator in an update: x += y for x -= y, x *= y for x /= y."""
+    symbol = _symbol(node.op)
+    target, value = source.segment(node.target), short(source.segment(node.value))
+    for kind, other in OPERATORS.items():
+        if symbol and kind is not ast.Pow and other != symbol:
+            signs = symbol in SHOWN and other in SHOWN
+            words = f"{target} {symbol}= should be {target} {other}="
+            if signs:
+                words = f"{value} enters with {SHOWN[symbol]}, should be {SHOWN[other]}"
+            new = ast.AugAssign(node.target, kind(), node.value)
+            yield Candidate(source, place, new, "sign" if signs else "operator", 1.0, words)
+
+
+def _functions(source: Source, place: int, node: ast.Call) -> Edits:
+    """Another function of the same family, or none; arguments exchanged, or one of them twice."""
+    edit = partial(Candidate, source, place)
+    name, arguments = called(node), node.args
+    own = short(source.segment(node))
+    if node.keywords or any(isinstance(a, ast.Starred) for a in arguments) or name == "range":
+        return
+    for other in next((group for group in FAMILIES if name in group), ()):
+        callee = _callee(source, node.func, other)
+        if other != name and callee is not None:
+            new = ast.Call(callee, arguments, [])
+            yield edit(new, "function", 1.0, f"{own}: {name} should be {other}")
+    nothing = f"{own}: {name} should not be there"
+    if len(arguments) == 1:
+        yield edit(arguments[0], "function", 1.2, nothing)
+    if len(arguments) > ARGUMENTS:
+        return
+    for i, j in itertools.permutations(range(len(arguments)), 2):
+        one, other = (source.segment(arguments[k]) for k in (i, j))
+        if one == other:
+            continue
+        twice = [*arguments[:i], arguments[j], *arguments[i + 1 :]]
+        words = f"{short(one)} should be {short(other)}"
+        yield edit(ast.Call(node.func, twice, []), "name", 1.2, words)
+        if i < j:
+            swapped = [*arguments]
+            swapped[i], swapped[j] = arguments[j], arguments[i]
+            words = f"{own}: {short(one, 30)} and {short(other, 30)} should be exchanged"
+            yield edit(ast.Call(node.func, swapped, []), "order", 1.05, words)
+
+
+def _exchanges(source: Source, place: int, node: ast.Tuple | ast.List) -> Edits:
+    """Two elements of a list or of an unpacking exchanged."""
+    index = isinstance(source.nodes[source.parent[place]], ast.Subscript)
+    if index or len(node.elts) > ARGUMENTS:
+        return
+    start, end = source.span(node)
+    for first, second in itertools.combinations(node.elts, 2):
+        (a, b), (c, d) = source.span(first), source.span(second)
+        one, other = source.text[a:b], source.text[c:d]
+        if one != other and len(one) + len(other) <= LONGEST:
+            text = source.text[start:a] + other + source.text[b:c] + one + source.text[d:end]
+            words = f"{short(one, 40)} and {short(other, 40)} should be exchanged"
+            yield Candidate(source, place, text, "order", 1.2, words)
+
+
+def _callee(source: Source, like: ast.expr, name: str) -> ast.expr | None:
+    """How a function is called beside another: np.cos where there is np.sin; None where it cannot be."""
+    if isinstance(like, ast.Attribute):
+        math = isinstance(like.value, ast.Name) and like.value.id == "math"
+        return None if math and name in NOT_IN_MATH else ast.Attribute(like.value, name, ast.Load())
+    names = {n for statement in source.module.body for n in bound(statement)}
+    return variable(name) if name in names else None
+
+
+def _applied(source: Source, place: int, node: ast.expr) -> Edits:
+    """A sine, a cosine, a root, or another unit of what is there."""
+    functions = functions_used(source)
+    for name in ("sin", "cos", "sqrt", "radians", "degrees") if functions else ():
+        like = ast.parse(functions.get(name) or next(iter(functions.values())), mode="eval").body
+        callee = variable(functions[name]) if name in functions else _callee(source, like, name)
+        if callee is not None:
+            yield Candidate(source, place, ast.Call(callee, [node], []), "function", 1.3)
+
+
+def _numbers(source: Source, place: int, node: ast.Constant, names: Names) -> Edits:
+    """Other small numbers (any other is found from the value that is required), or a name."""
+    own = node.value
+    assert isinstance(own, int | float)
+    others = (0, 1, 2, 3, 4, 0.5, own + 1, own - 1, 2 * own, own / 2, -own)
+    for other in dict.fromkeys(others):
+        if other != own:
+            cost = number_cost(float(other))
+            new = ast.Constant(other) if other >= 0 else negated(ast.Constant(-other))
+            yield Candidate(source, place, new, "number", cost)
+    if any(isinstance(around, ast.FunctionDef | ast.Lambda) for around in parents(source, place)):
+        for text in names.numbers(place):
+            yield Candidate(source, place, variable(text), "name", 1.4)
+
+
+# --- arrays ---------------------------------------------------------------------------------------
+
+
+def _arrays(source: Source, place: int, node: ast.expr, names: Names) -> Edits:
+    """What stands for an array: transposed, inverted, turned by a matrix or a function in scope."""
+    edit = partial(Candidate, source, place)
+    shape, own = names.shape(place), short(source.segment(node))
+    if not shape:
+        return
+    inverse = _inverse(source)
+    if len(shape) == 2:
+        transposed = ast.Attribute(node, "T", ast.Load())
+        yield edit(transposed, "order", 1.0, f"{own} should be transposed")
+    if len(shape) == 2 and shape[0] == shape[1] and inverse is not None:
+        yield edit(ast.Call(inverse, [node], []), "function", 1.4, f"{own} should be inverted")
+    if len(shape) == 1:
+        for text, other in names.arrays(place).items():
+            if other == (*shape, *shape):
+                inverted = [] if inverse is None else [ast.Call(inverse, [variable(text)], [])]
+                for matrix in (variable(text), *inverted):
+                    words = f"{own} lacks the factor {ast.unparse(matrix)}"
+                    yield edit(ast.BinOp(matrix, ast.MatMult(), node), "factor", 1.35, words)
+
+
+def _inverse(source: Source) -> ast.expr | None:
+    """How this source calls the inverse of a matrix."""
+    for node in source.nodes:
+        if isinstance(node, ast.Attribute) and node.attr in ("inv", "solve"):
+            return ast.Attribute(node.value, "inv", ast.Load())
+    return None
+
+
+# --- indices and bounds ---------------------------------------------------------------------------
+
+
+def _subscripts(source: Source, place: int, node: ast.Subscript, names: Names) -> Edits:
+    """The same part of other arrays, other slices, other indices, other variables of loops in them."""
+    edit = partial(Candidate, source, place)
+    base, own, counters = source.segment(node.value), source.segment(node), _counters(source, place)
+    arrays = names.arrays(place)
+    bases = [t for t, shape in arrays.items() if t != base and arrays.get(base) == shape]
+    texts = [text + own[len(base) :] for text in bases if names.shape(place)]
+    if isinstance(node.slice, ast.Slice | ast.Tuple):  # other slices of the same array
+        texts += [
+            source.segment(other)
+            for other in source.nodes
+            if isinstance(other, ast.Subscript)
+            and isinstance(other.slice, ast.Slice | ast.Tuple)
+            and source.segment(other.value) == base
+        ]
+    for text in dict.fromkeys(texts):
+        if text != own:
+            yield edit(text, "index", 1.05)
+    for part in _index_parts(node.slice):
+        for text in _other_indices(part, counters):
+            replacement = ast.parse(text, mode="eval").body
+            new = ast.Subscript(node.value, _replaced(node.slice, part, replacement), ast.Load())
+            plain = isinstance(replacement, ast.Constant) == isinstance(part, ast.Constant)
+            cost = (1.0 if plain else 1.15) + 0.1 * isinstance(replacement, ast.BinOp)
+            yield edit(new, "index", cost)
+
+
+def _index_parts(node: ast.expr) -> Iterator[ast.expr]:
+    """The parts of an index: single ones, and the ends of slices."""
+    for part in node.elts if isinstance(node, ast.Tuple) else [node]:
+        if isinstance(part, ast.Slice):
+            yield from (end for end in (part.lower, part.upper) if end is not None)
+        elif not (isinstance(part, ast.Constant) and not isinstance(part.value, int)):
+            yield part
+
+
+def _other_indices(part: ast.expr, counters: Sequence[str]) -> Sequence[str]:
+    own = ast.unparse(part)
+    texts: list[str] = []
+    if isinstance(part, ast.Constant) and isinstance(part.value, int):
+        texts += [str(k) for k in range(max(part.value - NEAR, 0), part.value + NEAR + 1)]
+    for name in counters:
+        texts += [name, f"{name} + 1", f"{name} - 1"]
+    if isinstance(part, ast.Name | ast.BinOp):
+        texts += [f"{own} + 1", f"{own} - 1"]
+        if isinstance(part, ast.BinOp):
+            texts.append(ast.unparse(part.left))
+    return [text for text in dict.fromkeys(texts) if text != own]
+
+
+def _replaced(tree: ast.expr, part: ast.expr, new: ast.expr) -> ast.expr:
+    """An index with one of its parts replaced."""
+    match tree:
+        case _ if tree is part:
+            return new
+        case ast.Tuple():
+            return ast.Tuple([_replaced(e, part, new) for e in tree.elts], tree.ctx)
+        case ast.Slice():
+            ends = (e and _replaced(e, part, new) for e in (tree.lower, tree.upper, tree.step))
+            return ast.Slice(*ends)
+    return tree
+
+
+def _counters(source: Source, place: int) -> Sequence[str]:
+    """Variables of the loops and comprehensions around a node."""
+    targets: list[ast.expr] = []
+    for node in parents(source, place):
+        if isinstance(node, ast.For):
+            targets.append(node.target)
+        elif isinstance(node, ast.ListComp | ast.GeneratorExp):
+            targets += [g.target for g in node.generators]
+    names = [n.id for target in targets for n in ast.walk(target) if isinstance(n, ast.Name)]
+    return list(dict.fromkeys(names))

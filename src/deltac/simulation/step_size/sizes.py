@@ -1,0 +1,64 @@
+"""How large the states of a run are: what an absolute tolerance is a share of."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import EPS, Array
+from deltac.dynamics.equations_of_motion import evaluate_at
+from deltac.dynamics.testing_functions import MOMENTUM
+from deltac.simulation.flow import Flow
+
+NEAR_ZERO = 1e-3
+"""Absolute tolerance of a state, by its size, as a share of the relative tolerance."""
+
+
+def state_sizes(flow: Flow, t: float, x: Array, xdot: Array, p: Array, duration: float) -> Array:
+    """Size (n,) of each state of a run, estimated at its start, in the state's own unit.
+
+    An angle has the size 1. A length has that of the largest one at the start; where all are zero, of the way
+    that can be covered in the time of the run, at most 1 m. A speed has the size that it has, or that it
+    reaches by its acceleration over the size of its coordinate, or by which that is passed in the run's time.
+    All energies and works have the size of the kinetic energy at these speeds.
+
+    Args:
+        flow: what is integrated.
+        t: time of the start.
+        x: the start (n,).
+        xdot: ẋ there (n,).
+        p: values of the parameters (np,).
+        duration: of the run, s.
+    """
+    q_part, u_part, z_part = flow.parts
+    q, u, udot = x[q_part], x[u_part], xdot[u_part]
+    turning_q, turning_u = _angles(flow)
+    length = float(np.abs(q[~turning_q]).max(initial=0.0))
+    if length <= EPS:
+        way = (np.abs(u) + np.abs(udot) * duration) * duration
+        length = min(1.0, float(way[~turning_u].max(initial=0.0))) or 1.0
+    travel = np.where(turning_u, 1.0, length)
+    reached = np.maximum(np.abs(u), np.sqrt(2.0 * np.abs(udot) * travel))
+    reached = np.maximum(reached, travel / duration)
+    speeds = np.where(
+        turning_u, reached[turning_u].max(initial=0.0), reached[~turning_u].max(initial=0.0)
+    )
+    moving = x.copy()
+    moving[u_part] = reached
+    (energies,) = evaluate_at(flow.energy, t, moving, p)
+    sums = np.full(x[z_part].shape, max(float(energies[-2]), EPS * abs(float(energies[-1]))))
+    for k, name in enumerate(flow.integrals, len(flow.works)):
+        if name.startswith(MOMENTUM):
+            sums[k] /= speeds.min()
+    return np.concatenate([np.where(turning_q, 1.0, length), speeds, sums])
+
+
+def _angles(flow: Flow) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which coordinates and which speeds of x are of angles; of the user's own the unit is not known."""
+    mechanism, free = flow.system.mechanism, flow.system.mechanism.free
+    if flow.own is not None:
+        return np.zeros(flow.q_size, bool), np.zeros(flow.u_size, bool)
+    return (
+        np.array([mechanism.coordinates[int(k)].unit != "m" for k in free.q], bool),
+        np.array([mechanism.speeds[int(k)].unit != "m/s" for k in free.u], bool),
+    )

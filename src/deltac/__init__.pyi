@@ -29,6 +29,8 @@ from deltac.diagnosis.audit.audit import Audit as Audit
 from deltac.diagnosis.audit.audit import audit as audit
 from deltac.diagnosis.check.check import EquationCheck as EquationCheck
 from deltac.diagnosis.check.check import check_equations as check_equations
+from deltac.diagnosis.correct import Correction as Correction
+from deltac.diagnosis.correct import correct_trajectory as correct_trajectory
 from deltac.diagnosis.check.localise import Localisation as Localisation
 from deltac.diagnosis.check.localise import localise as localise
 from deltac.diagnosis.check.table import check_table as check_table

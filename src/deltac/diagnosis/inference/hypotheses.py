@@ -213,6 +213,12 @@ class Fit:
     tangent: Array = field(repr=False)
     each: tuple[float, ...] = ()
 
+    def repeats(self, other: Fit) -> bool:
+        """Whether it is another set in more numbers, of which those that the other lacks are none."""
+        gap = np.abs(self.coefficients - other.coefficients)
+        deviation = np.sqrt(np.einsum("ij,jk,ik->i", self.tangent, self.covariance, self.tangent))
+        return bool(np.all(gap <= ALIKE * deviation + SINGULAR * np.abs(other.coefficients)))
+
     def deviation(self, place: int) -> Array:
         """Standard errors of the numbers of a cause."""
         start = sum(c.size for c in self.chosen[:place])
@@ -333,11 +339,14 @@ CERTAIN = float(np.log(99.0))
 EQUAL = float(np.log(100.0))
 """Log odds within which causes are not told apart."""
 
+ALIKE = 4.0
+"""Standard errors within which coefficients are the same."""
+
 SHORTLIST = 12
 """Causes of which the correlation of what they leave is looked at."""
 
-TOGETHER = 3
-"""Maximum number of simultaneous causes."""
+TOGETHER, MANY = 3, 24
+"""Maximum numbers of simultaneous causes, by prediction errors and by known accelerations."""
 
 
 BESIDE = 0.05
@@ -374,15 +383,17 @@ def search(
     candidates: Sequence[Candidate],
     exchanged: Callable[[Fit], Array],
     least: float,
+    most: int = TOGETHER,
 ) -> Posterior:
     """The causes with the best odds, one after the other, each beside all before.
 
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told.
+    `most` are found together.
     """
     best = nothing(len(blocks[0].causes))
     alternatives: tuple[Fit, ...] = ()
     scores: list[tuple[float, Candidate, float]] = []
-    for _ in range(TOGETHER):
+    for _ in range(most):
         fits: list[tuple[float, Fit]] = []
         for c in _promising(blocks, best, candidates):
             fit = fitted(blocks, (*best.chosen, c), best.theta)
@@ -415,5 +426,5 @@ def search(
             fit.tangent,
             (*best.each, odds),
         )
-        alternatives = tuple(f for e, f in near if f is not fit)
+        alternatives = tuple(f for _, f in near if not f.repeats(fit))
     return Posterior(best, alternatives, tuple(scores))

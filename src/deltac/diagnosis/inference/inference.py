@@ -32,6 +32,8 @@ from deltac.diagnosis.inference.flow import FORCES, LoggedForce, predict, transp
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
     EQUAL,
+    MANY,
+    TOGETHER,
     Block,
     Fit,
     Posterior,
@@ -466,7 +468,10 @@ class _Inferring:
         return trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
 
     def _search(self, block: Block) -> Posterior:
-        return search((block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least)
+        most = MANY if self._knows_accelerations else TOGETHER
+        return search(
+            (block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least, most
+        )
 
     def _of_method(self, end: tuple[Integrator, Rows], w: Array, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""

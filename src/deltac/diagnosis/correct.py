@@ -151,15 +151,15 @@ def correct_trajectory(model: ModelLike, log: Any, *, mapping: Any = None) -> Co
     remaining = np.abs(error).max(axis=0) * min(ratio, 1.0) + FLOW * scale
     corrected = _trajectory(mechanism, run, rows)
     part = _trajectory(mechanism, run, model_of_rows.rows(run).take(slice(len(rows.t))))
-    after, before = (balance(mechanism, r, "samples", ("wang",)) for r in (corrected, part))
+    ledger, log_ledger = (balance(mechanism, r, "samples", ("wang",)) for r in (corrected, part))
     return Correction(
         corrected,
         total,
         remaining,
         tuple(sizes),
-        float(np.abs(after.delta_c["wang"]).max()),
-        float(np.abs(before.delta_c["wang"]).max()),
-        float(after.error_bar["wang"].max()),
+        float(np.abs(ledger.delta_c["wang"]).max()),
+        float(np.abs(log_ledger.delta_c["wang"]).max()),
+        float(ledger.error_bar["wang"].max()),
         result,
     )
 

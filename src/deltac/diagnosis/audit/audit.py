@@ -149,7 +149,8 @@ class Audit(
             energy, error = self.attribution.integrator.largest
             if energy > SIGNIFICANT * error:
                 accepted = tolerance * self.reference_energy
-                return self.integrator.step * (accepted / energy) ** (1.0 / self.integrator.order)
+                ratio = float((accepted / energy) ** (1.0 / self.integrator.order))
+                return self.integrator.step * ratio
             reason = f"its joules, {energy:.2g} J, are within their error"
         raise SolverError(
             f"step_for: {reason}. `deltac.recommend` finds a step by running the model"

@@ -60,8 +60,8 @@ class Deadline:
 
     def part(self, share: float) -> Deadline:
         """A deadline after a share of the time that is left."""
-        left = self._seconds - (time.monotonic() - self._start)
-        return Deadline(share * max(left, 0.0), self.left_out)
+        seconds = self._seconds - (time.monotonic() - self._start)
+        return Deadline(share * max(seconds, 0.0), self.left_out)
 
     def beside(self, seconds: float) -> Deadline:
         """A deadline of its own, so many seconds from now, which tells this one what it left out."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from deltac.mechanism.constraints import (
     angle,
+    belt,
+    bevel_gear,
+    differential,
     distance,
     gear,
     holonomic,
@@ -22,6 +25,9 @@ from deltac.mechanism.constraints import (
 
 __all__ = [
     "angle",
+    "belt",
+    "bevel_gear",
+    "differential",
     "distance",
     "gear",
     "holonomic",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from deltac.mechanism.contact import contact
 from deltac.mechanism.forces import (
+    force_field,
     gravity_compensation,
     joint_damper,
     joint_spring,
@@ -16,6 +17,7 @@ from deltac.mechanism.friction import friction_law, joint_friction, point_fricti
 
 __all__ = [
     "contact",
+    "force_field",
     "friction_law",
     "gravity_compensation",
     "joint_damper",

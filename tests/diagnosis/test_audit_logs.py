@@ -120,7 +120,7 @@ def test_without_accelerations_a_mistake_is_seen_and_placed() -> None:
     assert the_cause(found, "actuator-gear").factor == pytest.approx(1 / 1.1, rel=1e-3)
     assert found.ledger.basis["u̇"] == "derived"
     right = audit(model_of(ARM), replace(arm_run(), udot=None))
-    assert (right.verdict.kind, right.verdict.confidence) == ("consistent", "medium")
+    assert right.verdict.kind == "consistent" and not right.causes
 
 
 def test_a_run_in_which_nothing_moves() -> None:

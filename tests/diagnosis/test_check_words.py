@@ -21,7 +21,7 @@ def test_a_small_error_is_shown_with_the_digits_that_show_it() -> None:
     assert abs(given / right - 1.0 - 1e-6 / 9.81) < 1e-8  # three digits of the difference
     said = " ".join(found.explain().split())
     assert "enters with the factor 1 + 1.0e-07" in said
-    assert "e-06 %" not in said and "is off by 5.1e-08 of its terms" in said
+    assert "e-06 %" not in said and "is off by 5.1e-8 of its terms" in said
 
 
 def test_only_what_differs_is_shown_but_the_worst_always() -> None:

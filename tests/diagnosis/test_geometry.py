@@ -17,9 +17,9 @@ from scipy.optimize import least_squares
 
 import deltac as dc
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import candidates
-from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels
-from deltac.diagnosis.explain.geometry import displacements, geometry_columns
+from deltac.diagnosis.causes.causes import candidates
+from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
+from deltac.diagnosis.causes.geometry import displacements, geometry_columns
 from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 

@@ -32,14 +32,16 @@ def bar_and_error(audit: dc.Audit) -> tuple[float, float]:
 
 
 def test_the_bar_of_the_energy_covers_noise() -> None:
-    """|ΔC| of right equations stays within it in most logs; it is at most five times too wide."""
+    """ΔC of right equations stays within it in nine rows of ten; it is at most five times too wide."""
     run = log(RIGHT, "rk4", accelerations=False)
-    ratios = []
-    for seed in range(10):
-        bar, left = bar_and_error(dc.audit(MECHANISM, noisy(run, seed, 1e-4, 1e-2), work="samples"))
-        ratios.append(left / bar)
-    assert np.mean(np.array(ratios) <= 1.0) >= 0.9
-    assert np.median(ratios) > 0.2
+    shares, ratios = [], []
+    for seed in range(8):
+        audit = dc.audit(MECHANISM, noisy(run, seed, 1e-4, 1e-2), work="samples")
+        size, bar = np.abs(audit.energy_error), audit.ledger.error_bar[audit.function]
+        shares.append(float(np.mean(size <= bar)))
+        ratios.append(float(np.sqrt(np.mean(size**2) / np.mean(bar**2))))
+    assert np.mean(shares) >= 0.9
+    assert np.median(ratios) > 0.1  # half of it where ΔC is as noisy as the bar says
 
 
 def test_the_bar_of_the_energy_covers_digits() -> None:

@@ -95,7 +95,13 @@ def names(sample: Sample, what: str) -> list[str]:
     return [entry.name for entry in getattr(sample.mechanism, what) if not entry.prescribed]
 
 
-AT_REST = ("disc on the ground", "skate on a body", "gear on a driven shaft")
+AT_REST = (
+    "disc on the ground",
+    "skate on a body",
+    "gear on a driven shaft",
+    "bevel gear",
+    "differential",
+)
 """Examples without a law of t."""
 
 

@@ -83,7 +83,7 @@ def test_a_box_that_tumbles_through_stiff_contacts() -> None:
 
 def test_a_run_that_was_stopped_says_how_far_its_rows_are_off() -> None:
     p = dc.problems.load("triple-pendulum")
-    with pytest.warns(dc.SimulationStoppedWarning, match=r"energy error \|ΔC\| reaches"):
+    with pytest.warns(dc.SimulationStoppedWarning, match="Do not trust the rows"):
         run = dc.simulate(p.mechanism, p.state, 10.0, 0.1, "ode4")
     assert run.provenance.energy_error > 1e3  # J, of a pendulum with 12
 

@@ -78,3 +78,28 @@ def test_what_rests_needs_no_steps(solver: Options) -> None:
     )
     run = dc.simulate(resting, resting.state({"z": 0.1 - 9.81e6 / 3e7}), 10.0, None, solver)
     assert len(run) <= 201 and np.ptp(run.q) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["RK45", "DOP853", "LSODA"])
+def test_a_satellite_s_attitude_is_not_followed_below_rounding(name: str) -> None:
+    """Kilometres a second times kilograms turn a small body by rounding alone, 1e-7 rad/s².
+
+    By hand: the circle closes after its period, and the body turns at the rate that it had.
+    """
+    mass, spin = 100.0, 2e-3
+    satellite = dc.Mechanism(
+        [dc.bodies.sphere("satellite", mass, 0.5)],
+        [dc.free("base", "satellite")],
+        [
+            dc.forces.force_field(
+                "earth", "satellite", potential=f"-{mass * GM!r}/sqrt(x**2 + y**2 + z**2)"
+            )
+        ],
+    )
+    start = satellite.state({"base.x": R}, {"base.vy": np.sqrt(GM / R), "base.wz": spin})
+    period = 2 * np.pi * np.sqrt(R**3 / GM)
+    run = dc.simulate(satellite, start, period, None, dc.solvers.Scipy(name, 1e-9))
+    assert len(run) < 2000
+    assert np.abs(run.q[-1, :3] - [R, 0, 0]).max() < 1e-5 * R
+    turned = 2 * np.arctan2(run.coordinate("base.qz")[-1], run.coordinate("base.qw")[-1])
+    assert abs(np.angle(np.exp(1j * (turned - spin * period)))) < 1e-3

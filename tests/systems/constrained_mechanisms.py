@@ -28,6 +28,9 @@ from deltac.mechanism.bodies import body, rod
 from deltac.mechanism.constraints import (
     Constraint,
     angle,
+    belt,
+    bevel_gear,
+    differential,
     distance,
     gear,
     holonomic,
@@ -103,6 +106,9 @@ EXAMPLES: dict[str, tuple[Constraint, int]] = {
     "angle": (angle("c", "b1", "b3", "1 + 0.3*sin(t)", axis1=[1, 0, 1], axis2="y"), 1),
     "gear": (gear("c", "knuckle.first", "knuckle.second", "w", "0.1*t"), 1),
     "gear on a driven shaft": (gear("c", "knuckle.first", "drive", -2.0), 1),
+    "belt": (belt("c", "knuckle.first", 0.2, "knuckle.second", "w", crossed=True, phase="t"), 1),
+    "bevel gear": (bevel_gear("c", "knuckle.first", 20, "knuckle.second", 35), 1),
+    "differential": (differential("c", "knuckle.first", "knuckle.second", "drive", 2.5), 1),
     "holonomic": (holonomic("c", "q.knuckle.first**2 + sin(q.base.x*t) - q.drive"), 1),
     "motion": (
         motion_constraint("c", "q.base.y*u.base.vx + sin(t)*u.knuckle.first + u.drive - w*t"),

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from deltac.mechanism import shapes
 from deltac.mechanism.contact import Contact, contact
 from deltac.mechanism.forces import (
+    ForceField,
     GravityCompensation,
     JointDamper,
     JointSpring,
@@ -19,6 +20,7 @@ from deltac.mechanism.forces import (
     PointForce,
     SpringDamper,
     Tendon,
+    force_field,
     gravity_compensation,
     joint_damper,
     joint_spring,
@@ -58,6 +60,7 @@ ELEMENTS: dict[type, tuple[str, ...]] = {
     JointDamper: ("damper",),
     JointTorque: ("torque",),
     PointForce: ("force", "moment"),
+    ForceField: ("stream", "well"),
     SpringDamper: ("damped", "centred", "driven"),
     Tendon: ("cord", "coupling"),
     GravityCompensation: ("lift",),
@@ -128,6 +131,12 @@ def random_force(
             return point_force(
                 name, other, moment=[law(), "w_p", 0.0], frame=str(rng.choice(["world", "body"]))
             )
+        case "stream":
+            laws = [f"0.4*vy*z - {law()}", "-0.3*(vx - 0.2*cos(t)*y)", "sin(x)*w_p + 0.1*vz"]
+            return force_field(name, other, laws, rng.normal(size=3), on=one)
+        case "well":
+            potential = f"-k_p{swing}/sqrt(1 + x**2 + 2*y**2 + z**2) + 0.3*x*z"
+            return force_field(name, other, point=rng.normal(size=3), potential=potential, on=one)
         case "damped":
             return spring_damper(
                 name, one, other, **points, stiffness="k_p", damping=0.8, length=0.3

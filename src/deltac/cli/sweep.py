@@ -77,7 +77,7 @@ def sweep(
 
         import polars
 
-        (row,) = polars.read_parquet(io.BytesIO(made.found(only)())).to_dicts()
+        (row,) = polars.read_parquet(io.BytesIO(made.piece_at(only)())).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
     run(made, out, made.spec.execution, sweep.keywords, form, page)

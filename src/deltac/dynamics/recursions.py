@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 import casadi as ca
 
 from deltac.calls.caching import derived
-from deltac.dynamics.spatial import SX, Inertia, cross_force, cross_motion, spd_solve
+from deltac.dynamics.spatial import SX, Inertia, cross_motion, gyroscopic_force, spd_solve
 from deltac.dynamics.system import System
 
 
@@ -109,7 +109,7 @@ def rnea(system: System, udot: SX, base: SX | None = None) -> SX:
     V = link_velocities(system)
     A = accelerations(system, V, udot, base)
     F = [
-        link.inertia @ A[k] + cross_force(V[k], link.inertia @ V[k])
+        link.inertia @ A[k] + gyroscopic_force(link.inertia, V[k])
         for k, link in enumerate(system.links)
     ]
     return gather(system, F) + armature(system) * udot
@@ -151,7 +151,7 @@ def aba(system: System, tau: SX, base: SX | None = None) -> tuple[SX, SX]:
         for k, link in enumerate(links)
     ]
     articulated = [link.inertia for link in links]
-    p = [cross_force(V[k], link.inertia @ V[k]) for k, link in enumerate(links)]
+    p = [gyroscopic_force(link.inertia, V[k]) for k, link in enumerate(links)]
     U: list[SX] = [None] * len(links)
     D_inverse_U: list[SX] = [None] * len(links)
     D_inverse_y: list[SX] = [None] * len(links)

@@ -72,6 +72,19 @@ class Scene:
         W = next(link.W for link in system.links if link.joint.name == joint)
         return V, -ca.mtimes(W.T, slope), explicit
 
+    def field(self, potential: object, place: SX) -> tuple[SX, SX, SX]:
+        """Of a law V(x, y, z, t) at a place (3,): V, −∂V/∂(x, y, z), ∂V/∂t."""
+        t, x = ca.SX.sym("t"), ca.SX.sym("x", 3)
+        V = to_casadi(
+            potential, {**self.system.values, "t": t, **dict(zip("xyz", ca.vertsplit(x)))}
+        )
+        V, slope, explicit = ca.substitute(
+            [V, ca.jacobian(V, x).T, ca.jacobian(V, t)],
+            [ca.vertcat(x, t)],
+            [ca.vertcat(place, self.system.t)],
+        )
+        return V, -slope, explicit
+
     # --- joints
 
     def coordinates(self, joint: str) -> tuple[list[SX], SX | None]:
@@ -111,6 +124,10 @@ class Scene:
     def point(self, body: str, point: Sequence[object]) -> BodyPoint:
         """A point given in the frame of a body."""
         return BodyPoint(self.system, *self.system.point(body, point))
+
+    def point_at(self, body: str, place: SX) -> BodyPoint:
+        """The body's material point that is at a place in the world now."""
+        return BodyPoint.at(self.system, self.system.index[body], place)
 
     def place(self, body: str, point: Sequence[object]) -> SX:
         """World position of a point given in a body frame."""

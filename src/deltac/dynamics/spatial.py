@@ -248,6 +248,15 @@ class Inertia:
         )
 
 
+def gyroscopic_force(inertia: Inertia, V: SX) -> SX:
+    """V ×* (I V) of a rigid body, without m v × v: zero, but for rounding that turns a fast satellite."""
+    w, v = V[:3], V[3:]
+    from_turning = ca.mtimes(inertia.H.T, w)
+    angular = ca.mtimes(inertia.J, w) + ca.mtimes(inertia.H, v)
+    linear = from_turning + ca.mtimes(inertia.M, v)
+    return ca.vertcat(cross(w, angular) + cross(v, from_turning), cross(w, linear))
+
+
 def rigid_inertia(mass: SX, centre: SX, central: SX) -> Inertia:
     """Inertia of a rigid body about the origin; `centre` its mass centre, `central` about that."""
     c = ca.skew(centre)

@@ -465,8 +465,8 @@ def _require_trajectory(run: object) -> None:
         remedy = "; use deltac.read_trajectory(file)"
     elif hasattr(run, "member"):
         remedy = "; use ensemble.member(k)"
-    found = repr(run) if isinstance(run, str) else type(run).__name__
-    raise WrongType(f"run: expected a Trajectory, found {found}{remedy}")
+    kind = repr(run) if isinstance(run, str) else type(run).__name__
+    raise WrongType(f"run: expected a Trajectory, found {kind}{remedy}")
 
 
 def _method(run: Trajectory, work: str | None) -> str:
@@ -491,14 +491,14 @@ def _recorded(run: Trajectory) -> frozenset[ChannelName]:
 def _require_same_division(run: Trajectory, coordinates: CoordinateMap | None) -> None:
     """Kane–Levinson's E = K2 − K0 + V and its P must be divided by the same generalized speeds."""
     noted = run.provenance.coordinates
-    taken, _, names = run.provenance.notes.get("coordinates", "").partition(
+    digest, _, names = run.provenance.notes.get("coordinates", "").partition(
         " "
     )  # schema 3, before 0.3
     if noted:
-        known = CoordinateMap(**noted)
-        taken, names = known.digest, ", ".join(known.speeds)
-    if taken != ("" if coordinates is None else coordinates.digest):
-        of = f"in the own speeds {names}" if taken else "in the mechanism's speeds"
+        division = CoordinateMap(**noted)
+        digest, names = division.digest, ", ".join(division.speeds)
+    if digest != ("" if coordinates is None else coordinates.digest):
+        of = f"in the own speeds {names}" if digest else "in the mechanism's speeds"
         raise ModelError(
             f"coordinates: the integrals of Kane–Levinson's functions in this run were taken {of}; give "
             "balance none, so that it takes the same, or work='samples'"
@@ -599,9 +599,9 @@ def _start(samples: Samples) -> tuple[float, Array]:
 
 def _at_samples(kernel: Kernel, samples: Samples, log: LoggedForces) -> dict[str, Array]:
     """The outputs of a kernel at the samples, (T,) for each scalar and (T, n) for a column."""
-    found = at_samples(samples, *_evaluation(kernel, log))
+    values = at_samples(samples, *_evaluation(kernel, log))
     places = kernel.output_slices.items()
-    return {name: found[p][0] if p.stop - p.start == 1 else found[p].T for name, p in places}
+    return {name: values[p][0] if p.stop - p.start == 1 else values[p].T for name, p in places}
 
 
 def _evaluation(kernel: Kernel, log: LoggedForces) -> tuple[Powers, tuple[str, ...]]:

@@ -71,13 +71,15 @@ def discrete_work(
     bias = -rnea(s, ca.SX.zeros(nu))
     forces = ca.densify(ca.vertcat(bias, *acting.values()))
     kernel = Kernel(symbols.inputs, {"forces": forces}, name="forces")
-    given: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.held}
-    given["q"], given["u"] = samples.smooth["q"].values, samples.smooth["u"].values
-    given["udot"] = samples.smooth["u"].rates
-    arrays = {name: given[name] for name in kernel.input_names if name != "logged"}
+    quantities: dict[str, Array] = {"t": samples.t, **samples.plain, **samples.held}
+    quantities["q"], quantities["u"] = samples.smooth["q"].values, samples.smooth["u"].values
+    quantities["udot"] = samples.smooth["u"].rates
+    arrays = {name: quantities[name] for name in kernel.input_names if name != "logged"}
     if "logged" in kernel.input_names:
-        arrays["logged"] = np.concatenate([given[f"force {name}"] for name in log.places], axis=1)
-    found = kernel(**arrays)["forces"].reshape(len(run), -1, nu)
+        arrays["logged"] = np.concatenate(
+            [quantities[f"force {name}"] for name in log.places], axis=1
+        )
+    totals = kernel(**arrays)["forces"].reshape(len(run), -1, nu)
     h = np.diff(run.t)
     mean = 0.5 * (run.u[1:] + run.u[:-1])
 
@@ -85,7 +87,7 @@ def discrete_work(
         steps = h * np.einsum("ij,ij->i", force[:-1], mean)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
-    work = {name: cumulated(found[:, 1 + k]) for k, name in enumerate(acting)}
+    work = {name: cumulated(totals[:, 1 + k]) for k, name in enumerate(acting)}
     # ∂V/∂t does work though no force acts: a left-end sum, of the scheme's own order.
     driven = np.zeros(len(run))
     for part in symbols.parts:
@@ -97,4 +99,4 @@ def discrete_work(
             work[part.name] += steps
             driven += steps
     potential = frozenset(part.name for part in symbols.parts if part.potential is not None)
-    return DiscreteWork(work, driven, cumulated(found[:, 0]), potential)
+    return DiscreteWork(work, driven, cumulated(totals[:, 0]), potential)

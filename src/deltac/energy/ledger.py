@@ -235,11 +235,11 @@ class Ledger(
         rows = [
             (
                 name,
-                number(found["work"]) if found["resolved"] else "unresolved",
-                number(found["error"], digits=2),
+                number(work["work"]) if work["resolved"] else "unresolved",
+                number(work["error"], digits=2),
                 self.basis.get(name, "computed"),
             )
-            for name, found in self.works().items()
+            for name, work in self.works().items()
         ]
         changes = [(f"Δ{name}", number(change), "", "") for name, change in self.energies().items()]
         yield Table(("channel", "energy (J)", "± (J)", "basis"), (*rows, (), *changes))

@@ -122,15 +122,15 @@ _KEPT: LRUCache[LiveKernels] = LRUCache(16)
 
 
 def live_kernels(
-    mechanism: Mechanism, given: Given, testing: str, start: tuple[float, Array]
+    mechanism: Mechanism, rows: Given, testing: str, start: tuple[float, Array]
 ) -> LiveKernels:
     """Written out once for a mechanism and what its rows bring; compiled at the first call.
 
     `start`: time and free coordinates, where the independent constraints are chosen.
     """
     where = (start[0], start[1].tobytes()) if mechanism.constraints else None
-    key = (mechanism.digest(), given, testing, where)
-    return _KEPT.get(key, lambda: _written_out(mechanism, given, testing, start))
+    key = (mechanism.digest(), rows, testing, where)
+    return _KEPT.get(key, lambda: _written_out(mechanism, rows, testing, start))
 
 
 def _written_out(
@@ -138,11 +138,13 @@ def _written_out(
 ) -> LiveKernels:
     nu = len(mechanism.speeds)
     motion = equations_of_motion(mechanism)
-    known = {part.name for part in motion.channels}
-    known |= {ChannelName("prescribed", j.name) for j in mechanism.joints if j.prescribed}
-    known |= {ChannelName("constraint", c.name) for c in mechanism.constraints}
-    logged = [name for name in given.channels if name in known]
-    further = [name for name in given.channels if name not in known]
+    channels_of_model = {part.name for part in motion.channels}
+    channels_of_model |= {
+        ChannelName("prescribed", j.name) for j in mechanism.joints if j.prescribed
+    }
+    channels_of_model |= {ChannelName("constraint", c.name) for c in mechanism.constraints}
+    logged = [name for name in given.channels if name in channels_of_model]
+    further = [name for name in given.channels if name not in channels_of_model]
     logged += [GIVEN] if further else []
     places = {name: slice(k * nu, (k + 1) * nu) for k, name in enumerate(logged)}
     log = LoggedForces(dict.fromkeys(logged, list(range(nu))), places, nu * len(logged))
@@ -186,17 +188,17 @@ def _written_out(
     inner = ca.vertsplit(between.function(x, ca.SX(0, 1)), 2 * size)
     motions = [ca.vertcat(y[0], dy[0]), *inner, ca.vertcat(y[1], dy[1])]
     q, u, v = (slice(0, s.q.numel()), slice(s.q.numel(), size), slice(size + s.q.numel(), None))
-    found = []
+    nodes = []
     first, second = ca.SX.zeros(nu), ca.SX.zeros(nu)  # ∫ (1 − x) u dt and ∫ x u dt
     for node, weight, motion in zip(NODES, WEIGHTS, motions):
         t = before["t"] + node * width
         given_there = [(1 - node) * ends[0][name] + node * ends[1][name] for name in logged]
         values = {"t": t, "q": motion[q], "u": motion[u], "udot": motion[v]}
         values["logged"] = ca.vertcat(ca.SX(0, 1), *given_there)
-        found.append(_evaluated(ledger.between, values))
+        nodes.append(_evaluated(ledger.between, values))
         moved = weight * width * speeds(t, motion[q], motion[u])
         first, second = first + (1 - node) * moved, second + node * moved
-    powers = {name: [parts[name] for parts in found] for name in ("channels", "functions")}
+    powers = {name: [parts[name] for parts in nodes] for name in ("channels", "functions")}
     sums = {name: width * sum(w * p for w, p in zip(WEIGHTS, at)) for name, at in powers.items()}
     plain = width * 0.5 * (powers["functions"][0] + powers["functions"][-1])
 
@@ -207,19 +209,21 @@ def _written_out(
         name: ca.dot(ends[0][name], first) + ca.dot(ends[1][name], second) for name in further
     }
     works = {**{name: of_model[name] for name in channels}, **of_further}
-    held = [name for name in given.held if name in works and name not in ledger.potential]
-    steady = sum((works[name] for name in held), start=ca.SX(0))
+    steady_channels = [
+        name for name in given.held if name in works and name not in ledger.potential
+    ]
+    steady = sum((works[name] for name in steady_channels), start=ca.SX(0))
     mean = width * 0.5 * (speeds(*_state(before)) + speeds(*_state(after)))
-    steady_plain = sum((ca.dot(ends[1][name], mean) for name in held), start=ca.SX(0))
+    steady_plain = sum((ca.dot(ends[1][name], mean) for name in steady_channels), start=ca.SX(0))
     total, open_work = sums["functions"][0], sums["functions"][0] - steady
 
     # The energies of the new row, and the sums.
     values = {"t": after["t"], "q": after["q"], "u": after["u"], "udot": rates[1]}
     values["logged"] = ca.vertcat(ca.SX(0, 1), *(ends[1][name] for name in logged))
-    here = _evaluated(ledger.at_samples, values)
-    energies = Energies(*ca.vertsplit(here["energies"]))
+    row_values = _evaluated(ledger.at_samples, values)
+    energies = Energies(*ca.vertsplit(row_values["energies"]))
     E, K, V = function.E(energies), energies.K, energies.V
-    potential = ca.densify(here["potential"])
+    potential = ca.densify(row_values["potential"])
     so_far = ca.SX.sym("sums", len(SUMS) + len(works) + potential.numel())
     old = dict(zip(SUMS, ca.vertsplit(so_far)[: len(SUMS)]))
     cumulated = [so_far[len(SUMS) + k] + work for k, work in enumerate(works.values())]
@@ -248,10 +252,12 @@ def _written_out(
         for what, names in (("settings", SETTINGS), ("pair", PAIR), ("results", RESULTS))
     )
     exact = ca.simplify(open_work).is_zero()
-    off = pair["off"] + new["open"] - pair["open"] - settings["skipped"]
+    quadrature_error = pair["off"] + new["open"] - pair["open"] - settings["skipped"]
     paired = {
-        "off": ca.if_else(settings["second"], off, pair["off"]),
-        "largest": ca.fmax(pair["largest"], ca.if_else(settings["second"], ca.fabs(off), 0.0)),
+        "off": ca.if_else(settings["second"], quadrature_error, pair["off"]),
+        "largest": ca.fmax(
+            pair["largest"], ca.if_else(settings["second"], ca.fabs(quadrature_error), 0.0)
+        ),
         "jumped": pair["jumped"],
         "open": old["open"],
         "apart": old["apart"],

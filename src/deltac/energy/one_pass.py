@@ -217,9 +217,9 @@ class _Worker:
         kernel = kernels.at_samples
         self._x, self._y = aligned(kernel.n_in, room), aligned(layout.n_columns, room)
         self._y[-1] = self.width
-        known, self._integrals = self._y[: layout.n_out], self._y[layout.n_out : -1]
+        outputs, self._integrals = self._y[: layout.n_out], self._y[layout.n_out : -1]
         self._columns = [(a, self._x[where]) for a, where in _inputs(samples, log, kernels)]
-        self._kernel = kernel.bound_batch(self._x, known)
+        self._kernel = kernel.bound_batch(self._x, outputs)
         self._running = running = Running(size, layout.n_between)
         self._found = aligned(layout.rows.n_out, room)
         compared = partial(_bound, layout.rows, self._y, self._found)
@@ -231,13 +231,13 @@ class _Worker:
         for start in range(
             0, rows, step
         ):  # x of one part is overwritten by the next: it stays in cache
-            here = slice(start, min(start + step, _whole(rows)))
-            x = self._x[:, : here.stop - here.start]
+            columns = slice(start, min(start + step, _whole(rows)))
+            x = self._x[:, : columns.stop - columns.start]
             for a, where in _inputs(samples, log, kernels):
                 calls.append(transposing(a[start:], x[where], moving=True))
-            calls.append(kernel.bound_batch(x, known[:, here]))
-            some = slice(start, min(here.stop, rows))
-            calls.append(transposing(known[layout.between, some], running.powers[some]))
+            calls.append(kernel.bound_batch(x, outputs[:, columns]))
+            some = slice(start, min(columns.stop, rows))
+            calls.append(transposing(outputs[layout.between, some], running.powers[some]))
             if not start:
                 calls.append(running.start)
             while due and due[0].needed <= some.stop:
@@ -285,17 +285,17 @@ class _Worker:
         for a, x in self._columns:
             x[:, : high - low + 1] = a[low : high + 1].T
         self._kernel(0)
-        found = self._y[: layout.n_out, : high - low + 1]
-        between = found[layout.between]
+        outputs = self._y[: layout.n_out, : high - low + 1]
+        between = outputs[layout.between]
         fine, half, quarter = (
             self._ends.sums(np.ascontiguousarray(between[:, ::n]), n) for n in (1, 2, 4)
         )
         core = slice(first - low, last - low + 1)
         size = np.abs(between[:, core][:, :-1]).sum(axis=1)
-        here = slice(REACH, REACH + last - first + 1)
-        self._y[: layout.n_out, here] = found[:, core].copy()
+        block = slice(REACH, REACH + last - first + 1)
+        self._y[: layout.n_out, block] = outputs[:, core].copy()
         self._fine = fine[:, core] - fine[:, core.start, None]
-        self._integrals[:, here] = self._fine[list(layout.integrated)]
+        self._integrals[:, block] = self._fine[list(layout.integrated)]
         self._compared(0)
         ahead = (min(last + AHEAD + 1, high) - low) // 2 + 1
         error = fine[:, : 2 * ahead : 2] - half[:, :ahead]
@@ -323,8 +323,8 @@ class _Worker:
         if self._fine is None:
             return self._running.reached(rows)
         # A bar is that of the next row but one that windows on every second row see.
-        seen = np.minimum((rows + AHEAD + 1) // 2, self._most.shape[1] - 1)
-        return self._most[:, seen].T, self._least[:, seen].T
+        second = np.minimum((rows + AHEAD + 1) // 2, self._most.shape[1] - 1)
+        return self._most[:, second].T, self._least[:, second].T
 
 
 def _bound(kernel: Kernel, y: Array, out: Array, first: int, last: int) -> Call:
@@ -406,11 +406,11 @@ def in_one_pass(
     size = unit * max(1, ROWS // unit)
     layout = _Layout(symbols, kernels, functions)
     starts = range(0, count - 1, size)
-    kept = _All(layout, count) if keep is None else _Some(layout, part, count)
+    rows_kept = _All(layout, count) if keep is None else _Some(layout, part, count)
     turns, sums = _Turns(), list[_Sums]()
     nothing = np.zeros(layout.n_between)
-    gained, beyond = np.zeros(layout.n_functions), np.full(5, np.inf)
-    before = _Before(nothing, nothing, nothing, gained, beyond, -beyond)
+    gained, unbounded = np.zeros(layout.n_functions), np.full(5, np.inf)
+    before = _Before(nothing, nothing, nothing, gained, unbounded, -unbounded)
     workers = min(cores(), len(starts))
 
     def work(number: int) -> None:
@@ -418,21 +418,21 @@ def in_one_pass(
         worker = _Worker(samples, log, kernels, layout, size)
         for k in range(number, len(starts), workers):
             check_cancelled()
-            steps, found = worker.evaluate(starts[k])
+            steps, block = worker.evaluate(starts[k])
             with turns.turn(k):
-                here, before = before, before.after(found)
-                sums.append(found)
-            kept.keep(worker, starts[k], steps, here)
+                start, before = before, before.after(block)
+                sums.append(block)
+            rows_kept.keep(worker, starts[k], steps, start)
 
     kernels.at_samples.compile()
     spread(work, range(workers), workers)
-    rows, known, value, worst = kept.joined()
+    rows, outputs, value, worst = rows_kept.joined()
     width = float(samples.t[-1] - samples.t[0]) / (count - 1)
     finer, coarser = (np.sum([getattr(s, n) for s in sums], axis=0) for n in ("finer", "coarser"))
     bar = worst
     bar *= (width / reduction(finer, coarser, SAMPLED))[:, None]
     value *= width
-    first, last = np.abs(known[layout.between][:, [0, -1]]).T
+    first, last = np.abs(outputs[layout.between][:, [0, -1]]).T
     size_of = width * (np.sum([s.size for s in sums], axis=0) + 0.5 * (last - first))
     leading = layout.leading
     if not exact_to_rounding(bar[leading, -1].max(), size_of[leading].max(), count):
@@ -440,7 +440,7 @@ def in_one_pass(
     flow = np.append(np.sum([s.flow for s in sums], axis=0), size_of[layout.channels])
     return OnePass(
         rows,
-        known,
+        outputs,
         Integral(value.T, bar.T, "samples", observed_order(finer[leading], coarser[leading])),
         dict(zip((*kernels.conservative, *kernels.channels), flow.tolist())),
         size_of,
@@ -463,10 +463,10 @@ class _All:
     def keep(self, worker: _Worker, first: int, steps: int, before: _Before) -> None:
         """The rows of a block; the one after it too, where it is the last of all."""
         count = steps + (first + steps == self._known.shape[1] - 1)
-        rows, here = np.arange(count), slice(first, first + count)
-        self._known[:, here] = worker.known[:, :count]
-        self._value[:, here] = (worker.value(rows) + before.value).T
-        self._worst[:, here] = before.reached(*worker.reached(rows)).T
+        rows, block = np.arange(count), slice(first, first + count)
+        self._known[:, block] = worker.known[:, :count]
+        self._value[:, block] = (worker.value(rows) + before.value).T
+        self._worst[:, block] = before.reached(*worker.reached(rows)).T
 
     def joined(self) -> Joined:
         """Everything that was kept."""
@@ -482,8 +482,8 @@ class _Some:
 
     def keep(self, worker: _Worker, first: int, steps: int, before: _Before) -> None:
         """Some rows of a block."""
-        off = np.abs(worker.delta_c + before.delta_c[:, None]).max(axis=0)
-        rows = _picked(off, self._part, first == 0, first + steps == self._last)
+        error = np.abs(worker.delta_c + before.delta_c[:, None]).max(axis=0)
+        rows = _picked(error, self._part, first == 0, first + steps == self._last)
         if more := _extremes(worker, before):
             rows = np.unique(np.append(rows, more))
         self._found[first] = (
@@ -496,27 +496,27 @@ class _Some:
     def joined(self) -> Joined:
         """Everything that was kept, in order."""
         parts = zip(*(self._found[first] for first in sorted(self._found)))
-        rows, known, value, worst = (np.concatenate(part, axis=-1) for part in parts)
-        return rows, known, value, worst
+        rows, outputs, value, worst = (np.concatenate(part, axis=-1) for part in parts)
+        return rows, outputs, value, worst
 
 
 def _extremes(worker: _Worker, before: _Before) -> list[int]:
     """Rows of a block at which V or K is larger or smaller than ever before."""
-    found, here = list[int](), worker.sums
+    rows, sums = list[int](), worker.sums
     for k, energy in ((-2, worker.V), (-1, worker.K)):
-        if here.highest[k] > before.highest[k]:
-            found.append(int(energy.argmax()))
-        if here.lowest[k] < before.lowest[k]:
-            found.append(int(energy.argmin()))
-    return found
+        if sums.highest[k] > before.highest[k]:
+            rows.append(int(energy.argmax()))
+        if sums.lowest[k] < before.lowest[k]:
+            rows.append(int(energy.argmin()))
+    return rows
 
 
-def _picked(off: Array, part: int, first: bool, last: bool) -> NDArray[np.intp]:
+def _picked(error: Array, part: int, first: bool, last: bool) -> NDArray[np.intp]:
     """Of each part of a block (B,) the row that is furthest `off`; the ends of the log too."""
-    whole = (len(off) - 1) // part * part  # the last row is the next block's first
-    rows = off[:whole].reshape(-1, part).argmax(axis=1) + np.arange(0, whole, part)
-    rest = off[whole : None if last else -1]
-    more = [0] * first + [len(off) - 1] * last
+    whole = (len(error) - 1) // part * part  # the last row is the next block's first
+    rows = error[:whole].reshape(-1, part).argmax(axis=1) + np.arange(0, whole, part)
+    rest = error[whole : None if last else -1]
+    more = [0] * first + [len(error) - 1] * last
     if len(rest):
         more.append(whole + int(rest.argmax()))
     return np.unique(np.append(rows, more)) if more else rows

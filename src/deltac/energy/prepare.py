@@ -47,7 +47,7 @@ def checked_samples(
     else:
         basis["u̇"] = "derived"
         speeds = Smooth(u, lambda: _rates(run, u))
-    held = _held(run)
+    steady = _held(run)
     forces = {f"force {name}": values for name, values in log.values(run).items()}
     return Samples(
         t=run.t,
@@ -55,8 +55,8 @@ def checked_samples(
             "q": Smooth(q, lambda: _coordinate_rates(mechanism, run.t, q, u)),
             "u": speeds,
         },
-        plain={n: f for n, f in forces.items() if n.removeprefix("force ") not in held},
-        held={n: f for n, f in forces.items() if n.removeprefix("force ") in held},
+        plain={n: f for n, f in forces.items() if n.removeprefix("force ") not in steady},
+        held={n: f for n, f in forces.items() if n.removeprefix("force ") in steady},
         derived=frozenset({"u"} if run.udot is None else ()),
         inward=run.inward,
     ), basis
@@ -78,14 +78,14 @@ def _held(run: Rows) -> set[str]:
 
     In a log with fewer rows than steps such a force changed in between, as any other.
     """
-    step, held = run.provenance.step, run.provenance.held
+    step, channels = run.provenance.step, run.provenance.held
     if (
-        not held
+        not channels
         or step is None
         or not math.isclose(float(np.median(np.diff(run.t))), step, rel_tol=0.01)
     ):
         return set()
-    return set(held)
+    return set(channels)
 
 
 def _check_names(mechanism: Mechanism, run: Rows) -> None:
@@ -132,7 +132,7 @@ def _rates_kernel(mechanism: Mechanism) -> Kernel:
 
 def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
     """How far prescribed joints are from their laws, and quaternions from unit length, (T,)."""
-    found: dict[str, Array] = {}
+    departures: dict[str, Array] = {}
     t = ca.SX.sym("t")
     values = {**{n: ca.SX(v) for n, v in mechanism.parameters.items()}, "t": t}
     for joint in mechanism.joints:
@@ -141,16 +141,16 @@ def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
             law = ca.vertcat(*(to_casadi(entry, values) for entry in joint.motion))
             f = ca.Function("law", [t], [law, ca.jacobian(law, t)])
             q, u = (np.array(part).T for part in f.map(len(run))(run.t[None, :]))
-            found[f"coordinate {joint.name}"] = np.abs(run.q[:, q_place] - q).max(axis=1)
-            found[f"speed {joint.name}"] = np.abs(run.u[:, u_place] - u).max(axis=1)
+            departures[f"coordinate {joint.name}"] = np.abs(run.q[:, q_place] - q).max(axis=1)
+            departures[f"speed {joint.name}"] = np.abs(run.u[:, u_place] - u).max(axis=1)
         offset = KINDS[joint.kind].quaternion
         if offset is not None:
             start = q_place.start + offset
             quaternion = run.q[:, start : start + 4]
             norm = np.sqrt(np.einsum("ij,ij->i", quaternion, quaternion))  # norm(axis=1), but fast
-            found[f"quaternion {joint.name}"] = np.abs(norm - 1.0)
-    found.update(_constraint_violations(mechanism, run))
-    return found
+            departures[f"quaternion {joint.name}"] = np.abs(norm - 1.0)
+    departures.update(_constraint_violations(mechanism, run))
+    return departures
 
 
 def _constraint_violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
@@ -163,13 +163,13 @@ def _constraint_violations(mechanism: Mechanism, run: Trajectory) -> dict[str, A
     outputs = {"phi": rows.phi, "psi": rows.psi}
     kernel = system.once("violation", lambda: Kernel(inputs, outputs, name="violation"))
     free = mechanism.free
-    given = {"t": run.t, "q": run.q[:, free.q], "u": run.u[:, free.u]}
-    values = kernel(**{name: given[name] for name in inputs})
+    columns = {"t": run.t, "q": run.q[:, free.q], "u": run.u[:, free.u]}
+    values = kernel(**{name: columns[name] for name in inputs})
     phi, psi = (np.abs(values[n].reshape(len(run), -1)) for n in ("phi", "psi"))
-    found: dict[str, Array] = {}
+    departures: dict[str, Array] = {}
     for name in dict.fromkeys(rows.names):
         places = rows.places(name)
         if any(rows.holonomic[k] for k in places):
-            found[f"position {name}"] = phi[:, places].max(axis=1)
-        found[f"velocity {name}"] = psi[:, places].max(axis=1)
-    return found
+            departures[f"position {name}"] = phi[:, places].max(axis=1)
+        departures[f"velocity {name}"] = psi[:, places].max(axis=1)
+    return departures

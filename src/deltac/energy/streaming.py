@@ -103,9 +103,9 @@ class _Carry:
             for name, values in getattr(ledger, group).items():
                 # A bar grows from the chunk's first row on, overlap included: it is added whole.
                 start = 0.0 if group in _BARS else values[before]
-                here = self.last.get((group, name), 0.0) + values[core] - start
-                groups[group][name] = here
-                self.last[group, name] = float(here[-1])
+                continued = self.last.get((group, name), 0.0) + values[core] - start
+                groups[group][name] = continued
+                self.last[group, name] = float(continued[-1])
         through = np.arange(before, core[-1] + 1)
         t = ledger.t[through]
         for name, power in ledger.power.items():

@@ -105,16 +105,16 @@ def _any_nonzero(force: np.ndarray) -> np.ndarray:
     rows, n = force.shape
     block = SIDE_BY_SIDE * IN_TURN
     whole = rows // block
-    found = np.zeros((whole + 1, n), dtype=bool)
-    found[-1] = (force[whole * block :] != 0.0).any(axis=0)
+    nonzero = np.zeros((whole + 1, n), dtype=bool)
+    nonzero[-1] = (force[whole * block :] != 0.0).any(axis=0)
     sizes = _sizes()
 
     def look(k: int) -> None:
         part = force[k * block : (k + 1) * block].reshape(SIDE_BY_SIDE, IN_TURN * n)
-        found[k] = (sizes.flat(part)[0] != 0.0).reshape(IN_TURN, n).any(axis=0)
+        nonzero[k] = (sizes.flat(part)[0] != 0.0).reshape(IN_TURN, n).any(axis=0)
 
     spread(look, range(whole))
-    return np.asarray(found.any(axis=0))
+    return np.asarray(nonzero.any(axis=0))
 
 
 @cache
@@ -238,16 +238,16 @@ def _written_out(
             parts.append(part)
     measured = {name: force for name, force in forces.items() if name in driven | ties}
     parts.extend(Channel(n, f) for n, f in forces.items() if n not in driven | ties)
-    given = tuple(parts)
+    channels = tuple(parts)
     udot = ca.SX(system.udot_all)
-    reactions = reactions_from(system, udot, given, bound)
-    computed = terms(system, udot, given, own, bound, reactions)
+    reactions = reactions_from(system, udot, channels, bound)
+    computed = terms(system, udot, channels, own, bound, reactions)
     with_measured = None
     if measured and set(measured) == driven | ties:
         reactions = _measured(measured, driven, nu, bound, system)
-        with_measured = terms(system, udot, given, own, bound, reactions)
+        with_measured = terms(system, udot, channels, own, bound, reactions)
     return LedgerSymbols(
-        system, given, logged, measured, bound, own, reactions, computed, with_measured, udot
+        system, channels, logged, measured, bound, own, reactions, computed, with_measured, udot
     )
 
 
@@ -322,22 +322,22 @@ def ledger_kernels(
     power |= reaction_powers(s, symbols.reactions, symbols.constrained)
     conservative = {n: power.pop(n) for n in potential if n not in logged}
 
-    def without_recorded(known: Terms) -> Terms:
+    def without_recorded(all_terms: Terms) -> Terms:
         """The terms without the powers whose integrals are known."""
         if not recorded:
-            return known
+            return all_terms
         return replace(
-            known,
-            force_power=known.force_power
+            all_terms,
+            force_power=all_terms.force_power
             - sum([power[n] for n in recorded] + list(conservative.values())),
-            nonpotential_power=known.nonpotential_power
+            nonpotential_power=all_terms.nonpotential_power
             - sum(power[n] for n in recorded if n not in potential),
         )
 
     P = {
-        name: function.P(without_recorded(known))
+        name: function.P(without_recorded(variant))
         for function in functions
-        for name, known in variants(symbols, function.name).items()
+        for name, variant in variants(symbols, function.name).items()
     }
     balances = momentum_balances(s)
     of_speeds = (of_momenta(symbols),) if momenta else ()
@@ -345,14 +345,14 @@ def ledger_kernels(
         "channels": _column(power.values()),
         "functions": _column(P.values()),
         "force": _column(
-            [*(b.force(symbols.parts) for b in balances), *(known.rate for known in of_speeds)]
+            [*(b.force(symbols.parts) for b in balances), *(variant.rate for variant in of_speeds)]
         ),
     }
     at_samples = {
         "energies": ca.vertcat(k.K2, k.K1, k.K0, k.V),
         "potential": _column(potential.values()),
         "momentum": _column(
-            [*(b.momentum for b in balances), *(known.momentum for known in of_speeds)]
+            [*(b.momentum for b in balances), *(variant.momentum for variant in of_speeds)]
         ),
         "conservative": _column(conservative.values()),
     }
@@ -362,7 +362,7 @@ def ledger_kernels(
         tuple(potential),
         tuple(P),
         tuple(balance.name for balance in balances),
-        tuple(name for known in of_speeds for name in known.names),
+        tuple(name for variant in of_speeds for name in variant.names),
         _kernel(symbols, at_samples | between),
         _kernel(symbols, between),
         recorded,
@@ -404,8 +404,8 @@ def residual_kernel(
     rates = Energies(*ca.vertsplit(ca.jtimes(energies, along, motion)))
     outputs: dict[str, SX] = {}
     for function in functions:
-        for name, known in variants(symbols, function.name).items():
-            outputs[name] = function.E(rates) - function.P(known)
+        for name, variant in variants(symbols, function.name).items():
+            outputs[name] = function.E(rates) - function.P(variant)
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
     if symbols.constrained is not None:
         residual = residual + ca.mtimes(symbols.constrained.rows.G.T, symbols.reactions.multipliers)

@@ -79,9 +79,9 @@ def in_loop(value: Array, sampled: Work, unaccounted: Array) -> Work:
     the solver's. Where they are not, the solver's error in this work is taken to be no larger than what it
     left of the whole balance so far: |ΔC|, `unaccounted` (T,).
     """
-    apart = np.maximum.accumulate(np.abs(value - sampled.value)) + sampled.bar
+    difference = np.maximum.accumulate(np.abs(value - sampled.value)) + sampled.bar
     rounding = Work.exact(value, "in-loop").bar
-    return Work(value, rounding + np.minimum(apart, unaccounted), "in-loop")
+    return Work(value, rounding + np.minimum(difference, unaccounted), "in-loop")
 
 
 def widened(works: Mapping[ChannelName, Work], missing: Array) -> dict[ChannelName, Work]:
@@ -91,9 +91,9 @@ def widened(works: Mapping[ChannelName, Work], missing: Array) -> dict[ChannelNa
     the balance lacks beyond the bars may then be in any of these works.
     """
     excess = missing - sum(work.bar for work in works.values())
-    lacking = np.maximum.accumulate(np.where(excess > 0.0, missing, 0.0))
+    deficit = np.maximum.accumulate(np.where(excess > 0.0, missing, 0.0))
     return {
-        name: replace(work, bar=np.maximum(work.bar, lacking)) if work.way == "samples" else work
+        name: replace(work, bar=np.maximum(work.bar, deficit)) if work.way == "samples" else work
         for name, work in works.items()
     }
 

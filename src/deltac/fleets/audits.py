@@ -142,9 +142,9 @@ def _judged(task: AuditTask, runs: Sequence[Trajectory | InputError]) -> list[di
             task.model, good, tolerance=task.tolerance, work=task.work, strict=task.strict
         )
     )
-    found = [run if isinstance(run, InputError) else next(audits) for run in runs]
+    results = [run if isinstance(run, InputError) else next(audits) for run in runs]
     seconds = (time.process_time() - began) / max(len(good), 1)
-    return [_failed(one) if isinstance(one, InputError) else _told(one, seconds) for one in found]
+    return [_failed(one) if isinstance(one, InputError) else _told(one, seconds) for one in results]
 
 
 def _failed(error: InputError) -> dict[str, Any]:
@@ -152,22 +152,22 @@ def _failed(error: InputError) -> dict[str, Any]:
     return {name: value for name, (value,) in outcome.items()}
 
 
-def _told(found: Audit, seconds: float) -> dict[str, Any]:
+def _told(audit: Audit, seconds: float) -> dict[str, Any]:
     """The row of an audit that took so many seconds."""
     return {
-        "verdict": found.verdict.kind,
-        "confidence": found.verdict.confidence,
-        "relative": found.relative,
-        "energy_error": float(np.abs(found.energy_error).max()),
-        "energy": found.reference_energy,
-        "error_bar": float(found.ledger.error_bar[found.function].max()),
-        "samples": float(found.samples),
-        "duration": found.run.duration,
-        "exit_code": float(found.exit_code),
-        "findings": " ".join(f.code for f in found.findings) or None,
+        "verdict": audit.verdict.kind,
+        "confidence": audit.verdict.confidence,
+        "relative": audit.relative,
+        "energy_error": float(np.abs(audit.energy_error).max()),
+        "energy": audit.reference_energy,
+        "error_bar": float(audit.ledger.error_bar[audit.function].max()),
+        "samples": float(audit.samples),
+        "duration": audit.run.duration,
+        "exit_code": float(audit.exit_code),
+        "findings": " ".join(f.code for f in audit.findings) or None,
         "seconds": seconds,
-        "message": found.summary(),
-        "details": found.explain() if found.exit_code else None,
+        "message": audit.summary(),
+        "details": audit.explain() if audit.exit_code else None,
     }
 
 
@@ -181,30 +181,30 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> tuple[list[str], list[
     what else lies in a folder is told besides. Raises InputError where a pattern matches none.
     """
     many = [logs] if isinstance(logs, str | Path) else list(logs)
-    found: list[str] = []
+    logs_found: list[str] = []
     skipped: list[str] = []
     for one in map(str, many):
         if "://" in one:
-            found += _remote(one)
+            logs_found += _remote(one)
         elif os.path.isdir(one) and not is_log_folder(Path(one)):
             for path in sorted(p for p in Path(one).iterdir() if p.name[0] != "."):
                 if _is_log(path):
-                    found.append(str(path))
+                    logs_found.append(str(path))
                 else:
                     skipped.append(f"{path}/" if path.is_dir() else str(path))
         elif globbing.has_magic(one) and not os.path.exists(one):
             matches = sorted(globbing.glob(one, recursive=True))
             if not matches:
                 raise FileError(f"{one}: no file matches; quote the pattern, and check its folder")
-            found += [n for n in matches if os.path.isfile(n) or is_log_folder(Path(n))]
+            logs_found += [n for n in matches if os.path.isfile(n) or is_log_folder(Path(n))]
         else:
-            found.append(one)
-    if not found:
+            logs_found.append(one)
+    if not logs_found:
         raise FileError(
             f"{', '.join(map(str, many))}: no logs there; expected files {', '.join(FORMATS)}"
             + (f"; found {listed(skipped)}" if skipped else "")
         )
-    return list(dict.fromkeys(found)), list(dict.fromkeys(skipped))
+    return list(dict.fromkeys(logs_found)), list(dict.fromkeys(skipped))
 
 
 def _is_log(path: Path) -> bool:
@@ -337,14 +337,14 @@ class AuditPlan(Plan):
 
     def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
         """Logs in small pieces, episodes in larger ones of one log; each once."""
-        left = list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1]
-        most = chunk or max(1, min(LOGS, len(left) // (4 * workers)))
+        places = list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1]
+        most = chunk or max(1, min(LOGS, len(places) // (4 * workers)))
 
         def together(k: int) -> Any:
             """Logs go with each other, episodes with those of their log."""
             return None if self.logs[k].episode is None else self.logs[k].source
 
-        for source, group in itertools.groupby(left, together):
+        for source, group in itertools.groupby(places, together):
             rows = list(group)
             size = most if source is None else EPISODES
             for some in (rows[k : k + size] for k in range(0, len(rows), size)):
@@ -367,8 +367,10 @@ class AuditPlan(Plan):
         (run,) = read_episodes(log.source, [log.episode], task.mapping, task.model.mechanism)
         if isinstance(run, InputError):
             raise run
-        found = audit(task.model, run, tolerance=task.tolerance, work=task.work, strict=task.strict)
-        found.report(path)
+        report = audit(
+            task.model, run, tolerance=task.tolerance, work=task.work, strict=task.strict
+        )
+        report.report(path)
 
 
 def plan_audits(
@@ -386,29 +388,29 @@ def plan_audits(
         ways = ("in-loop", "samples", "discrete")
         raise UnknownName(f"unknown rule for works, {work!r}{closest(str(work), ways)}")
     loaded = load_model(model)
-    known = as_mapping(mapping)  # first: one that is none is no error of a log
+    columns = as_mapping(mapping)  # first: one that is none is no error of a log
     text = None if mapping is None else read_text(mapping)
     name = str(model) if isinstance(model, str | Path) else loaded.mechanism.name
     # What problems carry besides (equations, measures) is not needed, and may not travel.
     bare = Model(loaded.mechanism, loaded.starts, None, loaded.import_report)
-    task = AuditTask(bare, float(tolerance), work, known, strict)
-    found: list[Log] = []
+    task = AuditTask(bare, float(tolerance), work, columns, strict)
+    of_source: list[Log] = []
     sources, skipped = find_logs(logs)
     for source in sources:
         fingerprint = _fingerprint(source)
         names = episode_names(source)
-        found += [Log(source, fingerprint, one) for one in ([None] if names is None else names)]
-    told = {
+        of_source += [Log(source, fingerprint, one) for one in ([None] if names is None else names)]
+    head = {
         "model": loaded.mechanism.hash,
         "tolerance": task.tolerance,
         "work": work,
         "mapping": text,
         "strict": strict,
     }
-    seed = hashlib.blake2b(digest({**told, "versions": versions()}), digest_size=ADDRESS)
+    seed = hashlib.blake2b(digest({**head, "versions": versions()}), digest_size=ADDRESS)
     addresses = []
-    for log in found:
+    for log in of_source:
         own = seed.copy()
         own.update(f"{log.source}\n{log.fingerprint}\n{log.episode}".encode())
         addresses.append(own.hexdigest())
-    return AuditPlan(name, tuple(addresses), told, task, tuple(found), tuple(skipped))
+    return AuditPlan(name, tuple(addresses), head, task, tuple(of_source), tuple(skipped))

@@ -134,7 +134,7 @@ def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) ->
     bad = both.filter((polars.col("change") > 0) | polars.col("grown"))
     bad = bad.sort(-polars.col("change"), -new / polars.max_horizontal(old, polars.lit(FLOOR)))
     varying = [n for n in keys if both[n].n_unique() > 1]
-    told = [*varying, "verdict", "verdict after", "relative", "relative after"]
+    columns = [*varying, "verdict", "verdict after", "relative", "relative after"]
     return Comparison(
         before=str(before),
         after=str(after),
@@ -145,7 +145,7 @@ def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) ->
         better=int((both["change"] < 0).sum()),
         grown=int(both["grown"].sum()),
         shrunk=int(both["shrunk"].sum()),
-        listed=tuple(bad.head(SHOWN).select(told).to_dicts()),
+        listed=tuple(bad.head(SHOWN).select(columns).to_dicts()),
         factor=float(factor),
     )
 

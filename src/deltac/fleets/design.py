@@ -128,10 +128,10 @@ def with_points(spec: SweepSpec) -> SweepSpec:
         else:
             vary[column] = values
     try:
-        made = make_spec({"vary": vary})
+        spec_of_points = make_spec({"vary": vary})
     except InputError as error:
         raise SpecificationError(f"{name}: {error} (rows count from 0)") from None
-    return spec.model_copy(update={"vary": made.vary})
+    return spec.model_copy(update={"vary": spec_of_points.vary})
 
 
 def _table_columns(path: Path) -> dict[str, list[Any]]:
@@ -155,8 +155,8 @@ def _table_columns(path: Path) -> dict[str, list[Any]]:
     for name in frame.columns:
         group, dot, own = name.strip().partition(".")
         if not (own and group in GROUPS if dot else name.strip() in SETTING):
-            known = [*SETTING, *(f"{g}.NAME" for g in GROUPS)]
-            raise UnknownName(f"{path}: unknown column {name!r}{closest(name, known)}")
+            names = [*SETTING, *(f"{g}.NAME" for g in GROUPS)]
+            raise UnknownName(f"{path}: unknown column {name!r}{closest(name, names)}")
         if frame[name].null_count():
             row = int(frame[name].is_null().arg_max() or 0)
             raise SpecificationError(
@@ -210,8 +210,8 @@ def _drawn(spec: SweepSpec, axes: Mapping[str, Any], settings: int) -> Array:
     for k, axis in enumerate(axes.values()):
         x = unit[:, k]
         if isinstance(axis, list):
-            given = np.array(axis)
-            values[:, k] = given[np.minimum((x * len(given)).astype(int), len(given) - 1)]
+            choices = np.array(axis)
+            values[:, k] = choices[np.minimum((x * len(choices)).astype(int), len(choices) - 1)]
         elif axis.scale == "log":
             values[:, k] = axis.low * (axis.high / axis.low) ** x
         else:
@@ -224,18 +224,18 @@ def _listed(spec: SweepSpec, chosen: Mapping[str, Any], axes: Mapping[str, Any])
         raise SpecificationError(
             "design.points: a list has as many points as values are given; leave it out"
         )
-    given: dict[str, Any] = {f"vary.{n}": v for n, v in chosen.items() if v is not None}
-    given |= {
+    varied: dict[str, Any] = {f"vary.{n}": v for n, v in chosen.items() if v is not None}
+    varied |= {
         f"vary.{name}": axis if isinstance(axis, list) else list(_grid_values(name, axis))
         for name, axis in axes.items()
     }
-    sizes = {name: len(values) for name, values in given.items()}
+    sizes = {name: len(values) for name, values in varied.items()}
     if not sizes:
         raise SpecificationError("a list without points: nothing is varied; add values under vary")
     if len(set(sizes.values())) > 1:
-        told = ", ".join(f"{name} has {size}" for name, size in sizes.items())
+        lengths = ", ".join(f"{name} has {size}" for name, size in sizes.items())
         raise SpecificationError(
-            f"a list takes the k-th value of everything, but {told}; give equally many"
+            f"a list takes the k-th value of everything, but {lengths}; give equally many"
         )
     count = next(iter(sizes.values()))
     each = [
@@ -244,5 +244,5 @@ def _listed(spec: SweepSpec, chosen: Mapping[str, Any], axes: Mapping[str, Any])
     ]
     settings = tuple(dict.fromkeys(each))
     places = {setting: k for k, setting in enumerate(settings)}
-    values = np.array([given[f"vary.{name}"] for name in axes]).reshape(len(axes), count).T
+    values = np.array([varied[f"vary.{name}"] for name in axes]).reshape(len(axes), count).T
     return Design(settings, np.array([places[s] for s in each]), tuple(axes), values)

@@ -98,8 +98,8 @@ def episode_names(source: str) -> list[str] | None:
 def _parquet_episodes(path: Path) -> list[str] | None:
     from deltac.trajectories.formats.parquet import read_parquet_groups
 
-    found = read_parquet_groups(path, COLUMNS, None)
-    return None if found is None else list(found)
+    groups = read_parquet_groups(path, COLUMNS, None)
+    return None if groups is None else list(groups)
 
 
 def read_episodes(
@@ -118,20 +118,20 @@ def read_episodes(
             raws = dict(_raw_episodes(path, [name for name in names if name is not None]))
     except InputError as error:
         return [error] * len(names)
-    known = MechanismNames.of(mechanism)
-    found: list[Trajectory | InputError] = []
+    of_model = MechanismNames.of(mechanism)
+    runs: list[Trajectory | InputError] = []
     for name in names:
         try:
             with naming(source):
                 if name not in raws:
                     raise LogError(f"there is no episode {name!r} any more; run it again")
                 with naming(f"episode {name}"):
-                    found.append(
-                        LogReading.of(checked_raw(raws[name]), mapping, known).trajectory()
+                    runs.append(
+                        LogReading.of(checked_raw(raws[name]), mapping, of_model).trajectory()
                     )
         except InputError as error:
-            found.append(error)
-    return found
+            runs.append(error)
+    return runs
 
 
 def read_episode(
@@ -149,10 +149,10 @@ def read_episode(
         )
     if name not in names:
         raise UnknownName(f"{source}: there is no episode {name!r}{closest(name, names)}")
-    (found,) = read_episodes(source, [name], as_mapping(mapping), model.mechanism)
-    if isinstance(found, InputError):
-        raise found
-    return found
+    (run,) = read_episodes(source, [name], as_mapping(mapping), model.mechanism)
+    if isinstance(run, InputError):
+        raise run
+    return run
 
 
 def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLog]]:
@@ -163,8 +163,8 @@ def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLo
         yield from (read_parquet_groups(path, COLUMNS, names) or {}).items()
         return
     if suffix not in ARRAYS or _shapes(path) is None:
-        found = episodes(read_raw(path))
-        yield from ((name, found[name]) for name in names if name in found)
+        parts = episodes(read_raw(path))
+        yield from ((name, parts[name]) for name in names if name in parts)
     else:
         yield from _of_arrays(path, [int(name) for name in names])
 

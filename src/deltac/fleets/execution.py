@@ -157,9 +157,9 @@ def execute(
                 flying[future] = attempt
             if not flying:
                 return
-            ready, _ = wait(flying, TICK, FIRST_COMPLETED)
+            finished, _ = wait(flying, TICK, FIRST_COMPLETED)
             crew.check()
-            for future in ready:
+            for future in finished:
                 attempt = flying.pop(future)
                 answer = _answer(future, crew)
                 if isinstance(answer, Failure):

@@ -95,14 +95,14 @@ class Plan:
             others = len(done - set(self.addresses))
             changed = _changed(before, store.head)
             if others and changed:
-                told = (
+                message = (
                     f"{store.folder}: {others} rows there are of {changed} and are made again; the old ones "
                     f"stay {OUTSIDE}"
                 )
                 if notice is None:
-                    warnings.warn(told, RecomputedWarning, stacklevel=2)
+                    warnings.warn(message, RecomputedWarning, stacklevel=2)
                 else:
-                    notice(told)
+                    notice(message)
             missing = [k for k, address in enumerate(self.addresses) if address not in done]
             count, total = len(self.addresses) - len(missing), len(self.addresses)
 

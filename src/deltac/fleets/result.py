@@ -130,17 +130,17 @@ class Fleet(Report):
 
     def summary(self) -> str:
         """How many rows there are, and how many of each verdict."""
-        told = ", ".join(f"{self.verdicts[v]} {v}" for v in WORST_FIRST if self.verdicts.get(v))
+        counts = ", ".join(f"{self.verdicts[v]} {v}" for v in WORST_FIRST if self.verdicts.get(v))
         done = f"{self.done}" if self.done == self.total else f"{self.done} of {self.total}"
         what = "runs" if self.kind == "sweep" else "audits"
-        return f"{self.name}: {done} {what}{': ' if told else ''}{told}"
+        return f"{self.name}: {done} {what}{': ' if counts else ''}{counts}"
 
     def sections(self) -> Iterator[Section]:
         """Counts, the worst cases, where the table is."""
         yield self.summary() + "."
         if self.done < self.total:
-            left = self.total - self.done
-            yield f"{left} are not there yet: run it again, and it goes on where it stopped."
+            remaining = self.total - self.done
+            yield f"{remaining} are not there yet: run it again, and it goes on where it stopped."
         if self.worst:
             names = [n for n in self.worst[0] if n not in ("address", "message")]
             heads = (*names, "address")
@@ -193,8 +193,8 @@ class Group(Report):
     def summary(self) -> str:
         """The worst verdict, and how many of each."""
         worst = next((v for v in WORST_FIRST if self.verdicts.get(v)), "consistent")
-        told = ", ".join(f"{self.verdicts[v]} {v}" for v in WORST_FIRST if self.verdicts.get(v))
-        return f"{worst}: {told}"
+        counts = ", ".join(f"{self.verdicts[v]} {v}" for v in WORST_FIRST if self.verdicts.get(v))
+        return f"{worst}: {counts}"
 
     def sections(self) -> Iterator[Section]:
         """Counts, and the worst row."""
@@ -209,9 +209,9 @@ WORDS = {"step": "step {} s", "solver_tolerance": "tolerance {}", "duration": "{
 
 def _setting(row: Mapping[str, Any], names: Iterable[str]) -> str:
     """A setting in words, without what its solver has not."""
-    told = {n: row[n] for n in names if row[n] is not None}
+    setting = {n: row[n] for n in names if row[n] is not None}
     return ", ".join(
-        WORDS[n].format(number(value)) if n in WORDS else str(value) for n, value in told.items()
+        WORDS[n].format(number(value)) if n in WORDS else str(value) for n, value in setting.items()
     )
 
 
@@ -243,8 +243,8 @@ def _worst(frame: polars.DataFrame, most: int) -> tuple[Mapping[str, Any], ...]:
     bad = bad.sort(order, -polars.col("relative"), maintain_order=True, nulls_last=True)
     # Neither those that failed nor those that are wrong hide the others.
     failed = polars.col("verdict") == FAILED
-    made = bad.filter(~failed)
-    bad = polars.concat([bad.filter(failed).head(max(most - len(made), (most + 1) // 2)), made])
+    judged = bad.filter(~failed)
+    bad = polars.concat([bad.filter(failed).head(max(most - len(judged), (most + 1) // 2)), judged])
     bad = bad.head(most)
     keep = [
         n

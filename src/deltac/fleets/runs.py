@@ -203,29 +203,29 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
         run(slice(0, LANES), records)
         _WARM.add(key)
     began = time.process_time()
-    found = run(slice(None), records)
-    lost = np.isfinite(found.stopped)
-    left, energy, *largest = _extremes(found)
-    relative, verdict = judged(left, energy, lost, task.tolerance)
+    ensemble = run(slice(None), records)
+    lost = np.isfinite(ensemble.stopped)
+    error, energy, *largest = _extremes(ensemble)
+    relative, verdict = judged(error, energy, lost, task.tolerance)
     if (more := _closer(steps)) > records:
         accused = np.flatnonzero((relative > task.tolerance) & ~lost)
         for some in np.array_split(accused, math.ceil(len(accused) * more / HELD) or 1):
-            seen = _extremes(run(some, more)) if len(some) else []
-            for values, again in zip((left, energy, *largest), seen):
+            closer = _extremes(run(some, more)) if len(some) else []
+            for values, again in zip((error, energy, *largest), closer):
                 values[some] = np.fmax(values[some], again)
-        relative, verdict = judged(left, energy, lost, task.tolerance)
+        relative, verdict = judged(error, energy, lost, task.tolerance)
     count = len(piece.addresses)
     seconds = (time.process_time() - began) / count
     stages = find_solver(task.solver).stages
-    taken = np.where(lost, np.round((found.stopped - task.start.t) / task.step), steps)
+    steps_taken = np.where(lost, np.round((ensemble.stopped - task.start.t) / task.step), steps)
     return {
         "verdict": verdict,
         "relative": relative,
-        "energy_error": left,
+        "energy_error": error,
         "energy": energy,
         **{f"delta_c.{name}": values for name, values in zip(TESTING, largest)},
-        "stopped": found.stopped,
-        "evaluations": stages * taken,
+        "stopped": ensemble.stopped,
+        "evaluations": stages * steps_taken,
         "seconds": np.full(count, seconds),
     }
 
@@ -235,26 +235,26 @@ def _closer(steps: int) -> int:
     return next(k for k in range(min(CLOSER, steps), steps + 1) if steps % k == 0)
 
 
-def _extremes(found: Ensemble) -> list[Array]:
+def _extremes(ensemble: Ensemble) -> list[Array]:
     """Of every run the largest energy error, the energy, the largest |ΔC| of each testing function, in J."""
-    V = found.potential
+    V = ensemble.potential
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of runs that are lost before the first record
         return [
-            np.nanmax(np.abs(found.delta_c["wang"] + found.corrections), axis=0),
-            np.nanmax(found.kinetic, axis=0) + np.nanmax(V, axis=0) - np.nanmin(V, axis=0),
-            *(np.nanmax(np.abs(found.delta_c[n]), axis=0) for n in TESTING),
+            np.nanmax(np.abs(ensemble.delta_c["wang"] + ensemble.corrections), axis=0),
+            np.nanmax(ensemble.kinetic, axis=0) + np.nanmax(V, axis=0) - np.nanmin(V, axis=0),
+            *(np.nanmax(np.abs(ensemble.delta_c[n]), axis=0) for n in TESTING),
         ]
 
 
-def judged(left: Array, energy: Array, lost: Array, tolerance: float) -> tuple[Array, list[str]]:
+def judged(error: Array, energy: Array, lost: Array, tolerance: float) -> tuple[Array, list[str]]:
     """Energy errors as fractions of the energy that the system has, and what they mean.
 
     Our own runs obey the model's equations: an error is the integration's. A system without energy tells
     nothing.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(energy > 0.0, left / energy, math.nan)
+        relative = np.where(energy > 0.0, error / energy, math.nan)
     words = np.where(relative <= tolerance, "consistent", "integration-error")
     words = np.where(np.isnan(relative), "unresolved", words)
     return relative, np.where(lost, "integration-error", words).tolist()
@@ -266,9 +266,9 @@ def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
     from deltac.simulation.simulate import simulate
     from deltac.simulation.solvers import solver_options
 
-    given = _parameters(task, values[0])
+    parameters = _parameters(task, values[0])
     # Compiled once for all of their values.
-    mechanism = task.mechanism.varying(*given).with_parameters(**given)
+    mechanism = task.mechanism.varying(*parameters).with_parameters(**parameters)
     Q, U = _states(task, values)
     run = simulate(
         mechanism,
@@ -293,11 +293,11 @@ def _single(piece: RunPiece) -> dict[str, Any]:
     mechanism, run = motion(task, piece.values)
     seconds = time.process_time() - began
     ledger = balance(mechanism, run)
-    left = float(np.abs(ledger.uncorrected("wang")).max())
+    error = float(np.abs(ledger.uncorrected("wang")).max())
     energy = ledger.reference_energy
     lost = not run.provenance.completed
     relative, verdict = judged(
-        np.array([left]), np.array([energy]), np.array([lost]), task.tolerance
+        np.array([error]), np.array([energy]), np.array([lost]), task.tolerance
     )
     steps = None
     if solver.family == "fixed" and task.step is not None:
@@ -305,7 +305,7 @@ def _single(piece: RunPiece) -> dict[str, Any]:
     return {
         "verdict": verdict,
         "relative": relative,
-        "energy_error": [left],
+        "energy_error": [error],
         "energy": [energy],
         **{f"delta_c.{n}": [float(np.abs(ledger.delta_c[n]).max())] for n in TESTING},
         "stopped": [float(run.t[-1]) if lost else None],
@@ -337,7 +337,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
         ratio = task.duration / (4.0 * task.step)
         whole = abs(ratio - round(ratio)) < 1e-9 * ratio
         steps = [task.step * f for f in ((4.0, 2.0, 1.0) if whole else (1.0, 0.5, 0.25))]
-    found = study(
+    result = study(
         mechanism,
         State(task.start.t, Q[0], U[0]),
         task.duration,
@@ -346,17 +346,17 @@ def _study(piece: RunPiece) -> dict[str, Any]:
         tolerance=task.tolerance,
         record=TESTING,
     )
-    order = found.observed_order["state"].order if "state" in found.observed_order else None
-    left = float(found.measures.left[-1])
+    order = result.observed_order["state"].order if "state" in result.observed_order else None
+    error = float(result.measures.left[-1])
     return {
-        "verdict": [found.verdict.kind],
-        "confidence": [found.verdict.confidence],
-        "relative": [found.relative],
-        "energy_error": [left],
-        "energy": [found.reference_energy],
+        "verdict": [result.verdict.kind],
+        "confidence": [result.verdict.confidence],
+        "relative": [result.relative],
+        "energy_error": [error],
+        "energy": [result.reference_energy],
         "order": [order],
         "seconds": [time.process_time() - began],
-        "findings": [" ".join(f.code for f in found.findings)],
-        "message": [found.summary()],
-        "details": [None if found.exit_code == 0 else found.explain()],
+        "findings": [" ".join(f.code for f in result.findings)],
+        "message": [result.summary()],
+        "details": [None if result.exit_code == 0 else result.explain()],
     }

@@ -117,9 +117,9 @@ class Execution(_Strict):
     chunk: Annotated[int, Field(ge=1, strict=True)] | None = None
     scheduler: str | None = None
 
-    def overridden(self, **given: Any) -> Execution:
+    def overridden(self, **options: Any) -> Execution:
         """The same, but for what is given and not None; InputError for what is no such value."""
-        asked = {name: value for name, value in given.items() if value is not None}
+        asked = {name: value for name, value in options.items() if value is not None}
         try:
             return Execution.model_validate({**self.model_dump(), **asked})
         except ValidationError as error:
@@ -177,27 +177,27 @@ def _validated(document: dict[str, Any], where: Any) -> SweepSpec:
     try:
         return SweepSpec.model_validate(document)
     except ValidationError as error:
-        found = error.errors(include_url=False)
-    told = []
+        errors = error.errors(include_url=False)
+    messages = []
     unknown = False
-    for one in found[:5]:
+    for one in errors[:5]:
         place = _within(document, one["loc"])
         if one["type"] == "extra_forbidden":
             unknown = True
-            known = list(_fields(one["loc"][:-1]))
-            told.append(
-                f"{where(place)}: unknown key {place[-1]!r}{closest(str(place[-1]), known)}"
+            names = list(_fields(one["loc"][:-1]))
+            messages.append(
+                f"{where(place)}: unknown key {place[-1]!r}{closest(str(place[-1]), names)}"
             )
         elif one["type"] == "missing":
             name = one["loc"][-1]
-            told.append(f"{where(place)}: {'.'.join(map(str, place))} lacks {name!r}")
+            messages.append(f"{where(place)}: {'.'.join(map(str, place))} lacks {name!r}")
         else:
-            told.append(
+            messages.append(
                 f"{where(place)}: {'.'.join(map(str, place))}: {_words(one)}, found {one['input']!r:.60}"
             )
-    more = f"; and {len(found) - 5} more" if len(found) > 5 else ""
-    kind = UnknownName if unknown and len(found) == 1 else InputError
-    raise kind("; ".join(told) + more)
+    more = f"; and {len(errors) - 5} more" if len(errors) > 5 else ""
+    kind = UnknownName if unknown and len(errors) == 1 else InputError
+    raise kind("; ".join(messages) + more)
 
 
 def _words(error: Any) -> str:
@@ -225,17 +225,17 @@ def _fields(place: Sequence[int | str]) -> Iterator[str]:
 
 def _within(document: Any, place: Sequence[int | str]) -> tuple[int | str, ...]:
     """The part of a place that is in the document: pydantic adds tags of unions, and what is missing."""
-    found: list[int | str] = []
-    here: Any = document
+    path: list[int | str] = []
+    entry: Any = document
     for part in place:
-        if isinstance(here, Mapping):
-            inside = part in here
+        if isinstance(entry, Mapping):
+            inside = part in entry
         else:
-            inside = isinstance(here, list) and isinstance(part, int) and part < len(here)
+            inside = isinstance(entry, list) and isinstance(part, int) and part < len(entry)
         if inside:
-            here = here[part]
-            found.append(part)
-    return tuple(found)
+            entry = entry[part]
+            path.append(part)
+    return tuple(path)
 
 
 _HEADER = re.compile(r"\s*\[\[?(?P<header>[^\[\]=]+)\]\]?\s*(#.*)?$")
@@ -252,17 +252,17 @@ def line_of(text: str, place: Sequence[int | str]) -> int:
     3
     """
     header: list[str] = []
-    found, most = 1, 0
+    best, most = 1, 0
     for number, line in enumerate(text.splitlines(), 1):
         if match := _HEADER.match(line):
-            here = header = _dotted(match["header"])
+            key = header = _dotted(match["header"])
         elif match := _KEY.match(line):
-            here = header + _dotted(match["key"])
+            key = header + _dotted(match["key"])
         else:
             continue
-        if len(here) > most and list(place[: len(here)]) == here:
-            found, most = number, len(here)
-    return found
+        if len(key) > most and list(place[: len(key)]) == key:
+            best, most = number, len(key)
+    return best
 
 
 def _dotted(key: str) -> list[str]:

@@ -46,11 +46,11 @@ def versions() -> dict[str, str]:
 
     from deltac import __version__
 
-    found = {"deltac": __version__}
+    packages = {"deltac": __version__}
     for name in ("numpy", "scipy", "casadi", "llvmlite", "heyoka"):
         with contextlib.suppress(PackageNotFoundError):
-            found[name] = version(name)
-    return found
+            packages[name] = version(name)
+    return packages
 
 
 def digest(contents: Any) -> bytes:
@@ -85,10 +85,13 @@ class Store:
         if not isinstance(head, dict) or not isinstance(head.get("format"), int):
             raise FileError(f"{folder / HEAD}: expected a table with format, kind and name")
         if head["format"] > FORMAT:
-            told = head.get("versions")
-            made = told.get("deltac") if isinstance(told, dict) else "a later version"
+            versions_of = head.get("versions")
+            maker = "a later version"
+            if isinstance(versions_of, dict):
+                maker = str(versions_of.get("deltac"))
             raise FileError(
-                f"{folder}: its format is {head['format']}, of deltac {made}; this one reads up to {FORMAT}. "
+                f"{folder}: its format is {head['format']}, of deltac {maker}; this one reads up to "
+                f"{FORMAT}. "
                 "Install that version to go on, or write into another folder"
             )
         return Store(folder, head)
@@ -178,14 +181,16 @@ class Store:
         """Addresses of the rows that are there; a damaged piece counts for nothing."""
         import polars
 
-        found: set[str] = set()
+        addresses: set[str] = set()
         for path in self.pieces():
             try:
-                found.update(polars.read_parquet(path, columns=["address"], glob=False)["address"])
+                addresses.update(
+                    polars.read_parquet(path, columns=["address"], glob=False)["address"]
+                )
             except (OSError, polars.exceptions.PolarsError, polars.exceptions.PanicException):
                 with contextlib.suppress(OSError):
                     path.unlink()
-        return found
+        return addresses
 
     def rows(self) -> polars.DataFrame:
         """All rows that are there, each once; columns that a piece lacks are null."""
@@ -221,14 +226,14 @@ class Store:
 
     def table(self, rows: polars.DataFrame | None = None) -> polars.DataFrame:
         """The planned rows that are there (of `rows`, if these were read already), in the plan's order."""
-        found = self.rows() if rows is None else rows
-        return self.planned().join(found, on="address", how="inner", maintain_order="left")
+        frame = self.rows() if rows is None else rows
+        return self.planned().join(frame, on="address", how="inner", maintain_order="left")
 
     # --- what failed -----------------------------------------------------------------------------
 
     def set_aside(self, address: str, about: dict[str, Any], failure: Failure) -> None:
         """Keep what a row failed of, and what calls it again."""
-        told = {
+        contents = {
             "address": address,
             **about,
             "code": failure.code,
@@ -236,15 +241,15 @@ class Store:
             "details": failure.details,
             "versions": versions(),
         }
-        self.write_json(f"{ASIDE}/{address}.json", told)
+        self.write_json(f"{ASIDE}/{address}.json", contents)
 
     def aside(self) -> dict[str, dict[str, Any]]:
         """What was set aside, by address."""
-        found: dict[str, dict[str, Any]] = {}
+        cases: dict[str, dict[str, Any]] = {}
         for path in sorted((self.folder / ASIDE).glob("*.json")):
             with contextlib.suppress(InputError):
-                found[path.stem] = parse_json(read_bytes(path, "metadata"), "its contents")
-        return found
+                cases[path.stem] = parse_json(read_bytes(path, "metadata"), "its contents")
+        return cases
 
     def forget(self, addresses: Iterable[str]) -> None:
         """Take rows out of the pieces, so that they are made again."""
@@ -253,11 +258,11 @@ class Store:
         gone = set(addresses)
         for path in self.pieces() if gone else []:
             frame = polars.read_parquet(path, glob=False)
-            left = frame.filter(~frame["address"].is_in(gone))
-            if len(left) == len(frame):
+            remaining = frame.filter(~frame["address"].is_in(gone))
+            if len(remaining) == len(frame):
                 continue
-            if len(left):
-                self.keep(parquet(left), left["address"].to_list())
+            if len(remaining):
+                self.keep(parquet(remaining), remaining["address"].to_list())
             path.unlink(missing_ok=True)
 
     def take_back(self, addresses: Iterable[str]) -> None:

@@ -178,10 +178,10 @@ def axes_of(frame: polars.DataFrame) -> list[str]:
 
 def heat_maps(frame: polars.DataFrame, x: str | None, y: str | None) -> list[Part]:
     """The largest relative energy error over two axes, a map for each model and solver, on one scale."""
-    known = axes_of(frame)
+    axes = axes_of(frame)
     for name in (x, y):
         if name is not None and name not in frame.columns:
-            raise UnknownName(f"axis {name!r}: the table has none{closest(name, known)}")
+            raise UnknownName(f"axis {name!r}: the table has none{closest(name, axes)}")
     if not {"model", "solver", "relative"} <= set(frame.columns):
         return []
     drawn: list[HeatMap] = []

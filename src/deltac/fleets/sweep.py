@@ -84,19 +84,19 @@ class SweepPlan(Plan):
         """The command with the address of the run."""
         return f"{self.source} --only {piece.addresses[0]}"
 
-    def found(self, address: str) -> RunPiece:
+    def piece_at(self, address: str) -> RunPiece:
         """The piece of one run, by its address or the beginning of it; InputError if there is none."""
-        found = [k for k, other in enumerate(self.addresses) if other.startswith(address)]
-        if not address or not found:
+        places = [k for k, other in enumerate(self.addresses) if other.startswith(address)]
+        if not address or not places:
             raise UnknownName(f"address {address}: the sweep has no such run; see its table")
-        return self.piece(found[:1])
+        return self.piece(places[:1])
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one run, with the mechanism moving."""
         from deltac.diagnosis.audit.audit import audit
         from deltac.fleets.runs import motion
 
-        piece = self.found(address)
+        piece = self.piece_at(address)
         if isinstance(piece.task, Refused):
             raise InputError.of(piece.task.failure.code, piece.task.failure.message)
         mechanism, run = motion(piece.task, piece.values)
@@ -166,14 +166,14 @@ def _distinct(
         first.setdefault(key(task), k)
     if len(first) == len(tasks):
         return design, list(tasks)
-    kept = list(first.values())
-    rows = np.isin(design.setting, kept)
+    settings = list(first.values())
+    rows = np.isin(design.setting, settings)
     return Design(
-        tuple(design.settings[k] for k in kept),
-        np.searchsorted(kept, design.setting[rows]),
+        tuple(design.settings[k] for k in settings),
+        np.searchsorted(settings, design.setting[rows]),
         design.axes,
         design.values[rows],
-    ), [tasks[k] for k in kept]
+    ), [tasks[k] for k in settings]
 
 
 def _spec(source: Any, options: Mapping[str, Any]) -> tuple[SweepSpec, dict[str, ModelLike]]:
@@ -233,23 +233,23 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
     varied = [axis.partition(".")[2] for axis in axes if axis.startswith("parameter.")]
     mechanism = model.mechanism.opened(*varied, where="vary.parameter: ")
     mechanism = mechanism.with_parameters(**spec.parameter)
-    known = {
+    names_of = {
         "parameter": list(mechanism.parameters),
         "q": list(mechanism.coordinates.names),
         "u": list(mechanism.speeds.names),
     }
     for axis in axes:
         group, _, name = axis.partition(".")
-        if name not in known[group]:
+        if name not in names_of[group]:
             raise UnknownName(
-                f"vary.{axis}: model {setting.model!r} has none{closest(name, known[group])}"
+                f"vary.{axis}: model {setting.model!r} has none{closest(name, names_of[group])}"
             )
     start = model.start(spec.state)
     if spec.parameter and spec.state is None and model.problem is None:
         start = Model(mechanism, model.starts).start(None)
     q, u = start.q.copy(), start.u.copy()
-    for values, given, names in ((q, spec.q, known["q"]), (u, spec.u, known["u"])):
-        for name, value in given.items():
+    for values, chosen, names in ((q, spec.q, names_of["q"]), (u, spec.u, names_of["u"])):
+        for name, value in chosen.items():
             if name not in names:
                 raise UnknownName(
                     f"{name!r}: model {setting.model!r} has none{closest(name, names)}"
@@ -292,10 +292,10 @@ def _addresses(design: Design, tasks: Sequence[Task | Refused]) -> Iterator[str]
     seeds = []
     for task in tasks:
         if isinstance(task, Refused):
-            told: dict[str, Any] = {**asdict(task), "versions": made_by}
-            seeds.append(hashlib.blake2b(digest(told), digest_size=ADDRESS))
+            contents: dict[str, Any] = {**asdict(task), "versions": made_by}
+            seeds.append(hashlib.blake2b(digest(contents), digest_size=ADDRESS))
             continue
-        told = {
+        contents = {
             "verb": task.verb,
             "model": task.mechanism.hash,
             "start": [task.start.t, task.start.q.tolist(), task.start.u.tolist()],
@@ -306,8 +306,8 @@ def _addresses(design: Design, tasks: Sequence[Task | Refused]) -> Iterator[str]
             "versions": made_by,
         }
         if task.solver_tolerance is not None:
-            told["solver_tolerance"] = task.solver_tolerance
-        seeds.append(hashlib.blake2b(digest(told), digest_size=ADDRESS))
+            contents["solver_tolerance"] = task.solver_tolerance
+        seeds.append(hashlib.blake2b(digest(contents), digest_size=ADDRESS))
     # By name, so that the order of the axes does not count.
     order = sorted(range(len(design.axes)), key=lambda k: design.axes[k])
     names = "\n".join(design.axes[k] for k in order).encode()
@@ -315,9 +315,9 @@ def _addresses(design: Design, tasks: Sequence[Task | Refused]) -> Iterator[str]
         seed.update(names)
     content = np.ascontiguousarray(design.values[:, order])
     for setting, row in zip(design.setting.tolist(), content):
-        found = seeds[setting].copy()
-        found.update(row.tobytes())
-        yield found.hexdigest()
+        hasher = seeds[setting].copy()
+        hasher.update(row.tobytes())
+        yield hasher.hexdigest()
 
 
 @checked

@@ -28,7 +28,7 @@ from deltac.mechanism.parts import (
     constructor,
     each,
 )
-from deltac.mechanism.quantities import IDENTITY, ZERO, is_zero, unit_vector, vector
+from deltac.mechanism.quantities import IDENTITY, ZERO, is_zero, positive, unit_vector, vector
 from deltac.mechanism.scene import Constraint, Expr, Scene
 from deltac.mechanism.scope import GROUND, Scope
 
@@ -306,6 +306,64 @@ def gear(name: str, coordinate1: str, coordinate2: str, ratio: Any, phase: Any =
     first, second = (symbol_of(f"q.{coordinate}") for coordinate in (coordinate1, coordinate2))
     turned = as_law(ratio, f"ratio of {where}") * second
     return Holonomic(name, first - turned - as_law(phase, f"phase of {where}"))
+
+
+@constructor
+def belt(
+    name: str,
+    coordinate1: str,
+    radius1: Any,
+    coordinate2: str,
+    radius2: Any,
+    *,
+    crossed: bool = False,
+    phase: Any = 0.0,
+) -> Holonomic:
+    """A belt or chain over two pulleys: r1 q1 = ± r2 q2 + phase (one row, m), − where it is `crossed`.
+
+    Both turn about parallel axes on one carrier. Radii are numbers or parameters, m; `phase` is a length of
+    belt, m, and may be a law of t. A sliding coordinate counts as a pulley of radius 1: a rack, or a rope.
+    """
+    where = Holonomic.called(name)
+    first, second = (
+        positive(radius, f"{which} of {where}") * symbol_of(f"q.{coordinate}")
+        for which, radius, coordinate in (
+            ("radius1", radius1, coordinate1),
+            ("radius2", radius2, coordinate2),
+        )
+    )
+    sign = -1 if crossed else 1
+    return Holonomic(name, first - sign * second - as_law(phase, f"phase of {where}"))
+
+
+@constructor
+def differential(
+    name: str, coordinate1: str, coordinate2: str, carrier: str, ratio: Any = 1.0, phase: Any = 0.0
+) -> Holonomic:
+    """A differential or planetary gear: (q1 − qc) + ratio (q2 − qc) = phase (one row; Willis 1841).
+
+    All three angles are measured from the housing, about one axis. Bevel gears of a car's differential have
+    the ratio 1: the carrier turns by the mean of both. A planetary gear has z2/z1, the teeth of its ring by
+    those of its sun.
+    """
+    where = Holonomic.called(name)
+    q1, q2, qc = (symbol_of(f"q.{c}") for c in (coordinate1, coordinate2, carrier))
+    geared = as_law(ratio, f"ratio of {where}")
+    return Holonomic(name, (q1 - qc) + geared * (q2 - qc) - as_law(phase, f"phase of {where}"))
+
+
+@constructor
+def bevel_gear(
+    name: str, coordinate1: str, teeth1: Any, coordinate2: str, teeth2: Any, phase: Any = 0.0
+) -> Holonomic:
+    """Two toothed wheels that mesh from outside, bevel or spur: teeth1 q1 + teeth2 q2 = teeth1 phase.
+
+    Each angle is about its own axis on one carrier. Both axes point away from where they meet (of spur gears:
+    in one direction), so that the wheels turn in opposite senses. One row, of the angle q1.
+    """
+    where = Holonomic.called(name)
+    first, second = (positive(z, f"teeth of {where}") for z in (teeth1, teeth2))
+    return gear(name, coordinate1, coordinate2, -second / first, phase)
 
 
 @constructor

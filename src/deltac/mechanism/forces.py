@@ -27,6 +27,7 @@ from deltac.mechanism.parts import (
     NonNegative,
     NonNegativeOfTime,
     Point,
+    VectorInField,
     VectorOfMotion,
     constructor,
     require_apart,
@@ -188,6 +189,65 @@ class PointForce(Element):
             force, moment = R @ force, R @ moment
         load = (scene.point(self.body, self.point), force, moment)
         return [self.channel("applied", scene.generalized([load]))]
+
+
+@constructor
+@dataclass(frozen=True)
+class ForceField(Element):
+    """A field that acts at a point of a body: gravity of a distant mass, magnetic, drag of a stream.
+
+    `force` (N) are three laws of the place x, y, z (m) and the velocity vx, vy, vz (m/s) of the `point`,
+    relative to the frame of the body `on` and in its components, and of t, q, u. Or `potential` V(x, y, z, t)
+    (J), whose force is −∂V/∂(x, y, z), exactly. The opposite force acts on `on`, at the same place. Channels
+    ``applied <name>``; ``spring <name>`` of a potential, with ∂V/∂t in ``prescribed <name>``.
+
+    Raises:
+        InputError: both or none of `force` and `potential`; unknown symbols; a body that acts on itself.
+    """
+
+    name: str
+    body: MovingBody
+    force: VectorInField = ZERO
+    point: Point = ZERO
+    potential: Law = field(default=None, kw_only=True)
+    on: AnyBody = field(default="ground", kw_only=True)
+
+    noun = "force field"
+
+    @property
+    def channel_kinds(self) -> tuple[str, ...]:
+        """``applied``, or the kinds of a potential."""
+        return ("applied",) if self.potential is None else _spring_kinds(self.potential)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_apart(self.body, self.on, self.where)
+        if (self.potential is None) == all(is_zero(law) for law in self.force):
+            raise ModelError(
+                f"{self.where}: give force=, three laws of x, y, z, vx, vy, vz, or potential=, one of x, y, z"
+            )
+
+    def check(self, scope: Scope) -> None:
+        """InputError for unknown bodies and symbols."""
+        super().check(scope)
+        scope.laws([self.potential], scope.on_surface, f"potential of {self.where}")
+
+    def channels(self, scene: Scene) -> list[Channel]:
+        """The force at the point, and the opposite one on the body of the field."""
+        point = scene.point(self.body, self.point)
+        R, x = scene.rotation(self.on), scene.local(self.on, point.place)
+        opposite = scene.point_at(self.on, point.place)
+
+        def acting(force: Any) -> Any:
+            return scene.generalized([(point, R @ force), (opposite, -(R @ force))])
+
+        if self.potential is not None:
+            V, force, explicit = scene.field(self.potential, x)
+            return self.spring_channels(acting(force), V, explicit)
+        v = R.T @ (point.velocity - opposite.velocity)
+        at = {axis: x[k] for k, axis in enumerate("xyz")}
+        at |= {f"v{axis}": v[k] for k, axis in enumerate("xyz")}
+        return [self.channel("applied", acting(scene.vector(self.force, at)))]
 
 
 @constructor
@@ -505,5 +565,6 @@ def _integral(torque: Any, joint: str, where: str) -> Any:
 gravity_compensation = GravityCompensation
 joint_damper = JointDamper
 joint_torque = JointTorque
+force_field = ForceField
 point_force = PointForce
 spring_damper = SpringDamper

@@ -112,6 +112,9 @@ Point: TypeAlias = Annotated[Any, Kind(vector, "constants")]
 PointOfTime: TypeAlias = Annotated[Any, Kind(vector, "in_time")]
 VectorOfMotion: TypeAlias = Annotated[Any, Kind(vector, "in_motion")]
 
+VectorInField: TypeAlias = Annotated[Any, Kind(vector, "in_field")]
+"""Three laws of t, q, u, and of the place x, y, z and the velocity vx, vy, vz of a point."""
+
 Axis: TypeAlias = Annotated[Any, Kind(unit_vector)]
 """A direction: "x", "-z", … or three numbers; it becomes a unit vector."""
 

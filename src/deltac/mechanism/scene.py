@@ -93,6 +93,9 @@ class Scene(Protocol):
     def weight(self, body: str) -> Expr:
         """The weight (3,) of a body, N."""
 
+    def point_at(self, body: str, place: Expr) -> BodyPoint:
+        """The body's material point that is at a place in the world now."""
+
     def place(self, body: str, point: Sequence[Any]) -> Expr:
         """Where a point given in the frame of a body is (3,), m."""
 
@@ -127,6 +130,9 @@ class Scene(Protocol):
 
     def from_potential(self, joint: str, potential: Any) -> tuple[Expr, Expr, Expr]:
         """Of a law V(q, t) of a joint's coordinates: V, −∂V/∂q along the joint's speeds, ∂V/∂t."""
+
+    def field(self, potential: Any, place: Expr) -> tuple[Expr, Expr, Expr]:
+        """Of a law V(x, y, z, t) at a place (3,): V, −∂V/∂(x, y, z), ∂V/∂t."""
 
     # Functions of expressions.
 

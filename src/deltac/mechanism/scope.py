@@ -53,6 +53,11 @@ class Scope:
         """Symbols of laws of t, q and u."""
         return (*self.in_place, *(f"u.{name}" for name in self.speeds.names))
 
+    @cached_property
+    def in_field(self) -> tuple[str, ...]:
+        """Symbols of laws of motion and of a point's place x, y, z and velocity vx, vy, vz."""
+        return (*"xyz", "vx", "vy", "vz", *self.in_motion)
+
     def number(self, quantity: Quantity) -> float:
         """The value of a quantity at the parameters' values."""
         return evaluate(quantity, self.parameters)

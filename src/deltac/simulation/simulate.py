@@ -275,11 +275,13 @@ def _stepper(
         return ImplicitSteps(method, rate, p, getattr(options, "spectral_radius", DEFAULT_RADIUS))
     if isinstance(options, Taylor):
         return TaylorSteps(flow, p, options.tolerance, quad=options.quad)
-    xdot = evaluate_at(flow.rate, t, x, p)[0] if compiled else rate(t, x)
-    sizes = state_sizes(flow, t, x, xdot, p, duration)
     assert isinstance(options, Sundials | Scipy)
-    if isinstance(options, Sundials):
+
+    sized = (t, x, p, duration, options.tolerance)
+    if isinstance(options, Sundials):  # on CasADi's own evaluator, whose rounding is another
+        sizes = state_sizes(flow, lambda *at: evaluate_at(flow.rate, *at, p)[0], *sized)
         return SundialsSteps(flow, options.solver, p, options.tolerance, sizes)
+    sizes = state_sizes(flow, rate, *sized)
     return ScipySteps(flow, options.solver, rate, p, options.tolerance, sizes, compiled=compiled)
 
 

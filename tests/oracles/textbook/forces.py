@@ -16,6 +16,7 @@ import numpy as np
 from deltac.errors import ModelError
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.forces import (
+    ForceField,
     GravityCompensation,
     JointDamper,
     JointSpring,
@@ -126,6 +127,30 @@ def _point_force(now: Situation, element: PointForce) -> list[ChannelForce]:
     return [ChannelForce(f"applied {element.name}", F)]
 
 
+def _force_field(now: Situation, element: ForceField) -> list[ChannelForce]:
+    frame = now.tree.frames[element.on]
+    place = now.place(element.body, element.point)
+    x = frame.turned.T @ (place - frame.origin)
+    v = frame.turned.T @ (now.velocity(element.body, place) - now.velocity(element.on, place))
+    more = {**dict(zip("xyz", x)), **dict(zip(("vx", "vy", "vz"), v))}
+
+    def acting(force: Array) -> Array:
+        force, nothing = frame.turned @ force, np.zeros(3)
+        return now.stack(
+            [(element.body, place, force, nothing), (element.on, place, -force, nothing)]
+        )
+
+    V = element.potential
+    if V is None:
+        force = np.array([evaluate(law, {**now.known, **more}) for law in element.force])
+        return [ChannelForce(f"applied {element.name}", acting(force))]
+    force = -np.array([evaluate(_slope(V, axis), {**now.known, **more}) for axis in "xyz"])
+    explicit = evaluate(rate(V), {**now.known, **more})
+    return _potential(
+        element.name, acting(force), float(evaluate(V, {**now.known, **more})), explicit
+    )
+
+
 def _spring_damper(now: Situation, element: SpringDamper) -> list[ChannelForce]:
     one, other = element.body1, element.body2
     p1, p2 = now.place(one, element.point1), now.place(other, element.point2)
@@ -217,6 +242,7 @@ STATED: dict[type, Callable[[Situation, Any], list[ChannelForce]]] = {
     JointDamper: _joint_damper,
     JointTorque: _joint_torque,
     PointForce: _point_force,
+    ForceField: _force_field,
     SpringDamper: _spring_damper,
     Tendon: _tendon,
     GravityCompensation: _gravity_compensation,

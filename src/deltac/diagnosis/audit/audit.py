@@ -399,6 +399,7 @@ def _judged(
     findings += checks.violations(mechanism, run, ledger, tolerance)
     findings += checks.impacts_not_held(mechanism, run)
     findings += checks.differing_channels(mechanism, log, report, tolerance)
+    findings += checks.stale_rows(mechanism, log.consecutive)
     missing = checks.assumed_zero(run, report)
     findings += checks.assumed_zero_finding(missing)
     progress(0.2)
@@ -406,9 +407,11 @@ def _judged(
     inference = None if doubted else infer(mechanism, log.consecutive, ledger.energy_exchanged)
     progress(0.7)
     reading = None
-    if inference is not None and not any(f.weight == "cause" for f in findings):
+    certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]
+    if inference is not None and not certain:
         reading = convention(mechanism, log.consecutive, inference)
-        findings += [] if reading is None else [reading]
+        if reading is not None:  # in which forces of the log's states are others, too
+            findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
         findings += checks.missing_equalities(mechanism, report, run, inference)
     function = function_of(ledger)
     in_loop = ledger.method == "in-loop" and bool(run.integrals or run.works)

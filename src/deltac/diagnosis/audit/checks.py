@@ -16,7 +16,7 @@ from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.measurements.digits import scatter
 from deltac.diagnosis.measurements.kinematics import trusted
-from deltac.diagnosis.residuals.at_samples import equation_terms
+from deltac.diagnosis.residuals.at_samples import equation_terms, stale_stage
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
@@ -283,6 +283,14 @@ def differing_channels(
         if energy > tolerance * ledger.energy_exchanged:
             found.append(_difference(name, own, logged, energy, ledger.energy_exchanged))
     return found
+
+
+def stale_rows(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
+    """Forces or accelerations of the row before, in runs whose accelerations are the equations' own."""
+    measured = trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
+    if not measured or not len(mechanism.free.u) or len(run) < 3:
+        return []
+    return stale_stage(mechanism, run, equation_terms(mechanism, run))
 
 
 def _difference(

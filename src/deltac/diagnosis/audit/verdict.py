@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
-from deltac.diagnosis.explain.causes import PREFERENCE
+from deltac.diagnosis.causes.causes import PREFERENCE
 from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.inference.attribution import Attribution
 from deltac.diagnosis.inference.flow import FORCES
@@ -235,9 +235,9 @@ def judge(e: Evidence) -> Verdict:
         kind = "unresolved"
     words: tuple[Confidence, ...] = ("high", "medium")
     confidence = next((word for word in words if odds[kind] >= PROBABLE[word]), "low")
-    if e.guessed and confidence == "high":
-        confidence = "medium"
     findings = _findings(e, kind)
+    if (e.guessed or any(f.kind == "small-but-real" for f in findings)) and confidence == "high":
+        confidence = "medium"
     return Verdict(kind, confidence, tuple(_evidence(e, kind)), findings)
 
 
@@ -253,7 +253,8 @@ def _findings(e: Evidence, kind: Kind) -> tuple[Finding, ...]:
             own.append(replace(f, weight="cause" if kind == "equation-error" else "note"))
     if e.intermittent and e.inference is not None:
         own.append(_missing_contact(e, e.inference, kind))
-    if kind != "equation-error" and e.mistake[0] > PROBABLE["high"] and any(map(of_model, named)):
+    small = kind != "equation-error" and e.mistake[1] < 1.0 - PROBABLE["medium"]
+    if small and e.mistake[0] > PROBABLE["high"] and any(map(of_model, named)):
         own.append(_small(e, next(filter(of_model, named))))
     weights = list(HEADINGS)
     everything = [*own, *e.findings]

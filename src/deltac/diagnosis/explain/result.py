@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import KINDS, SLIPPED, Candidate, other_unit
+from deltac.diagnosis.causes.causes import KINDS, SLIPPED, Candidate, other_unit
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Report, Section, Table

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import Candidate
+from deltac.diagnosis.causes.causes import Candidate
 
 SINGULAR = 1e-9
 """Share of a column that others must leave of it for it to be told from them."""
@@ -390,8 +390,7 @@ def search(
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told.
     `most` are found together.
     """
-    best = nothing(len(blocks[0].causes))
-    alternatives: tuple[Fit, ...] = ()
+    best, near = nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
     for _ in range(most):
         fits: list[tuple[float, Fit]] = []
@@ -404,27 +403,39 @@ def search(
                 continue
             fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
         fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))
-        exact = [
-            (evidence(blocks, best, fit, len(candidates), True), fit) for _, fit in fits[:SHORTLIST]
-        ]
-        if not exact:
-            break
-        top = fits[0][0]
-        near = [(e, f) for (rough, _), (e, f) in zip(fits, exact) if rough >= top - EQUAL]
         if not scores:
-            scores = [(e, f.chosen[-1], float(exchanged(f)[0])) for e, f in exact]
-        odds, fit = min(near, key=lambda item: item[1].chosen[-1].rank(item[1].theta[-1]))
-        odds = max(e for e, _ in near)
-        if odds < CERTAIN:
+            scores = [(e, f.chosen[-1], float(exchanged(f)[0])) for e, f in fits[:SHORTLIST]]
+        if not fits or fits[0][0] < CERTAIN:
             break
-        best = Fit(
-            fit.chosen,
-            fit.theta,
-            fit.coefficients,
-            odds,
-            fit.covariance,
-            fit.tangent,
-            (*best.each, odds),
-        )
-        alternatives = tuple(f for _, f in near if not f.repeats(fit))
-    return Posterior(best, alternatives, tuple(scores))
+        near = [f for e, f in fits if e >= fits[0][0] - EQUAL]
+        best = min(near, key=lambda f: f.chosen[-1].rank(f.theta[-1]))
+    return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
+
+
+def _pruned(
+    blocks: Sequence[Block], best: Fit, near: list[Fit], alternatives: int
+) -> tuple[Fit, tuple[Fit, ...]]:
+    """The set without causes that have no odds beside the others, and other sets that explain as much.
+
+    Each is judged by what all others leave: a cause that is not in the set yet makes what is left correlated.
+    """
+    whole = best
+    while best.chosen:
+        odds = []
+        for k in range(len(best.chosen)):
+            others = _without(blocks, best, k)
+            odds.append(evidence(blocks, others, best, alternatives, True))
+        worst = int(np.argmin(odds))
+        if odds[worst] >= CERTAIN:
+            best = replace(best, log_odds=odds[-1], each=tuple(odds))
+            equals = near if best.chosen == whole.chosen else []
+            return best, tuple(f for f in equals if not f.repeats(best))
+        best = _without(blocks, best, worst)
+    return best, ()
+
+
+def _without(blocks: Sequence[Block], fit: Fit, k: int) -> Fit:
+    """The set without one of its causes, its numbers fitted anew."""
+    rest = [*fit.chosen[:k], *fit.chosen[k + 1 :]]
+    other = fitted(blocks, rest, [*fit.theta[:k], *fit.theta[k + 1 :]]) if rest else None
+    return other or nothing(len(blocks[0].causes))

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.integrate import simpson
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import Candidate, candidates
-from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels
-from deltac.diagnosis.explain.geometry import geometry_columns
+from deltac.diagnosis.causes.causes import Candidate, candidates
+from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
+from deltac.diagnosis.causes.geometry import geometry_columns
 from deltac.diagnosis.inference.attribution import Attribution, Share, joules
 from deltac.diagnosis.inference.fields import (
     FIELDS,

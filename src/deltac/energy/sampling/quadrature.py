@@ -59,20 +59,20 @@ in a batch.
 """
 
 
-def lagrange(samples: Samples, known: Array) -> Array:
+def lagrange(samples: Samples, sampled: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
     t, window = samples.clock, min(SAMPLED, len(samples.t))
     even = len(t) >= SAMPLED and samples.even
-    total = np.empty_like(known)
+    total = np.empty_like(sampled)
     sums = _even_sums(float((t[-1] - t[0]) / (len(t) - 1))) if even else None
 
     def some(rows: slice) -> None:
         if sums is not None:
-            total[rows] = sums.sums(known[rows], 1)
+            total[rows] = sums.sums(sampled[rows], 1)
         else:
-            _lagrange(t, known[rows], window, total[rows])
+            _lagrange(t, sampled[rows], window, total[rows])
 
-    spread(some, _shares(known), numbers=known.size)
+    spread(some, _shares(sampled), numbers=sampled.size)
     return total
 
 
@@ -94,16 +94,16 @@ class EvenSums:
 
     def sums(self, powers: Array, spacing: int) -> Array:
         """∫ from the first sample on (m, T) of powers (m, T ≥ `SAMPLED`) at samples of that `spacing`."""
-        found = np.empty_like(powers)
-        found[:, 0] = 0.0
+        sums = np.empty_like(powers)
+        sums[:, 0] = 0.0
         reach, count = self._middle, powers.shape[1]
         starts = powers[:, :SAMPLED] @ self._weights[:reach].T
-        np.cumsum(starts, axis=1, out=found[:, 1 : reach + 1])
-        cumulated_windows(powers, self._matrix, found[:, reach : count - reach])
+        np.cumsum(starts, axis=1, out=sums[:, 1 : reach + 1])
+        cumulated_windows(powers, self._matrix, sums[:, reach : count - reach])
         ends = powers[:, -SAMPLED:] @ self._weights[reach + 1 :].T
-        found[:, count - reach :] = found[:, [count - reach - 1]] + np.cumsum(ends, axis=1)
-        found *= spacing
-        return found
+        sums[:, count - reach :] = sums[:, [count - reach - 1]] + np.cumsum(ends, axis=1)
+        sums *= spacing
+        return sums
 
 
 _even_sums = lru_cache(maxsize=16)(EvenSums)
@@ -121,31 +121,31 @@ def _lagrange(t: Array, powers: Array, window: int, sums: Array) -> None:
         window_times(t, start, first, x[:window], x[window:])
         weights = kernel.flat(x)
         whole = size - size % BAND
-        here = part[:, :size]
-        weighted_windows(powers[:, first:], weights[:, :whole], bands, here[:, :whole])
+        block = part[:, :size]
+        weighted_windows(powers[:, first:], weights[:, :whole], bands, block[:, :whole])
         if size > whole:
             rest = band_matrices(1, size - whole, window)
-            weighted_windows(powers[:, first + whole :], weights[:, whole:], rest, here[:, whole:])
-        here[:, 0] += sums[:, start]
-        np.cumsum(here, axis=1, out=sums[:, start + 1 : stop + 1])
+            weighted_windows(powers[:, first + whole :], weights[:, whole:], rest, block[:, whole:])
+        block[:, 0] += sums[:, start]
+        np.cumsum(block, axis=1, out=sums[:, start + 1 : stop + 1])
 
 
 def hermite(
     samples: Samples,
     powers: Powers,
-    known: Array,
+    sampled: Array,
     window: int,
     rates: Collection[str],
 ) -> Array:
     """∫ from the first sample on (m, T); see `hermite_parts`."""
-    total = hermite_parts(samples, powers, known, window, rates)
+    total = hermite_parts(samples, powers, sampled, window, rates)
     return np.cumsum(total, axis=1, out=total)
 
 
 def hermite_parts(
     samples: Samples,
     powers: Powers,
-    known: Array,
+    sampled: Array,
     window: int,
     rates: Collection[str],
 ) -> Array:
@@ -170,30 +170,30 @@ def hermite_parts(
     )
     places = _places(sizes | rated)
     y, dy, f = (_side_by_side(columns, len(t)) for columns in (values, slopes, plain))
-    total = np.zeros_like(known)
+    total = np.zeros_like(sampled)
     for together in _together(blocks(len(t), window, ROWS_AT_ONCE)):
-        here = slice(together[0][0], together[-1][1])
-        after, size = slice(here.start + 1, here.stop + 1), here.stop - here.start
+        block = slice(together[0][0], together[-1][1])
+        after, size = slice(block.start + 1, block.stop + 1), block.stop - block.start
         x = np.empty((kernel.n_in, size))
         for start, stop, first in together:
-            part = x[:, start - here.start : stop - here.start]
+            part = x[:, start - block.start : stop - block.start]
             z, width, *windows = (part[where] for where in kernel.input_slices.values())
             window_times(t, start, first, z, width)
             for rows, out in zip((y, dy, f), windows):
                 windows_of(rows, first, window, out)
-        found = kernel.flat(x)
+        powers_between = kernel.flat(x)
         width = x[kernel.input_slices["width"]][0]
-        end = known[:, after]
+        end = sampled[:, after]
         if samples.held:  # what acts at the end is still that of the start
-            end = powers(*samples.at(after, here, rates)).T
+            end = powers(*samples.at(after, block, rates)).T
         # The inner nodes of all intervals, one kind after the other.
-        nodes = np.hstack([found[where] for where in kernel.output_slices.values()])
-        times = np.concatenate([samples.t[here] + node * width for node in INNER])
+        nodes = np.hstack([powers_between[where] for where in kernel.output_slices.values()])
+        times = np.concatenate([samples.t[block] + node * width for node in INNER])
         at = {name: nodes[place].T for name, place in places.items()}
-        at |= {n: np.tile(held[here], (len(INNER), 1)) for n, held in samples.held.items()}
+        at |= {n: np.tile(steady[block], (len(INNER), 1)) for n, steady in samples.held.items()}
         between = Between(at, {name: at[f"rate {name}"] for name in names if name in rates})
         inner = powers(times, between).T
-        part = OUTER_WEIGHT * (known[:, here] + end)
+        part = OUTER_WEIGHT * (sampled[:, block] + end)
         for k, weight in enumerate(INNER_WEIGHTS):
             part += weight * inner[:, k * size : (k + 1) * size]
         np.multiply(part, width, out=total[:, after])
@@ -207,14 +207,14 @@ def _side_by_side(columns: Sequence[Array], count: int) -> Array:
 
 def _together(several: Iterable[Block]) -> Iterator[list[Block]]:
     """Neighbouring blocks, with the short ones at the ends of a motion joined to the next."""
-    found: list[Block] = []
+    blocks: list[Block] = []
     for block in several:
-        if found and block[1] - found[0][0] > ROWS_AT_ONCE + SAMPLED:
-            yield found
-            found = []
-        found.append(block)
-    if found:
-        yield found
+        if blocks and block[1] - blocks[0][0] > ROWS_AT_ONCE + SAMPLED:
+            yield blocks
+            blocks = []
+        blocks.append(block)
+    if blocks:
+        yield blocks
 
 
 def _places(sizes: Mapping[str, int]) -> dict[str, slice]:
@@ -252,7 +252,7 @@ class _Rule:
 def integrate(
     samples: Samples,
     powers: Powers,
-    known: Array | None = None,
+    sampled: Array | None = None,
     rates: Collection[str] | None = None,
     leading: slice = slice(None),
 ) -> Integral:
@@ -270,19 +270,19 @@ def integrate(
     Args:
         samples: what is known of the motion.
         powers: (times, between) -> (rows, m).
-        known: the powers (m, T) at the samples; evaluated if None.
+        sampled: the powers (m, T) at the samples; evaluated if None.
         rates: names of what the powers need rates of; by default all that is smooth.
         leading: the columns that decide by which rules the integrals are taken.
     """
     rated = samples.smooth.keys() if rates is None else rates
-    known = at_samples(samples, powers, rated) if known is None else known
-    found = _chosen(samples, powers, known, rated, leading)
+    sampled = at_samples(samples, powers, rated) if sampled is None else sampled
+    integral = _chosen(samples, powers, sampled, rated, leading)
     blur = float(np.spacing(np.abs(samples.t).max()))
     if blur > 4 * np.spacing(np.ptp(samples.t)) and not samples.even:
         # Σ P_k (δ_{k+1} − δ_k), summed by parts.
-        moved = np.abs(np.diff(known, axis=1, prepend=0.0)).cumsum(axis=1) + np.abs(known)
-        return replace(found, bar=found.bar + blur * moved.T)
-    return found
+        moved = np.abs(np.diff(sampled, axis=1, prepend=0.0)).cumsum(axis=1) + np.abs(sampled)
+        return replace(integral, bar=integral.bar + blur * moved.T)
+    return integral
 
 
 def _chosen(

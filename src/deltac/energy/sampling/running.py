@@ -94,8 +94,8 @@ def _running_kernel(rows: int) -> Kernel:
 
     Inputs: the powers at rows a − `REACH` to a + rows + `REACH`, and the state that the piece before left.
     """
-    P, given = ca.SX.sym("P", rows + 2 * REACH + 1), ca.SX.sym("state", len(STATE))
-    s = dict(zip(STATE, ca.vertsplit(given)))
+    P, state = ca.SX.sym("P", rows + 2 * REACH + 1), ca.SX.sym("state", len(STATE))
+    s = dict(zip(STATE, ca.vertsplit(state)))
     at = _Around(P)
     value: list[SX] = []
     most: list[SX] = []
@@ -132,7 +132,7 @@ def _running_kernel(rows: int) -> Kernel:
     s |= {"odd": ends, "error": last}
     outputs = {"value": value, "most": most, "least": least, "state": [s[name] for name in STATE]}
     columns = {name: ca.vertcat(*entries) for name, entries in outputs.items()}
-    return Kernel({"P": P}, columns, given, name="running integrals")
+    return Kernel({"P": P}, columns, state, name="running integrals")
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,11 +126,11 @@ def at_samples(samples: Samples, powers: Powers, rated: Collection[str] | None =
         _ = [column.rates for column in samples.smooth.values()]
     first, *others = row_blocks(len(samples.t))
     start = powers(*samples.at(first, first, rated)).T
-    found = np.empty((len(start), len(samples.t)))
-    found[:, first] = start
+    values = np.empty((len(start), len(samples.t)))
+    values[:, first] = start
 
     def evaluate(rows: slice) -> None:
-        found[:, rows] = powers(*samples.at(rows, rows, rated)).T
+        values[:, rows] = powers(*samples.at(rows, rows, rated)).T
 
-    spread(evaluate, others, numbers=found.size)
-    return found
+    spread(evaluate, others, numbers=values.size)
+    return values

@@ -116,7 +116,7 @@ def integrate_pieces(
     samples: Samples,
     starts: Sequence[int],
     powers: Powers,
-    known: Array,
+    sampled: Array,
     rates: Sequence[str],
     leading: slice,
 ) -> Integral:
@@ -128,11 +128,11 @@ def integrate_pieces(
     and the bar is what this differs by from the trapezoidal rule.
     """
     if not starts:
-        return integrate(samples, powers, known, rates, leading)
+        return integrate(samples, powers, sampled, rates, leading)
     with np.errstate(divide="ignore", invalid="ignore"):
-        parts = hermite_parts(samples, powers, known, 2, rates)[:, 1:]
+        parts = hermite_parts(samples, powers, sampled, 2, rates)[:, 1:]
     width = np.diff(samples.t)
-    plain = 0.5 * width * (known[:, 1:] + known[:, :-1])
+    plain = 0.5 * width * (sampled[:, 1:] + sampled[:, :-1])
     bars = np.abs(parts - plain)
     rules, orders = [], []
     for first, stop in pairwise((0, *starts, len(samples.t))):
@@ -141,19 +141,19 @@ def integrate_pieces(
         for rows in ((first, first + 4), (stop - 4, stop)) if long else ((first, stop),):
             if rows[1] - rows[0] >= 4 and _even(width[rows[0] : rows[1] - 1]):
                 piece, places = slice(*rows), slice(rows[0], rows[1] - 1)
-                better = hermite_parts(samples.rows(piece), powers, known[:, piece], 4, rates)[
+                better = hermite_parts(samples.rows(piece), powers, sampled[:, piece], 4, rates)[
                     :, 1:
                 ]
                 bars[:, places] = np.abs(better - parts[:, places])
                 parts[:, places] = better
         if long:
-            found = integrate(samples.rows(inner), powers, known[:, inner], rates, leading)
+            integral = integrate(samples.rows(inner), powers, sampled[:, inner], rates, leading)
             places = slice(inner.start, inner.stop - 1)
-            parts[:, places] = np.diff(found.value.T, axis=1)
-            bars[:, places] = np.diff(found.bar.T, axis=1)
-            bars[:, inner.start] += found.bar[0]
-            rules.append(found.rule)
-            orders.append(found.order)
+            parts[:, places] = np.diff(integral.value.T, axis=1)
+            bars[:, places] = np.diff(integral.bar.T, axis=1)
+            bars[:, inner.start] += integral.bar[0]
+            rules.append(integral.rule)
+            orders.append(integral.order)
     nothing = np.zeros(len(width), dtype=bool)
     nothing[np.array(starts) - 1] = True
     nothing |= width == 0.0
@@ -206,9 +206,9 @@ def jumps(
         return Jumps({}, {}, {}, np.zeros((len(t), 0)), 0.0)
     impulses = Impulses.symbols(len(system.mechanism.speeds))
     own = trace_split(system, speeds, None if constrained is None else constrained.rows)
-    known = impulse_terms(system, impulses, own, constrained)
+    impulsive = impulse_terms(system, impulses, own, constrained)
     balances = momentum_balances(system)
-    outputs = [function.P(known) for function in functions]
+    outputs = [function.P(impulsive) for function in functions]
     outputs += [ca.dot(balance.alpha, impulses.contact) for balance in balances]
     impulse = (impulses.contact + impulses.driving + impulses.constraint)[system.free_u, :]
     if own is not None:
@@ -217,7 +217,7 @@ def jumps(
     inputs = [system.t, system.q, system.u, *impulses.columns().values()]
     f = ca.Function("jumps", inputs, [ca.vertcat(ca.SX(0, 1), *outputs)])
     free = system.mechanism.free
-    found = np.array(
+    changes = np.array(
         [
             np.array(
                 f(
@@ -245,9 +245,9 @@ def jumps(
     }
     return Jumps(
         {channel: cumulated(values) for channel, values in works.items()},
-        {g.name: cumulated(found[:, k]) for k, g in enumerate(functions)},
-        {b.name: cumulated(found[:, len(functions) + k]) for k, b in enumerate(balances)},
-        np.array([cumulated(f) for f in found.T[len(functions) + len(balances) :]]).T,
+        {g.name: cumulated(changes[:, k]) for k, g in enumerate(functions)},
+        {b.name: cumulated(changes[:, len(functions) + k]) for k, b in enumerate(balances)},
+        np.array([cumulated(f) for f in changes.T[len(functions) + len(balances) :]]).T,
         float(sum(np.abs(values).sum() for values in works.values())),
     )
 

@@ -212,7 +212,9 @@ class TracedNames:
                         TypeError, ValueError):  # fmt: skip
                     return {}
             for index, change in replacements.items():
-                if tape.nodes[index] != place or max(change.inputs, default=-1) > index:
+                if tape.nodes[index] != place:
+                    return None  # an array that only its name stands for
+                if max(change.inputs, default=-1) > index:
                     return {}
                 if (index,) != change.inputs:
                     changes[index] = change

@@ -296,8 +296,9 @@ def _pool(search: Search) -> list[First]:
     base = program.original_residual
     pool: list[First] = []
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
-    trials = (search.tried(places, kind) for kind in (edits, additions))
-    for candidate, changes in itertools.islice(itertools.chain.from_iterable(trials), POOL):
+    varying = [place for place in places if not search.names.constant(place)]
+    trials = itertools.chain(search.tried(places, edits), search.tried(varying, additions))
+    for candidate, changes in itertools.islice(trials, POOL):
         effect = program.residual(changes) - base
         size = np.abs(effect).max()
         if np.isfinite(size) and size > RIGHT:
@@ -372,12 +373,9 @@ def _followed(search: Search, firsts: list[First]) -> Iterator[tuple[Candidate, 
     for first in sorted(firsts, key=lambda f: (f.candidate.cost, f.candidate.place)):
         if not _explained(along, program.original_residual + first.effect).any():
             continue
-        then = Search(program.changed(first.changes), search.target, search.deadline)
-        for place in _sole(then.program):
-            if time.monotonic() > search.deadline or time.process_time() > end:
-                return
-            then.requirements.find(place)
-        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plainness):
+        if time.monotonic() > search.deadline or time.process_time() > end:
+            return
+        for second in _seconds(search, program.changed(first.changes)):
             yield first.candidate, second
 
 
@@ -410,10 +408,13 @@ def _explained(along: Array, residual: Array) -> NDArray[np.bool_]:
     return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(residual).max())
 
 
-def _sole(program: Program) -> list[int]:
-    """The places of the numbers along whose directions the residual lies."""
+def _seconds(search: Search, program: Program) -> list[Candidate]:
+    """Edits of expressions that may have caused all that is wrong with a program after a first edit."""
+    then = Search(program, search.target, search.deadline)
     places, along = _directions(program)
-    return [int(place) for place in places[_explained(along, program.original_residual)]]
+    for place in places[_explained(along, program.original_residual)]:
+        then.requirements.find(int(place))
+    return sorted((c for r in then.whole for c in then.edits(r)), key=_plainness)
 
 
 def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
@@ -438,10 +439,7 @@ def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
             again = at(changed, target, tuple(program.samples.parameters)).worst
         except InputError:
             continue
-        then = Search(again, target, search.deadline)
-        for place in _sole(again):
-            then.requirements.find(place)
-        for second in sorted((c for r in then.whole for c in then.edits(r)), key=_plainness):
+        for second in _seconds(search, again):
             back = _before(program.source, first, changed, second.place)
             if back is not None:
                 yield first, replace(second, source=program.source, place=back, new=second.text)

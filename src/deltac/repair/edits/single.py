@@ -126,7 +126,7 @@ def structure(source: Source, place: int, names: Names) -> Edits:
 def additions(source: Source, place: int, names: Names) -> Edits:
     """What is forgotten beside a node: a name as a factor, a divisor or a term."""
     node = source.nodes[place]
-    if not isinstance(node, ast.expr) or isinstance(node, ast.Constant) or names.constant(place):
+    if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
         return
     edit = partial(Candidate, source, place)
     parent = source.nodes[source.parent[place]]

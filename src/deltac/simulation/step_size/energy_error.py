@@ -134,13 +134,10 @@ def refuted(
     """
     if not error.relative > CREDIBLE:
         return motion
-    share = f"{error.relative:.0%} of" if error.relative < 10 else f"{error.relative:.2g} times"
-    size = (
-        f"its energy error |ΔC| reaches {error.largest:.3g} J, {share} the "
-        f"{error.total:.3g} J that took part"
-    )
     if motion.message:
-        return replace(motion, message=f"{motion.message}. Do not trust the rows before: {size}")
+        doubt = "Do not trust the rows before: |ΔC| exceeds a tenth of the energy that took part"
+        return replace(motion, message=f"{motion.message}. {doubt}")
+    share = f"{error.relative:.0%} of" if error.relative < 10 else f"{error.relative:.2g} times"
     if run.equations:
         remedy = (
             "The equations by hand are not those of the model, or the step is too large: "
@@ -152,7 +149,11 @@ def refuted(
     else:
         step = sufficient_step(flow, solver, error, motion, p, run.step)
         remedy = f"Take steps of {step:.1g} s or less; deltac.recommend finds a step and a solver"
-    warn_user(f"the run cannot be trusted: {size}. {remedy}", EnergyErrorWarning)
+    warn_user(
+        f"the run cannot be trusted: its energy error |ΔC| reaches {error.largest:.3g} J, {share} the "
+        f"{error.total:.3g} J that took part. {remedy}",
+        EnergyErrorWarning,
+    )
     return motion
 
 

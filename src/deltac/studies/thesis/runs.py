@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
@@ -17,6 +18,7 @@ from deltac.mechanism.state import State
 from deltac.problems import Problem
 from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import Scipy
+from deltac.simulation.step_size.energy_error import EnergyErrorWarning
 from deltac.trajectories import Trajectory
 
 _TUMBLING: dict[str, Any] = {
@@ -125,15 +127,17 @@ def perform(run: Run) -> Outcome:
 def trajectory_of(run: Run, state: State, every: int = 1) -> Trajectory:
     """The motion of a run from a state, every so many steps recorded."""
     pendulum = problem(run.variant)
-    return simulate(
-        pendulum.mechanism,
-        state,
-        run.duration,
-        run.step,
-        run.solver,
-        equations=pendulum.equations if run.by_hand else None,
-        record=every,
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", EnergyErrorWarning)  # some runs are wrong on purpose
+        return simulate(
+            pendulum.mechanism,
+            state,
+            run.duration,
+            run.step,
+            run.solver,
+            equations=pendulum.equations if run.by_hand else None,
+            record=every,
+        )
 
 
 def exactly(run: Run) -> Trajectory:

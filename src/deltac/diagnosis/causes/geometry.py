@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.explain.columns import Column, ColumnKernels, What, computes_weight
+from deltac.diagnosis.causes.columns import Column, ColumnKernels, What, computes_weight
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.forces import channels

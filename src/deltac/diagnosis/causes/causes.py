@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.columns import STOPS, UNIT_MOMENTS, Column, What, stops
-from deltac.diagnosis.explain.geometry import Number, displacements, geometry_numbers
+from deltac.diagnosis.causes.columns import STOPS, UNIT_MOMENTS, Column, What, stops
+from deltac.diagnosis.causes.geometry import Number, displacements, geometry_numbers
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.system import Link
 from deltac.mechanism.constraints import perpendiculars

@@ -14,7 +14,7 @@ import pytest
 import deltac as dc
 from deltac.calls.progress import Parts, counted
 from deltac.codes import FINDINGS, finding_code
-from deltac.diagnosis.explain.causes import PREFERENCE
+from deltac.diagnosis.causes.causes import PREFERENCE
 from deltac.errors import InputError, LogError, UnknownName
 from deltac.results import SCHEMA, Finding, Report, Section, Serialisable, Table, Verbatim, as_text
 

@@ -175,7 +175,7 @@ def _text(audit: Any) -> str:
 
 def _told(audit: Any, names: Names) -> Row:
     """Attribution, causes and odds of an audit, as far as it has them."""
-    row: Row = {"tolerance": float(audit.tolerance * getattr(audit, "beside", np.nan))}
+    row: Row = {"tolerance": float(audit.tolerance * audit.reference_energy)}
     attribution = getattr(audit, "attribution", None)
     if attribution is not None:
         for name in ("integrator", "equations", "log"):

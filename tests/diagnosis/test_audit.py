@@ -118,9 +118,19 @@ def test_one_body_heavier_by_two_percent() -> None:
 
 @pytest.mark.parametrize(("xml", "run"), [(ARM, arm_run), (BOX, box_run)], ids=["arm", "box"])
 def test_gravity_of_two_countries(xml: str, run: Any) -> None:
-    cause = the_cause(audit(with_changes(xml, gravity=9.8), run()), "gravity")
-    assert cause.factor == pytest.approx(9.81 / 9.8, rel=1e-9)
-    assert "9.81 m/s² instead of 9.8 m/s²" in cause.what
+    """A thousandth of gravity is real, and within the tolerance."""
+    found = audit(with_changes(xml, gravity=9.8), run())
+    assert (found.verdict.kind, found.exit_code) == ("consistent", 0)
+    (note,) = (f for f in found.findings if f.kind == "gravity")
+    assert note.factor == pytest.approx(9.81 / 9.8, rel=1e-9)
+    assert "gravity-vector" not in {kind for kind, _ in note.equals}  # which is the same
+    assert "small-but-real" in {f.kind for f in found.findings}
+    assert audit(with_changes(xml, gravity=9.8), run(), strict=True).exit_code == 1
+
+
+def test_gravity_two_percent_off() -> None:
+    cause = the_cause(audit(with_changes(ARM, gravity=9.6), arm_run()), "gravity")
+    assert cause.factor == pytest.approx(9.81 / 9.6, rel=1e-9)
 
 
 def test_a_wrong_gear() -> None:
@@ -209,7 +219,7 @@ def test_the_ledger_of_a_large_log_keeps_some_rows(monkeypatch: pytest.MonkeyPat
     run = hopper_run()
     whole = audit(model_of(HOPPER), run)
     monkeypatch.setattr(logs, "LARGE", 1000)
-    monkeypatch.setattr(importlib.import_module("deltac.diagnosis.audit.reading"), "KEPT", 20)
+    monkeypatch.setattr(importlib.import_module("deltac.diagnosis.audit.audit"), "KEPT", 20)
     few = audit(model_of(HOPPER), run)
     assert len(few.ledger.t) <= 0.1 * len(run) < len(whole.ledger.t) == len(run)
     assert few.verdict.kind == whole.verdict.kind
@@ -261,7 +271,7 @@ def test_arguments_that_make_no_sense() -> None:
 def test_json_holds_plain_values() -> None:
     import json
 
-    found: Audit = audit(with_changes(ARM, gravity=9.8), arm_run())
+    found: Audit = audit(with_changes(ARM, gravity=9.6), arm_run())
     held = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     assert held["verdict"] == "equation-error"
     assert held["findings"][0]["kind"] == "gravity"

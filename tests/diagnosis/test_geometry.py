@@ -17,9 +17,9 @@ from scipy.optimize import least_squares
 
 import deltac as dc
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import candidates
-from deltac.diagnosis.explain.columns import ColumnKernels, column_kernels
-from deltac.diagnosis.explain.geometry import displacements, geometry_columns
+from deltac.diagnosis.causes.causes import candidates
+from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
+from deltac.diagnosis.causes.geometry import displacements, geometry_columns
 from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 
@@ -329,3 +329,35 @@ def test_without_columns_of_the_geometry_there_are_no_causes_of_it() -> None:
         *("joint-orientation", "body-orientation", "element-length", "attachment", "contact-size"),
         "contact-position",
     }
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+@pytest.mark.parametrize(
+    ("place", "kind", "element", "size"),
+    [((0.606, 0.0), "link-length", "upper", 0.606), ((0.6, 0.01), "joint-position", "elbow", 0.01)],
+)
+def test_an_audit_names_a_place_that_is_wrong(
+    place: tuple[float, float], kind: str, element: str, size: float, noise: float
+) -> None:
+    """Without accelerations; masses, forces and centres alone would need three causes, all of them wrong."""
+
+    def arm(x: float, y: float) -> dc.Mechanism:
+        return dc.Mechanism(
+            bodies=[dc.rod(name, 1.0, 0.8) for name in ("upper", "lower")],
+            joints=[
+                dc.revolute("shoulder", "ground", "upper", damping=0.02),
+                dc.revolute("elbow", "upper", "lower", position=(x, y, 0), damping=0.01),
+            ],
+            gravity=(0, -9.81, 0),
+        )
+
+    start = arm(*place).state({"shoulder": 1.0, "elbow": 0.5}, {"shoulder": 2.0})
+    run = dc.simulate(arm(*place), start, 2.0, 2e-3, "ode4")
+    rng = np.random.default_rng(0)
+    q, u = (x + noise * rng.standard_normal(x.shape) for x in (run.q, run.u))
+    log = dc.Trajectory(t=run.t, q=q, u=u, coordinates=run.coordinates, speeds=run.speeds)
+    audit = dc.audit(arm(0.6, 0.0), log)
+    assert audit.verdict.kind == "equation-error"
+    (cause,) = audit.causes
+    assert (cause.kind, cause.element) == (kind, element)
+    assert cause.values[-1] == pytest.approx(size, rel=0.01 if kind == "joint-position" else 1e-4)

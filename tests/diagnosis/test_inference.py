@@ -11,10 +11,10 @@ from scipy.integrate import solve_ivp
 import deltac as dc
 from deltac.arrays import Array
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
-from deltac.diagnosis.inference.flow import Intervals, LoggedForce, difference, predicted
-from deltac.diagnosis.inference.innovations import innovations
-from deltac.diagnosis.inference.posterior import infer
-from deltac.diagnosis.residuals.rows import Model, Rows
+from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
+from deltac.diagnosis.inference.inference import infer
+from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.whitening import whitened
 
 G, L1, L2 = 9.81, 0.6, 0.4
 VALUES = {"m1": 1.0, "m2": 0.7, "c1": 0.02, "c2": 0.01, "g": G}
@@ -87,24 +87,58 @@ def rows_of(run: dc.Trajectory, some: slice) -> Rows:
     return Rows(run.t[some], run.q[some], run.u[some], nothing)
 
 
+def absolute(q: Array, u: Array) -> Array:
+    """Absolute angles and their rates of coordinates and speeds of the mechanism."""
+    return np.array([q[0], q[0] + q[1], u[0], u[0] + u[1]])
+
+
+def exact(q: Array, u: Array, h: float, p: dict[str, float]) -> Array:
+    """Coordinates and speeds after a time h, by an adaptive method on the textbook's equations."""
+    solution = solve_ivp(
+        lambda _, x: np.r_[x[2:], accelerations(x, p)], (0.0, h), absolute(q, u), "DOP853",
+        rtol=1e-13, atol=1e-14,
+    )  # fmt: skip
+    a, b, w, v = solution.y[:, -1]
+    return np.array([a, b - a, w, v - w])
+
+
 def test_the_flow_is_that_of_an_adaptive_solver() -> None:
     run = log(semi_implicit_euler, 5e-3, duration=0.5)
     model = Model(MECHANISM, run)
     intervals = Intervals(rows_of(run, slice(0, -1)), rows_of(run, slice(1, None)))
     none = np.zeros((len(intervals), 4))
-    flow = predicted(model, intervals, LoggedForce.of(intervals, [(0, len(intervals))])(()), none)
+    flow = predict(model, intervals, LoggedForce.of(intervals, [(0, len(intervals))])(()), none)
     end = np.c_[flow.end.q, flow.end.u]
     for k in (0, 40, 80):
-        q, u = run.q[k], run.u[k]
-        start = np.r_[q[0], q[0] + q[1], u[0], u[0] + u[1]]
-        exact = solve_ivp(
-            lambda _, x: np.r_[x[2:], accelerations(x, VALUES)], (0.0, 5e-3), start, "DOP853",
-            rtol=1e-13, atol=1e-14,
-        ).y[:, -1]  # fmt: skip
-        a, b, w, v = exact
-        assert end[k] == pytest.approx(
-            [a, b - a, w, v - w], abs=1e-12
-        )  # rounding of some ten steps
+        expected = exact(run.q[k], run.u[k], 5e-3, VALUES)
+        assert end[k] == pytest.approx(expected, abs=1e-12)  # rounding of some ten steps
+
+
+def test_the_variational_equation_is_that_of_reruns() -> None:
+    """Φ by starts that are moved; B of a damper by a flow with another one; both by differences."""
+    run, h = log(rk4, 5e-3, duration=0.2), 5e-3
+    model = Model(MECHANISM, run)
+    intervals = Intervals(rows_of(run, slice(0, -1)), rows_of(run, slice(1, None)))
+    none = np.zeros((len(intervals), 4))
+    flow = predict(model, intervals, LoggedForce.of(intervals, [(0, len(intervals))])(()), none, 8)
+    J, damper = [], []
+    for at in flow.nodes:
+        J.append(model.jacobian(at))
+        force = np.c_[
+            np.zeros(len(at.t)), -at.u[:, 1]
+        ]  # of a damper of one N·m·s at the second joint
+        response = model.response(at.t, at.q, force)
+        damper.append(np.concatenate([np.zeros_like(response), response], axis=1)[:, :, None])
+    Phi, B = transported(intervals.h, J, damper)
+    for k in (0, 20, 39):
+        q, u, d = run.q[k], run.u[k], 1e-5
+        for i, e in enumerate(np.eye(4)):
+            ends = [exact(q + s * d * e[:2], u + s * d * e[2:], h, VALUES) for s in (1.0, -1.0)]
+            column = (ends[0] - ends[1]) / (2.0 * d)
+            assert Phi[k, :, i] == pytest.approx(column, rel=2e-5, abs=1e-6)
+        ends = [exact(q, u, h, VALUES | {"c2": VALUES["c2"] + s * d}) for s in (1.0, -1.0)]
+        column = (ends[0] - ends[1]) / (2.0 * d)
+        assert B[k, :, 0] == pytest.approx(column, rel=1e-5, abs=1e-9)
 
 
 def test_elementary_differentials_are_the_derivatives_of_the_accelerations() -> None:
@@ -115,9 +149,8 @@ def test_elementary_differentials_are_the_derivatives_of_the_accelerations() -> 
     place = {f.name: k for k, f in enumerate(FIELDS)}
 
     def a_of(q: Array, u: Array) -> Array:
-        x = np.r_[q[0], q[0] + q[1], u[0], u[0] + u[1]]
-        made = accelerations(x, VALUES)
-        return np.array([made[0], made[1] - made[0]])
+        first, second = accelerations(absolute(q, u), VALUES)
+        return np.array([first, second - first])
 
     for k in range(3):
         q, u = at.q[k], at.u[k]
@@ -131,45 +164,43 @@ def test_elementary_differentials_are_the_derivatives_of_the_accelerations() -> 
         assert fields[k, 2:, place["u: a_u a"]] == pytest.approx(au_a, rel=1e-6)
 
 
-def test_whitening_has_the_likelihood_of_the_whole_covariance() -> None:
+def test_whitening_is_by_the_cholesky_factor_of_the_whole_covariance() -> None:
+    """Two pieces of unequal noise and a force that is not known: their covariance is written out."""
     rng = np.random.default_rng(1)
     N, m = 12, 2
     Phi = np.eye(m) + 0.3 * rng.standard_normal((N, m, m))
-    sigma, w = np.full((N, m), 0.4), rng.standard_normal((N, m))
-    R = 0.4**2 * np.eye(m)
-    none = np.zeros((N, m, 0))
-    white = innovations(
-        [(0, N)], w, Phi, none, (sigma, sigma), np.zeros((N, m, m)), (none, none), np.arange(m),
-        np.ones(m), N,
-    )  # fmt: skip
-    # w_k = e_{k+1} − Φ_k e_k: the covariance of all of them, written out.
+    start, end = rng.uniform(0.2, 0.6, (2, N, m))
+    start[1:5], start[6:] = end[:4], end[5:-1]  # an interval starts with the row that ends another
+    root = 0.3 * rng.standard_normal((N, m, m))
+    Q = root @ root.transpose(0, 2, 1)
+    columns = rng.standard_normal((N, m, 3))
+    white, log_determinant = whitened([(0, 5), (5, N)], Phi, (start, end), Q, columns)
     S = np.zeros((N * m, N * m))
     for k in range(N):
-        here = slice(k * m, (k + 1) * m)
-        S[here, here] = R + Phi[k] @ R @ Phi[k].T
-        if k:
-            before = slice((k - 1) * m, k * m)
-            S[here, before] = -Phi[k] @ R
-            S[before, here] = S[here, before].T
-    dense = w.ravel() @ np.linalg.solve(S, w.ravel())
-    assert float((white.r**2).sum()) == pytest.approx(
-        float(dense), rel=1e-7
-    )  # ROUNDING of the recursion
-    spread = 2.0 * np.log(np.einsum("kii->ki", white.factor)).sum()
-    assert spread == pytest.approx(np.linalg.slogdet(S)[1], rel=1e-7)
+        own, before = slice(k * m, (k + 1) * m), slice((k - 1) * m, k * m)
+        S[own, own] = np.diag(end[k] ** 2) + Phi[k] @ np.diag(start[k] ** 2) @ Phi[k].T + Q[k]
+        if k not in (0, 5):
+            S[own, before] = -Phi[k] @ np.diag(end[k - 1] ** 2)
+            S[before, own] = S[own, before].T
+    L = np.linalg.cholesky(S)
+    dense = np.linalg.solve(L, columns.reshape(N * m, 3))
+    np.testing.assert_allclose(white.reshape(N * m, 3), dense, rtol=1e-7, atol=1e-7)
+    assert log_determinant == pytest.approx(0.5 * np.linalg.slogdet(S)[1], rel=1e-7)
 
 
 @pytest.mark.parametrize(
-    ("step", "numbers", "name"),
+    ("step", "noise", "numbers", "name"),
     [
-        (explicit_euler, (-0.5, -0.5, -0.5), "explicit-euler"),
-        (semi_implicit_euler, (0.5, -0.5, -0.5), "semi-implicit-euler"),
-        (rk4, (0.0, 0.0, 0.0), "higher-order"),
+        (explicit_euler, 0.0, (-0.5, -0.5, -0.5), "explicit-euler"),
+        (explicit_euler, 1e-5, (-0.5, -0.5, -0.5), "explicit-euler"),
+        (semi_implicit_euler, 0.0, (0.5, -0.5, -0.5), "semi-implicit-euler"),
+        (semi_implicit_euler, 1e-5, (0.5, -0.5, -0.5), "semi-implicit-euler"),
+        (rk4, 0.0, (0.0, 0.0, 0.0), "rk4"),
+        (rk4, 1e-5, (0.0, 0.0, 0.0), "higher-order"),
     ],
 )
-@pytest.mark.parametrize("noise", [0.0, 1e-5])
-def test_an_integrator_is_named_by_its_modified_equation(
-    step: Step, numbers: tuple[float, ...], name: str, noise: float
+def test_an_integrator_is_named_by_its_map_or_its_modified_equation(
+    step: Step, noise: float, numbers: tuple[float, ...], name: str
 ) -> None:
     found = dc.audit(MECHANISM, log(step, 2e-3, noise)).integrator
     assert found is not None
@@ -201,9 +232,18 @@ def test_a_mistake_is_named_with_its_size_beside_an_unknown_integrator(
         assert cause.size == pytest.approx(true, abs=4.0 * cause.size_error + 0.02 * off)
 
 
-def energies(run: dc.Trajectory) -> Array:
-    ledger = dc.balance(MECHANISM, run, "samples")
-    return ledger.kinetic + ledger.potential_energy
+def test_odds_of_verdicts_are_probabilities() -> None:
+    """They add up to one, and the verdict is the most probable, whatever is wrong."""
+    kinds = {"consistent", "integration-error", "equation-error", "unresolved"}
+    for run in (
+        log(rk4, 2e-3), log(explicit_euler, 5e-3), log(rk4, 2e-3, 1e-3), log(rk4, 2e-3, c2=0.02),
+    ):  # fmt: skip
+        audit = dc.audit(MECHANISM, run)
+        assert set(audit.odds) == kinds
+        assert sum(audit.odds.values()) == pytest.approx(1.0, abs=1e-12)
+        assert min(audit.odds.values()) >= 0.0
+        if audit.verdict.kind != "unresolved":
+            assert audit.odds[audit.verdict.kind] == max(audit.odds.values()) >= 0.9
 
 
 @pytest.mark.parametrize("h", [1e-3, 2e-3])
@@ -282,7 +322,7 @@ def test_quaternions_differ_by_rotation_vectors() -> None:
     model = Model(mechanism, run)
     here, turn = rows_of(run, slice(4, 5)), np.array([[0.0, 0.0, 0.0, 0.01, -0.02, 0.005]])
     there = Rows(here.t, model.moved(here.q, turn, np.ones((1, 1))), here.u, here.F)
-    moved = difference(model, here, there)
+    moved = model.difference(here, there)
     # sin of half the angle in place of the angle: a cube of it.
     assert moved[0, :6] == pytest.approx(turn[0], abs=1e-6)
     assert moved[0, 6:] == pytest.approx(np.zeros(6))

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import deltac as dc
 from deltac import Trajectory
+from deltac.diagnosis.measurements import kinematics
 from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.measurements.kinematics import (
-    accelerations,
     coordinates_against_speeds,
 )
 from tests.systems.cart_pole import SCHEMES, CartPole, log
@@ -113,23 +114,21 @@ def test_a_wrapped_angle_is_made_continuous() -> None:
     assert np.abs(off - np.round(off[0])).max() < 1e-9
 
 
-@pytest.mark.parametrize("which", ["backward", "forward", "central"])
-def test_differenced_accelerations_are_recognised(which: str) -> None:
-    run = log(CartPole())
-    D = np.diff(run.u, axis=0) / np.diff(run.t)[:, None]
-    udot = {
-        "backward": np.vstack([D[:1], D]),
-        "forward": np.vstack([D, D[-1:]]),
-        "central": np.gradient(run.u, run.t, axis=0),
-    }[which]
-    assert accelerations(replace(run, udot=udot)).difference == which
-    assert accelerations(run).difference == ""
-
-
-def test_what_does_not_change_is_not_late() -> None:
-    """Of constant accelerations no row tells an instant."""
-    t = np.linspace(0.0, 1.0, 101)[:, None]
-    run = Trajectory(
-        t=t[:, 0], q=0.5 * t**2, u=t, udot=np.ones_like(t), coordinates=("z",), speeds=("z",)
-    )
-    assert accelerations(run).late == 0.0
+def test_the_comparison_of_a_scheme_is_that_of_splines(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Semi-implicit Euler moves q by the speed after: half a row late, and by nothing else."""
+    problem = dc.problems.load("double-pendulum")
+    mechanism = problem.mechanism
+    run = dc.simulate(mechanism, problem.state, 2.0, 5e-3, "semi-implicit-euler")
+    run = dc.Trajectory(t=run.t, q=run.q, u=run.u, coordinates=run.coordinates, speeds=run.speeds)
+    short = coordinates_against_speeds(mechanism, run)
+    monkeypatch.setattr(kinematics, "_of_a_scheme", lambda *_: [])
+    long = coordinates_against_speeds(mechanism, run)
+    assert short.keys() == long.keys() and len(short) == 2
+    for name, own in short.items():
+        other = long[name]
+        assert own.late == 0.5 and other.late == pytest.approx(0.5, abs=1e-6)
+        assert own.ratio == 1.0 and other.ratio == pytest.approx(1.0, abs=1e-8)
+        assert own.instant == other.instant and not own.scaled and not other.scaled
+        assert own.off < kinematics.EXACT and not other.outliers.any()

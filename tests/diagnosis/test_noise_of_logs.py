@@ -11,16 +11,10 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.audit.measures import energy_of_noise
-from deltac.diagnosis.audit.reading import Reference
-from deltac.diagnosis.inputs.logs import read_log
-from deltac.diagnosis.residuals.one_step import one_step
 from tests.systems.cart_pole import CartPole, log
 
 RIGHT = CartPole()
 MECHANISM = RIGHT.mechanism()
-WORK, FUNCTION = "samples", "wang"
-REFERENCE = Reference(MECHANISM, None, 1e-3, WORK)
 
 
 def noisy(run: dc.Trajectory, seed: int, q: float, u: float) -> dc.Trajectory:
@@ -32,17 +26,22 @@ def noisy(run: dc.Trajectory, seed: int, q: float, u: float) -> dc.Trajectory:
     )
 
 
+def bar_and_error(audit: dc.Audit) -> tuple[float, float]:
+    """The error bar of ΔC and the largest |ΔC|, J."""
+    return audit.error_bar[audit.function], float(np.abs(audit.energy_error).max())
+
+
 def test_the_bar_of_the_energy_covers_noise() -> None:
-    """|ΔC| of right equations stays within it in 19 logs of 20; it is at most three times too wide."""
+    """ΔC of right equations stays within it in nine rows of ten; it is at most five times too wide."""
     run = log(RIGHT, "rk4", accelerations=False)
-    ratios = []
-    for seed in range(20):
-        read = read_log(MECHANISM, noisy(run, seed, 1e-4, 1e-2), WORK, None)
-        step = one_step(MECHANISM, read.run)
-        bar = energy_of_noise(REFERENCE, read, FUNCTION, step)
-        ratios.append(float(np.abs(read.ledger.delta_c[FUNCTION]).max()) / bar)
-    assert np.mean(np.array(ratios) <= 1.0) >= 0.95
-    assert np.median(ratios) > 1.0 / 3.0
+    shares, ratios = [], []
+    for seed in range(8):
+        audit = dc.audit(MECHANISM, noisy(run, seed, 1e-4, 1e-2), work="samples")
+        size, bar = np.abs(audit.energy_error), audit.ledger.error_bar[audit.function]
+        shares.append(float(np.mean(size <= bar)))
+        ratios.append(float(np.sqrt(np.mean(size**2) / np.mean(bar**2))))
+    assert np.mean(shares) >= 0.9
+    assert np.median(ratios) > 0.1  # half of it where ΔC is as noisy as the bar says
 
 
 def test_the_bar_of_the_energy_covers_digits() -> None:
@@ -50,13 +49,10 @@ def test_the_bar_of_the_energy_covers_digits() -> None:
     half = replace(
         run, q=run.q.astype(np.float16).astype(float), u=run.u.astype(np.float16).astype(float)
     )
-    read = read_log(MECHANISM, half, WORK, None)
-    bar = energy_of_noise(REFERENCE, read, FUNCTION, None)
-    left = float(np.abs(read.ledger.delta_c[FUNCTION]).max())
+    bar, left = bar_and_error(dc.audit(MECHANISM, half, work="samples"))
     assert left <= bar <= 10.0 * left
-    # Doubles have no bar of this kind.
-    read = read_log(MECHANISM, run, WORK, None)
-    assert energy_of_noise(REFERENCE, read, FUNCTION, None) == 0.0
+    whole, _ = bar_and_error(dc.audit(MECHANISM, run, work="samples"))
+    assert whole < 1e-2 * bar
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -74,27 +70,23 @@ def test_no_mistake_does_more_than_what_may_be_hidden(
     """The work of a damper that the model lacks, however the log was made, against the bound."""
     run = log(replace(RIGHT, hinge=RIGHT.hinge + damper), scheme, accelerations=False)
     run = noisy(run, 7, 0.1 * noise, noise)
-    step = one_step(MECHANISM, run.every(2))
-    assert step is not None
+    audit = dc.audit(MECHANISM, run.every(2))
+    assert audit.inference is not None
     done = damper * float(np.sum(run.u[:-1, 1] ** 2 * np.diff(run.t)))
-    assert step.residual.hidden + step.residual.spent >= 0.9 * done
+    assert audit.inference.hidden[0] + sum(c.exchanged for c in audit.causes) >= 0.9 * done
 
 
-def test_ends_that_a_difference_spoiled_are_left_out() -> None:
+def test_speeds_that_are_differences_accuse_nobody() -> None:
     """Speeds made of the coordinates by `np.gradient`, whose first and last are of lower order."""
     run = log(RIGHT, "rk4", accelerations=False)
     run = replace(run, u=np.gradient(run.q, run.t, axis=0))
-    found = dc.audit(MECHANISM, run)
-    assert "F-SPOILED-ENDS" in {f.code for f in found.findings}
-    assert found.run.t[0] > run.t[0] and found.run.t[-1] < run.t[-1]
-    assert len(found.run) >= 0.95 * len(run)
-    assert found.verdict.kind == "consistent"
-    # A contact near the end is not the end's: what rows the comparisons are of is kept in step.
+    audit = dc.audit(MECHANISM, run)
+    assert audit.verdict.kind in ("consistent", "unresolved"), audit.verdict.explain()
+    assert not [f for f in audit.findings if f.weight == "cause"]
+    # A contact near the end is not the end's.
     u = run.u.copy()
     u[-40:-30, 1] += 0.5
     assert dc.audit(MECHANISM, replace(run, u=u)).verdict.kind != "consistent"
-    whole = np.abs(dc.balance(MECHANISM, run).delta_c[FUNCTION]).max()
-    assert np.abs(found.energy_error).max() < 0.25 * whole
 
 
 @pytest.mark.parametrize("noise", [1e-3, 1e-2])
@@ -106,9 +98,7 @@ def test_a_missing_damper_is_seen_through_noise(scheme: str, noise: float) -> No
     assert found.verdict.kind == "equation-error"
     [cause] = [f for f in found.findings if f.weight == "cause"]
     assert (cause.code, cause.element) == ("F-DAMPING", "hinge")
-    assert found.step is not None and not any(
-        f.code == "F-NOT-REPRODUCIBLE" for f in found.findings
-    )
+    assert cause.factor is not None and abs(cause.factor) < 0.2 * RIGHT.hinge
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -117,12 +107,12 @@ def test_noise_of_one_equation_is_not_that_of_another(seed: int) -> None:
     run = log(RIGHT, "rk4", accelerations=False)
     rng = np.random.default_rng(seed)
     u = run.u + np.array([1e-6, 1e-2]) * rng.standard_normal(run.u.shape)
-    step = one_step(MECHANISM, replace(run, u=u))
-    assert step is not None and float(step.residual.ratio.max()) < 2.0
+    audit = dc.audit(MECHANISM, replace(run, u=u))
+    assert not audit.causes and audit.verdict.kind != "equation-error"
 
 
 @pytest.mark.parametrize("row", [15, -15])
-def test_an_impact_near_an_end_is_no_spoiled_end(row: int) -> None:
+def test_an_impact_near_an_end_is_seen(row: int) -> None:
     """The coordinates show it, too: the run goes on from there with another speed."""
     pendulum = dc.Mechanism(
         [dc.point_mass("bob", 1.0, at=(0, -0.3, 0))],
@@ -145,7 +135,6 @@ def test_an_impact_near_an_end_is_no_spoiled_end(row: int) -> None:
         speeds=("a",),
     )
     found = dc.audit(pendulum, noisy(run, 3, 1e-5, 1e-4))
-    assert "F-SPOILED-ENDS" not in {f.code for f in found.findings}
     assert found.verdict.kind != "consistent"
 
 

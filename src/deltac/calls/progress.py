@@ -1,9 +1,7 @@
-"""How far work has come, and until when it may go on."""
+"""How far work has come."""
 
 from __future__ import annotations
 
-import math
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeAlias, TypeVar
 
@@ -44,37 +42,3 @@ def counted(items: Sequence[T], progress: Progress) -> Iterator[T]:
     for k, item in enumerate(items):
         progress(k / len(items))
         yield item
-
-
-class Deadline:
-    """When some work must end with what it has, and what was left out of it for that.
-
-    `seconds` are counted from now. A part of the time has a deadline of its own (`part`), and tells the whole
-    what it left out.
-    """
-
-    def __init__(self, seconds: float = math.inf, left_out: list[str] | None = None) -> None:
-        self._start = time.monotonic()
-        self._seconds = seconds
-        self.left_out: list[str] = [] if left_out is None else left_out
-
-    def part(self, share: float) -> Deadline:
-        """A deadline after a share of the time that is left."""
-        left = self._seconds - (time.monotonic() - self._start)
-        return Deadline(share * max(left, 0.0), self.left_out)
-
-    def beside(self, seconds: float) -> Deadline:
-        """A deadline of its own, so many seconds from now, which tells this one what it left out."""
-        return Deadline(seconds, self.left_out)
-
-    @property
-    def spent(self) -> float:
-        """The share of the time that has gone; 0 where there is no end."""
-        return (time.monotonic() - self._start) / max(self._seconds, 1e-9)
-
-    def passed(self, what: str = "") -> bool:
-        """Whether time is up; `what` is then noted as left out."""
-        over = self.spent > 1.0
-        if over and what and what not in self.left_out:
-            self.left_out.append(what)
-        return over

@@ -31,6 +31,8 @@ EXIT_CODES: dict[Kind, int] = {
     "unresolved": 3,
 }
 
+NOTHING = 1e-12
+"""Energy exchanged below this share of the energies themselves is their rounding."""
 RUN_TOLERANCE = 1e-3
 """Energy error of a run that is judged as it is, accepted by default, as a fraction of the energy that the
 system has: samples, digits of a log and the low orders of real-time engines leave about as much."""

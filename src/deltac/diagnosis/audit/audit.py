@@ -2,38 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.calls.progress import Deadline, Parts, Progress, untold
+from deltac.calls.progress import Parts, Progress, untold
 from deltac.diagnosis.audit import checks
-from deltac.diagnosis.audit.evidence import gather
-from deltac.diagnosis.audit.facts import facts_of
-from deltac.diagnosis.audit.measures import measures_of
-from deltac.diagnosis.audit.reading import Known, Reference, read
-from deltac.diagnosis.audit.rules import judge
-from deltac.diagnosis.audit.steps import first_tests
+from deltac.diagnosis.audit.conventions import convention
+from deltac.diagnosis.audit.verdict import Evidence, judge
+from deltac.diagnosis.explain.explain import explanation_of
+from deltac.diagnosis.explain.result import Cause
+from deltac.diagnosis.inference.attribution import Attribution, Share
+from deltac.diagnosis.inference.flow import FORCES
+from deltac.diagnosis.inference.inference import Inference, infer
 from deltac.diagnosis.inference.integrators import IntegratorEstimate
-from deltac.diagnosis.inference.posterior import (
-    Attribution,
-    CauseEstimate,
-    Inference,
-    Share,
-    causes_of,
-    infer,
-)
 from deltac.diagnosis.inputs import channels as motors
-from deltac.diagnosis.residuals.one_step import OneStep
-from deltac.diagnosis.verdict import RUN_TOLERANCE, Finding, Judged, Verdict, check_tolerance
-from deltac.energy import Ledger
-from deltac.errors import InputError
+from deltac.diagnosis.inputs.logs import Log, read_log
+from deltac.diagnosis.verdict import (
+    RUN_TOLERANCE,
+    Finding,
+    Judged,
+    Kind,
+    Verdict,
+    check_tolerance,
+)
+from deltac.energy import Ledger, balance
+from deltac.energy.streaming import KEPT
+from deltac.errors import InputError, SolverError
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.results import Section, Table, number, percent
@@ -41,10 +42,6 @@ from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
-
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ class Row:
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(
     Judged,
-    omit=("ledger", "run", "mechanism", "import_report", "energy_error", "step"),
+    omit=("ledger", "run", "mechanism", "import_report", "energy_error", "inference"),
     also=(
         "relative",
         "energy_exchanged",
@@ -77,7 +74,7 @@ class Audit(
         "rows",
         "samples",
         "imported",
-        "one_step",
+        "integrator",
     ),  # fmt: skip
 ):
     """What an audit found.
@@ -92,7 +89,13 @@ class Audit(
         function: the testing function that the verdict rests on.
         energy_error: ΔC with the work of corrections that the simulator applied (T,), J.
         tolerance: accepted |energy_error| as a fraction of the energy that the system has.
-        step: the one-step test of the rows, where it was made.
+        inference: what the rows say of integrator and equations; None where nothing is free to move, or too
+            few rows follow each other.
+        attribution: ΔC in joules of `integrator`, `equations` and `log`: each has its `energy` with a
+            standard `error` at the end, and `curve` and `curve_error` along `t`, J. None where there is no
+            inference.
+        causes: what is wrong with the equations or the log, by odds, each with its size and joules.
+        odds: probabilities of the four verdicts.
         strict: whether a mistake within the tolerance sets the exit code.
     """
 
@@ -104,54 +107,54 @@ class Audit(
     function: str
     energy_error: Array
     tolerance: float
-    step: OneStep | None = None
+    inference: Inference | None = None
+    attribution: Attribution | None = None
+    causes: tuple[Cause, ...] = ()
+    odds: dict[Kind, float] = field(default_factory=dict)
     strict: bool = False
-
-    @cached_property
-    def inference(self) -> Inference | None:
-        """What the prediction errors of the rows say, inferred when it is first asked for."""
-        return infer(self.mechanism, self.run, self.ledger.energy_exchanged)
-
-    @property
-    def attribution(self) -> Attribution | None:
-        """ΔC in joules of `integrator`, `equations` and `log`.
-
-        Each has its `energy` with a standard `error` at the end, `curve` and `curve_error` along `t`, J.
-
-        None where rows are too few, nothing is free to move, or not all rows of the log were looked at.
-        """
-        own = self.inference
-        if own is None or own.whole > WHOLE:
-            return None
-        parts, t = own.attribution, self.ledger.t
-        if self.method != "in-loop" or len(t) != len(parts.t) + 1:
-            return parts
-        # ΔC in the loop has no error of sampling: what mistakes did not do of it is the integrator's.
-        bar = self.ledger.error_bar[self.function][1:]
-        curve = self.energy_error[1:] - parts.equations.curve
-        integrator = Share(curve, np.hypot(bar, parts.equations.curve_error))
-        return replace(parts, integrator=integrator, log=Share(np.zeros_like(bar), bar))
 
     @property
     def integrator(self) -> IntegratorEstimate | None:
         """The integrator as its error tells it: `names`, `coefficients` and their `errors`."""
-        return None if self.inference is None else IntegratorEstimate.of(self.inference)
-
-    @property
-    def causes(self) -> tuple[CauseEstimate, ...]:
-        """Causes by the odds of the prediction errors, each with its size and joules."""
-        return () if self.inference is None else causes_of(self.mechanism, self.inference)
-
-    @property
-    def one_step(self) -> dict[str, Any] | None:
-        """What the one-step test says: the integrator, and what is left of each equation."""
-        return None if self.step is None else self.step.to_dict()
+        return None if self.inference is None else self.inference.integrator
 
     @property
     def relative(self) -> float:
         """Largest |energy_error| as a fraction of `reference_energy`."""
         error, energy = float(np.abs(self.energy_error).max()), self.reference_energy
         return error / energy if energy > 0.0 else 0.0
+
+    def step_for(self, tolerance: float) -> float:
+        """The step (s) that would keep |ΔC| of the integrator within a fraction of `reference_energy`.
+
+        Predicted from this log, not run: the joules of the integrator fall with the power of the step that is
+        its order.
+
+        Raises InputError (E-SOLVER) where that is not known: wrong equations, constraints or impacts, whose
+        errors have no such order, an integrator that is not identified, joules within their own error.
+        """
+        check_tolerance(tolerance)
+        reason = ""
+        if self.attribution is None or self.integrator is None:
+            reason = "the rows allow no estimate of the integrator"
+        elif self.verdict.kind == "equation-error":
+            reason = "the equations of the model are not those of the log"
+        elif self.mechanism.constraints or self.run.events:
+            reason = "errors at constraints and impacts have no order that could predict"
+        elif not self.integrator.names or "higher-order" in self.integrator.names:
+            reason = (
+                f"{self.integrator.sentence}, and its joules cannot be told from those of others"
+            )
+        else:
+            energy, error = self.attribution.integrator.largest
+            if energy > SIGNIFICANT * error:
+                accepted = tolerance * self.reference_energy
+                ratio = float((accepted / energy) ** (1.0 / self.integrator.order))
+                return self.integrator.step * ratio
+            reason = f"its joules, {energy:.2g} J, are within their error"
+        raise SolverError(
+            f"step_for: {reason}. `deltac.recommend` finds a step by running the model"
+        )
 
     @property
     def reference_energy(self) -> float:
@@ -257,13 +260,23 @@ class Audit(
             error = number(row.error, digits=2) if row.error else ""
             rows.append((row.name, told[0], error, told[1], row.basis))
         yield Table(("channel", "energy (J)", "± (J)", "share", "basis"), tuple(rows))
+        if self.attribution is not None:
+            a = self.attribution
+            yield Table(
+                ("ΔC by", "energy (J)", "± (J)"),
+                tuple(
+                    (name, number(share.energy), number(share.error, digits=2))
+                    for name, share in (
+                        ("the integrator", a.integrator),
+                        ("mistakes in the equations", a.equations),
+                        ("the log", a.log),
+                    )
+                ),
+            )
         yield from self.verdict.sections()
         if self.import_report is not None:
             yield from self.import_report.sections()
 
-
-WHOLE = 1.02
-"""Time of a log over that of the rows that were looked at, up to which these are the whole log."""
 
 _BEYOND_TOLERANCE = (
     "channel-differs",
@@ -274,10 +287,10 @@ _BEYOND_TOLERANCE = (
     "constraint-violation",
     "constraint-drift",
 )
+"""Causes that set the exit code although the balance holds: their forces are those of the log."""
 
-
-SECONDS = 40.0
-"""Time (s) after which an audit ends its search for causes with what it has."""
+SIGNIFICANT = 3.0
+"""Standard errors above which joules of the integrator can be extrapolated to other steps."""
 
 SHARES = {"read": 0.4, "evidence": 0.6}
 """Of the time that each part of an audit takes, roughly."""
@@ -321,18 +334,19 @@ def audit(
         InputError: model or log cannot be read, or the log is not of this model.
     """
     reference = _reference(model, tolerance, work)
-    deadline, parts = Deadline(SECONDS), Parts(progress, SHARES)
-    of_replay: tuple[Finding, ...] = ()
+    parts = Parts(progress, SHARES)
+    findings: tuple[Finding, ...] = ()
     if replay is not False and (replay or reference.import_report is not None):
         from deltac.diagnosis.audit import replayed
 
         again = replayed.replayed(model, reference, log, mapping, required=bool(replay))
-        of_replay = again.findings
+        findings = again.findings
         if again.run is not None:
             log, mapping = again.run, None
-    known = read(reference, log, mapping, of_replay, parts.part("read"))
-    (step,) = first_tests(reference.mechanism, [known])
-    return _judged(reference, known, step, strict, deadline, parts.part("evidence"))
+    source = read_log(
+        reference.mechanism, log, work, mapping, keep=KEPT, progress=parts.part("read")
+    )
+    return _judged(reference, source, findings, strict, parts.part("evidence"))
 
 
 def audit_together(
@@ -343,24 +357,26 @@ def audit_together(
     work: str | None = None,
     strict: bool = False,
 ) -> list[Audit | InputError]:
-    """`audit` of several runs, or why one cannot be judged; the one-step test sees all of them at once."""
+    """`audit` of several runs of one model, or why one cannot be judged."""
     reference = _reference(model, tolerance, work)
-    known = [_or_error(read, reference, run) for run in runs]
-    good = [k for k in known if isinstance(k, Known)]
-    steps = iter(first_tests(reference.mechanism, good))
-    return [
-        _or_error(_judged, reference, k, next(steps), strict, Deadline(SECONDS))
-        if isinstance(k, Known)
-        else k
-        for k in known
-    ]
+    results = list[Audit | InputError]()
+    for run in runs:
+        try:
+            source = read_log(reference.mechanism, run, work, None, keep=KEPT)
+            results.append(_judged(reference, source, [], strict))
+        except InputError as error:
+            results.append(error)
+    return results
 
 
-def _or_error(make: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T | InputError:
-    try:
-        return make(*args, **kwargs)
-    except InputError as error:
-        return error
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What a log is judged against, and how."""
+
+    mechanism: Mechanism
+    import_report: ImportReport | None
+    tolerance: float
+    work: str | None
 
 
 def _reference(model: ModelLike, tolerance: float, work: str | None) -> Reference:
@@ -371,43 +387,147 @@ def _reference(model: ModelLike, tolerance: float, work: str | None) -> Referenc
 
 def _judged(
     reference: Reference,
-    known: Known,
-    step: OneStep | None,
+    log: Log,
+    known: Sequence[Finding],
     strict: bool,
-    deadline: Deadline,
     progress: Progress = untold,
 ) -> Audit:
-    """The audit of a log with the first one-step test of its rows: evidence, measures, verdict."""
-    mechanism, report = reference.mechanism, reference.import_report
-    evidence = gather(reference, known, step, deadline=deadline, progress=progress)
-    log = evidence.log
+    """The audit of a log: what its columns say, the inference of its rows, the verdict."""
+    mechanism, report, tolerance = reference.mechanism, reference.import_report, reference.tolerance
     run, ledger = log.run, log.ledger
+    findings = checks.with_conventions(mechanism, log.consecutive, [*known, *log.findings])
+    findings += checks.violations(mechanism, run, ledger, tolerance)
+    findings += checks.impacts_not_held(mechanism, run)
+    findings += checks.differing_channels(mechanism, log, report, tolerance)
+    findings += checks.stale_rows(mechanism, log.consecutive)
     missing = checks.assumed_zero(run, report)
+    findings += checks.assumed_zero_finding(missing)
+    progress(0.2)
+    doubted = any(f.weight == "doubt" for f in findings)
+    inference = None if doubted else infer(mechanism, log.consecutive, ledger.energy_exchanged)
+    progress(0.7)
+    reading = None
+    certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]
+    if inference is not None and not certain:
+        reading = convention(mechanism, log.consecutive, inference)
+        if reading is not None:  # in which forces of the log's states are others, too
+            findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
+        findings += checks.missing_equalities(mechanism, report, run, inference)
+    function = function_of(ledger)
+    in_loop = ledger.method == "in-loop" and bool(run.integrals or run.works)
+    log = _with_held_works(reference, log, inference)
+    run, ledger = log.run, log.ledger
+    attribution = None if inference is None else _attributed(inference, ledger, function, in_loop)
+    if attribution is not None and not in_loop and len(attribution.t) == len(ledger.t):
+        bar = NORMAL_95 * attribution.log.curve_error
+        ledger = replace(ledger, error_bar={**ledger.error_bar, function: bar})
+    findings += checks.unresolved_works(ledger)
+    findings += motors.differing_gears(run, ledger, tolerance, report)
+    findings += motors.foreign_notes(
+        motors.foreign_channels(mechanism, log.consecutive, report), ledger.energy_exchanged
+    )
+    # A convention has no number that was fitted: it comes before causes that imitate it.
+    explanation = None
+    if inference is not None and reading is None:
+        explanation = explanation_of(inference, log.consecutive)
+    evidence = Evidence(
+        run, ledger, function, inference, attribution, explanation, tuple(findings), tolerance,
+        bool(run.provenance.guessed),
+    )  # fmt: skip
+    verdict = judge(evidence)
     basis = {**ledger.basis, **dict.fromkeys(missing, "assumed zero")}
     basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if c in run.provenance.derived}
-    ledger = replace(ledger, basis=basis)
-    findings = [
-        *known.findings,
-        *evidence.findings,
-        *checks.assumed_zero_finding(missing),
-        *checks.unresolved_works(ledger),
-        *motors.differing_gears(run, ledger, reference.tolerance, report),
-        *motors.foreign_notes(
-            motors.foreign_channels(mechanism, log.consecutive, report), ledger.energy_exchanged
-        ),
-    ]
-    # The step is that of the log, and not how forces were found to be held.
-    energy = measures_of(reference, log, evidence.step, known.log.run.provenance.step)
-    verdict = judge(facts_of(energy, evidence, findings))
+    progress(1.0)
     return Audit(
-        ledger=ledger,
+        ledger=replace(ledger, basis=basis),
         verdict=replace(verdict, limits=(*verdict.limits, *motors.limits(run, report))),
         run=run,
         mechanism=mechanism,
         import_report=report,
-        function=energy.function,
-        energy_error=ledger.uncorrected(energy.function),
-        tolerance=reference.tolerance,
-        step=evidence.step,
+        function=function,
+        energy_error=ledger.uncorrected(function),
+        tolerance=tolerance,
+        inference=inference,
+        attribution=attribution,
+        causes=() if explanation is None else explanation.causes,
+        odds=evidence.odds,
         strict=strict,
     )
+
+
+NORMAL_95 = 1.96
+"""Standard errors of a bar that holds the truth in 95 of 100 cases."""
+
+
+def function_of(ledger: Ledger) -> str:
+    """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
+    known = ("wang", "liu-huston", "kane-levinson-1990", *ledger.delta_c)
+    return next(name for name in known if name in ledger.delta_c)
+
+
+def _attributed(inference: Inference, ledger: Ledger, function: str, in_loop: bool) -> Attribution:
+    """ΔC of the ledger by its causes, at the ledger's times; of a log in stretches by their rates.
+
+    What integrator and mistakes do not make of it is the log's. ΔC in the loop has no error of sampling: what
+    mistakes did not do of it is the integrator's.
+    """
+    own, t = inference.attribution, ledger.t
+    delta_c, bar = ledger.uncorrected(function), ledger.error_bar[function]
+    whole = inference.whole
+
+    def along(curve: Array, error: bool = False) -> Array:
+        start = curve[0] if error else 0.0
+        at = np.interp(t, np.r_[t[0], own.t], np.r_[start, curve])
+        return np.asarray((whole if whole > WHOLE else 1.0) * at)
+
+    equations = Share(along(own.equations.curve), along(own.equations.curve_error, True))
+    if in_loop:
+        integrator = Share(delta_c - equations.curve, np.hypot(bar, equations.curve_error))
+        return Attribution(t, integrator, equations, Share(np.zeros_like(bar), bar))
+    integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))
+    rest = delta_c - integrator.curve - equations.curve
+    # Works of the ledger are quadratures of the rows, the flow's are not: each bounds the other's error.
+    quadrature = np.abs(rest - along(own.log.curve))
+    error = np.hypot(along(own.log.curve_error, True), quadrature)
+    return Attribution(t, integrator, equations, Share(rest, error))
+
+
+WHOLE = 1.02
+"""Time of a log over that of the rows that were looked at, up to which these are the whole log."""
+
+
+def _with_held_works(reference: Reference, log: Log, inference: Inference | None) -> Log:
+    """The log with the works of forces that were held over each step, known without quadrature."""
+    run = log.run
+    if inference is None or log.consecutive is not run or reference.work is not None:
+        return log
+    works = _works_between_rows(inference, run)
+    if not works:
+        return log
+    return replace(log, ledger=balance(reference.mechanism, replace(run, works=works)))
+
+
+def _works_between_rows(inference: Inference, run: Trajectory) -> dict[ChannelName, Array]:
+    """The work (T,) of every logged channel, J; empty where one is not held, or acts on prescribed speeds."""
+    if not inference.forces or any(FORCES[kind][1] for kind in inference.forces):
+        return {}
+    model = inference.model
+    if run.works or run.integrals or set(run.forces) != set(model.log.places):
+        return {}
+    rows = model.rows(run)
+    moved = model.difference(rows.take(slice(0, -1)), rows.take(slice(1, None)))[:, : model.n]
+    if len(inference.w) == len(moved):
+        # The work along the model's flow: what the integrator does besides is its error, and in ΔC.
+        moved = moved - inference.w[:, : model.n]
+    place = {int(k): row for row, k in enumerate(model.mechanism.free.u)}
+    works: dict[ChannelName, Array] = {}
+    for name, speeds in model.log.places.items():
+        if any(k not in place for k in speeds):
+            return {}
+        columns = model.log.columns[name]
+        a = np.array([FORCES[inference.forces[c]][0] for c in range(columns.start, columns.stop)])
+        F = run.forces[name][:, speeds]
+        acting = F[:-1] + a * np.diff(F, axis=0)
+        power = np.einsum("km,km->k", acting, moved[:, [place[k] for k in speeds]])
+        works[name] = np.concatenate([[0.0], np.cumsum(power)])
+    return works

@@ -4,20 +4,27 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.codes import FINDINGS
+from deltac.diagnosis.inference.inference import Inference
+from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.measurements.digits import scatter
 from deltac.diagnosis.measurements.kinematics import trusted
-from deltac.diagnosis.verdict import Finding, Weight
+from deltac.diagnosis.residuals.at_samples import equation_terms, stale_stage
+from deltac.diagnosis.verdict import Finding, Weight, percent
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
-from deltac.errors import listed
+from deltac.errors import InputError, listed
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.laws import at_times
 from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism.scene import Constraint
 from deltac.trajectories import Trajectory, suspicions
 from deltac.trajectories.columns import MechanismNames
 
@@ -247,3 +254,148 @@ def with_conventions(
         weight: Weight = "doubt" if doubtful else "note"
         found.append(Finding(kind, FINDINGS[kind], s.evidence, remedy, weight))
     return found
+
+
+# --- forces of the log against the model's -------------------------------------------------------
+
+PASSIVE = ("spring", "damper")
+"""Kinds that a simulator takes from its model alone: active there, they belong in ours."""
+
+
+def differing_channels(
+    mechanism: Mechanism, log: Log, report: ImportReport | None, tolerance: float
+) -> list[Finding]:
+    """Logged forces that are not the model's own, where that moves more energy than the tolerance."""
+    run, ledger = log.run, log.ledger
+    if not run.forces or not len(mechanism.free.u) or len(run) < 3:
+        return []
+    # Forces need no accelerations to be compared.
+    terms = equation_terms(mechanism, replace(run, udot=np.zeros_like(run.u), events=()))
+    found: list[Finding] = []
+    left_to_log = " ".join(str(r) for r in report.ignored) if report else ""
+    for name, logged in terms.forces.items():
+        own = terms.own.get(name)
+        passive = name.kind in PASSIVE and f"'{name}'" not in left_to_log
+        if ledger.basis.get(name) != "measured" or (own is None and not passive):
+            continue
+        power = np.einsum("ij,ij->i", terms.u, logged - (0.0 if own is None else own))
+        energy = float(np.trapezoid(np.abs(power), terms.t))
+        if energy > tolerance * ledger.energy_exchanged:
+            found.append(_difference(name, own, logged, energy, ledger.energy_exchanged))
+    return found
+
+
+def stale_rows(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
+    """Forces or accelerations of the row before, in runs whose accelerations are the equations' own."""
+    measured = trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
+    if not measured or not len(mechanism.free.u) or len(run) < 3:
+        return []
+    return stale_stage(mechanism, run, equation_terms(mechanism, run))
+
+
+def _difference(
+    name: ChannelName, own: Array | None, logged: Array, energy: float, energy_exchanged: float
+) -> Finding:
+    share = percent(energy / energy_exchanged)
+    moved = f"{energy:.3g} J flowed through the difference, {share} of the energy exchanged"
+    if own is None or not own.any():
+        return Finding(
+            "channel-not-in-model",
+            f"the log has an active channel {name!r} that the model does not have",
+            moved,
+            "Add it to the model: the ledger uses the logged force, but the model on its own would move "
+            "differently",
+            "cause",
+            name,
+        )
+    size = np.sum(own**2)
+    factor = float(np.sum(own * logged) / size)
+    rest = float(np.sum((logged - factor * own) ** 2))
+    simple = rest < 0.1 * float(np.sum((logged - own) ** 2))
+    return Finding(
+        "channel-differs",
+        f"the logged force of {name!r} is "
+        + (f"{factor:.5g} times the model's" if simple else "not the model's"),
+        moved,
+        "Give the model the parameters that the simulator used",
+        "cause",
+        name,
+        factor if simple else None,
+        float(np.sqrt(rest / size / len(own))) if simple else None,
+    )
+
+
+# --- equality constraints whose force the log does not hold ----------------------------------------------
+
+LEFT = 1e-4
+"""Share of a squared residual that forces of constraints leave of it, to first order in the step."""
+
+RANK = 1e-9
+"""Singular values of a Jacobian below this share of the largest are none."""
+
+
+def missing_equalities(
+    mechanism: Mechanism, report: ImportReport | None, run: Trajectory, inference: Inference
+) -> list[Finding]:
+    """Equality constraints left to the log whose forces would explain the residual.
+
+    A force of constraint is Gᵀλ. Where the rows G span all speeds anything is such a force: nothing is told.
+    """
+    absent = (
+        [c for c in report.equalities if f"constraint {c.name}" not in run.forces] if report else []
+    )
+    groups = [[c] for c in absent] + ([absent] if len(absent) > 1 else [])
+    for group in groups:
+        G = _jacobians(mechanism, group, inference)
+        if G is None:
+            continue
+        left, rank = _unexplained(G, inference)
+        if left <= LEFT and rank < inference.model.n:
+            return [_equality(c, left, len(group)) for c in group]
+    return []
+
+
+def _jacobians(
+    mechanism: Mechanism, constraints: Sequence[Constraint], inference: Inference
+) -> Array | None:
+    """G (T, rows, n) at the samples; None where the model cannot have these constraints."""
+    try:
+        tied = replace(mechanism, constraints=(*mechanism.constraints, *constraints))
+    except InputError:
+        return None
+    motion = equations_of_motion(tied)
+    system, rows = motion.system, motion.rows
+    names = {c.name for c in constraints}
+    G = rows.G[[k for k, name in enumerate(rows.names) if name in names], :]
+    function = ca.Function("G", [system.t, system.q], [ca.densify(ca.vec(G.T))])
+    at = inference.log.intervals.start
+    values = np.array(function.map(len(at.t))(at.t[None, :], at.q.T)).T
+    return values.reshape(len(at.t), G.shape[0], G.shape[1])
+
+
+def _unexplained(G: Array, inference: Inference) -> tuple[float, int]:
+    """Share of the squared residual forces that none along G explain, and the rank of G."""
+    at, n = inference.log.intervals.start, inference.model.n
+    M, _ = inference.model.matrices(at.t, at.q)
+    force = np.einsum("tij,tj->ti", M, inference.w[:, n:] / inference.log.intervals.h)
+    weight = 1.0 / np.sqrt(np.einsum("tii->ti", M).mean(axis=0))
+    r = force * weight
+    U, singular, _ = np.linalg.svd(np.swapaxes(G * weight, 1, 2), full_matrices=False)
+    real = singular > RANK * singular.max(initial=0.0)
+    U = U * real[:, None, :]
+    along = np.einsum("tij,tj->ti", U, np.einsum("tij,ti->tj", U, r))
+    share = float(np.sum((r - along) ** 2) / max(np.sum(r**2), 1e-300))
+    return share, int(real.sum(axis=1).max(initial=0))
+
+
+def _equality(constraint: Constraint, left: float, together: int) -> Finding:
+    name = constraint.name
+    return Finding(
+        "missing-equality",
+        f"the force of equality constraint {name!r} is missing: the model's file has it, the log does not",
+        f"forces along its Jacobian{' and the others' if together > 1 else ''} explain all but {left:.1g} "
+        "of the squared residual of the equations of motion",
+        f"Log its force in channel 'constraint {name}', or read the model with equality=\"constraints\"",
+        "cause",
+        f"constraint {name}",
+    )

@@ -1,8 +1,9 @@
 """Conventions in which log and model may differ: units, signs, zeros, the order of columns, absolute angles.
 
 None of these shows in coordinates and speeds alone, which agree with each other in any of them; the equations
-tell. Each is tried on some rows: one that is right takes nearly all away of what the equations leave. It is
-then tested on the whole log from row to row.
+tell. Each is tried on some rows: one that is right takes nearly all away of what the equations leave. The
+inference of the log, read so, must then leave less without any cause than that of the log as it is does with
+its best causes.
 """
 
 from __future__ import annotations
@@ -18,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.calls.progress import Deadline
-from deltac.diagnosis.residuals.one_step import one_step
-from deltac.diagnosis.residuals.rows import Model
+from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference, infer
+from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.verdict import Finding
 from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
@@ -38,6 +38,9 @@ LEFT = 0.1
 
 PARTS, ROWS = 4, 100
 """Stretches of a log that are looked at, and their rows."""
+
+SHORTEST = 8
+"""Rows of a log at least."""
 
 MANY = 8
 """Columns up to which any two may be exchanged; of more, neighbours."""
@@ -108,56 +111,62 @@ def _rates(run: Trajectory) -> NDArray[np.intp]:
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 
+def convention(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Finding | None:
+    """The convention in which log and model differ, if one explains more than the best causes do."""
+    if not float(inference.relative[0].max()) > LARGE or len(run) < SHORTEST:
+        return None
+    readings = [*_units(mechanism, run), *_orders_and_signs(mechanism, run)]
+    return _best(mechanism, run, readings, inference) or _axis(mechanism, run, inference)
+
+
 def units(mechanism: Mechanism, run: Trajectory) -> Finding | None:
     """Coordinates and their speeds both in another unit, all of them or those of one joint."""
-    return _best(mechanism, run, list(_units(mechanism, run)), Deadline())
-
-
-def orders_and_signs(mechanism: Mechanism, run: Trajectory, deadline: Deadline) -> Finding | None:
-    """Directions, zeros and the order of columns and forces that are not the model's; absolute angles."""
-    return _best(mechanism, run, list(_orders_and_signs(mechanism, run)), deadline)
+    inference = infer(mechanism, run)
+    if inference is None:
+        return None
+    return _best(mechanism, run, list(_units(mechanism, run)), inference)
 
 
 def _best(
-    mechanism: Mechanism, run: Trajectory, readings: list[Reading], deadline: Deadline
+    mechanism: Mechanism, run: Trajectory, readings: list[Reading], inference: Inference
 ) -> Finding | None:
-    """The reading that takes nearly all away of what the equations leave, if one does.
-
-    Of those that come first, where the `deadline` passes.
-    """
-    if not readings or not len(mechanism.free.u) or len(run) < 8:
-        return None
+    """The reading that takes nearly all away of what the equations leave, if one does."""
     part = _some(run)
     model = Model(mechanism, part)
     was = _left(model, part)
-    if not was > LARGE:
+    if not readings or not was > LARGE:
         return None
-    left = list[float]()
-    for reading in readings:
-        if deadline.passed("all conventions"):
-            break
-        left.append(_left(model, reading.of(part)))
+    left = [_left(model, reading.of(part)) for reading in readings]
     order = [int(k) for k in np.argsort(left) if left[int(k)] < LEFT * was]
     for k in order[:3]:
-        tested = one_step(mechanism, readings[k].of(run))
-        if tested is not None and not tested.significant.any():
+        other = infer(mechanism, readings[k].of(run))
+        if other is not None and _closes(other, inference):
             alike = [readings[j] for j in order if j != k and left[j] < 2.0 * left[k]]
             return _told(readings[k], alike, was, left[k])
     return None
 
 
-def axes(mechanism: Mechanism, run: Trajectory, deadline: Deadline) -> Finding | None:
+def _closes(other: Inference, inference: Inference) -> bool:
+    """Whether a log read otherwise leaves as little without causes as with its best ones, or far less."""
+    n = inference.model.n
+
+    def left(i: Inference) -> float:
+        return float(np.sqrt(np.mean((i.residual[:, n:] / i.log.intervals.h) ** 2)))
+
+    right = not any(c.kind not in OF_THE_LOG for c in other.posterior.best.chosen)
+    return left(other) <= (2.0 if right else 0.1) * left(inference)
+
+
+def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Finding | None:
     """A joint that turns or slides along another axis of its frame than in the model."""
     single = [j for j in mechanism.joints if len(j.axes) == 1]
-    if not single or len(single) > MANY or len(run) < 8:
+    if not single or len(single) > MANY:
         return None
     part = _some(run)
     was = _left(Model(mechanism, part), part)
     found: list[tuple[float, Joint, str, Mechanism]] = []
     for joint in single if was > LARGE else ():
         for name, axis in zip("xyz", np.eye(3)):
-            if deadline.passed("joints about other axes"):
-                return None
             if np.linalg.norm(np.cross(axis, joint.axes[0])) < PARALLEL:
                 continue
             turned = replace(joint, axes=(tuple(axis.tolist()),))
@@ -168,8 +177,8 @@ def axes(mechanism: Mechanism, run: Trajectory, deadline: Deadline) -> Finding |
     if not found:
         return None
     left, joint, name, other = min(found, key=lambda item: item[0])
-    tested = one_step(other, run) if left < LEFT * was else None
-    if tested is None or tested.significant.any():
+    test = infer(other, run) if left < LEFT * was else None
+    if test is None or not _closes(test, inference):
         return None
     return Finding(
         "joint-axis",
@@ -216,7 +225,7 @@ def _left(model: Model, run: Trajectory) -> float:
     sizes: Sequence[float] = (np.inf, 1.0, 0.0)  # where accelerations are not finite
     with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
         a = model.acceleration(run.t, q, u, F)
-        M = model.inertia(run.t[:-1], q[:-1])[next_to]
+        M = model.matrices(run.t[:-1], q[:-1])[0][next_to]
         D = (np.diff(u, axis=0) / h[:, None])[next_to]
         mean = 0.5 * (a[:-1] + a[1:])[next_to]
         sizes = [np.sqrt(np.mean(np.einsum("ti,tij,tj->t", x, M, x))) for x in (D - mean, D, mean)]

@@ -24,7 +24,7 @@ from deltac.trajectories.formats.reading import LogReading
 from deltac.trajectories.formats.recognition import arrays_named
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.audit.reading import Reference
+    from deltac.diagnosis.audit.audit import Reference
 
 CONTROLS = ("ctrl", "control", "controls", "action", "actions", "act", "u", "a")
 ACTIVATIONS = ("act", "activation", "activations")

@@ -9,8 +9,7 @@ from typing import Literal
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import KINDS, SLIPPED, Candidate, other_unit
-from deltac.diagnosis.explain.regression import Form
+from deltac.diagnosis.causes.causes import KINDS, SLIPPED, Candidate, other_unit
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Report, Section, Table
@@ -86,6 +85,7 @@ def _error(value: float, error: float) -> str:
 # --- what an explanation holds -------------------------------------------------------------------
 
 Kind = Literal["nothing", "explained", "ambiguous", "unexplained"]
+Form = Literal["samples", "steps"]
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,9 @@ class Cause:
     model           what the model has in their place
     share           of the squared residual that this cause alone explains of what the others leave
     sentence        all of it in words
+    log_odds        against the model without it, natural logarithm
+    energy          what it adds to ΔC by the end of the log, J
+    exchanged       the energy that flows through the mistake, without sign, J
     """
 
     kind: str
@@ -109,6 +112,24 @@ class Cause:
     model: tuple[float, ...]
     share: float
     sentence: str
+    log_odds: float = 0.0
+    energy: float = 0.0
+    exchanged: float = 0.0
+
+    @property
+    def odds(self) -> float:
+        """Odds against the model without it; at most 1e300."""
+        return float(np.exp(min(self.log_odds, 690.0)))
+
+    @property
+    def size(self) -> float:
+        """Its (first) number in the run."""
+        return self.values[0]
+
+    @property
+    def size_error(self) -> float:
+        """The standard error of that."""
+        return self.errors[0]
 
     def __str__(self) -> str:
         return self.sentence
@@ -130,10 +151,6 @@ class Explanation(Report, also=("sentence",)):
         residual: largest root mean square of an equation's residual, as a share of its terms.
         noise: what of that the noise of the log accounts for.
         samples: how many were looked at.
-        predicted: share of the residual that a part of the log predicts of the rest, by all known terms
-            together; 0 where there is nothing.
-        effect: root mean square of what the causes make of each equation, as a share of its terms.
-        work: energy (J) that they do in the time of the log, without sign.
         notes: what the log's forces hide: channels that the model does not have.
     """
 
@@ -147,9 +164,6 @@ class Explanation(Report, also=("sentence",)):
     residual: float
     noise: float
     samples: int
-    predicted: float
-    effect: tuple[float, ...] = ()
-    work: float = 0.0
     notes: tuple[str, ...] = ()
 
     @property

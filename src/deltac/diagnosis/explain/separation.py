@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.calls.progress import Deadline
-from deltac.diagnosis.explain.regression import Fit, Prepared
-from deltac.diagnosis.explain.search import Found
+from deltac.diagnosis.inference.hypotheses import Fit
+from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.residuals.at_samples import Sampled
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
@@ -18,45 +17,44 @@ APART = 0.05
 """Relative difference of what two causes do, from which on a motion is said to tell them apart."""
 
 
-def advice(run: Trajectory, prepared: Prepared, found: Found, deadline: Deadline) -> str:
+def advice(run: Trajectory, inference: Inference) -> str:
     """A sentence: the simplest motion in which the causes differ, or that there is none."""
-    fits = [found.best, *found.alternatives]
-    most, said = 0, ""
-    for name, samples in _experiments(run, prepared):
-        if deadline.passed("which motion would tell the causes apart"):
-            return said and f"To tell some of them apart, log also {said}"
-        first, *others = _effects(prepared, samples, fits)
-        told = sum(_difference(first, other) > APART for other in others)
-        if told > most:
-            most, said = told, name
-    if not said:
+    fits = [inference.posterior.best, *inference.posterior.alternatives]
+    most, motion = 0, ""
+    for name, samples in _experiments(run, inference):
+        first, *others = _effects(inference, samples, fits)
+        apart = sum(_difference(first, other) > APART for other in others)
+        if apart > most:
+            most, motion = apart, name
+    if not motion:
         return (
             "No motion of this machine can tell them apart from joint coordinates and these forces: they "
             "are equivalent"
         )
-    them = "them" if most == len(found.alternatives) else "some of them"
-    return f"To tell {them} apart, log also {said}"
+    them = "them" if most == len(fits) - 1 else "some of them"
+    return f"To tell {them} apart, log also {motion}"
 
 
-def _effects(prepared: Prepared, samples: Sampled, fits: list[Fit]) -> list[Array]:
+def _effects(inference: Inference, samples: Sampled, fits: list[Fit]) -> list[Array]:
     """What each fit adds to the equations at the samples, scaled equation by equation."""
-    nothing = np.zeros_like(samples.logged)
+    rest = np.zeros_like(samples.logged)
     rng = np.random.default_rng(2)
-    rates = [rng.standard_normal(nothing.shape) * (np.abs(samples.logged) > 0) for _ in range(2)]
-    X = prepared.kernels(*samples.columns, *rates)[..., 1:]
+    rates = [rng.standard_normal(rest.shape) * (np.abs(samples.logged) > 0) for _ in range(2)]
+    X = np.concatenate(
+        [kernels(*samples.columns, *rates)[..., 1:] for kernels in inference.kernels], axis=2
+    )
     scale = np.sqrt(np.mean(np.sum(X**2, axis=2), axis=0))
     X = X / np.maximum(scale, 1e-300)[:, None]
-    found = []
+    effects = []
     for fit in fits:
         total = np.zeros(X.shape[:2])
-        for k, theta in zip(fit.chosen, fit.theta):
-            c = prepared.regression.candidates[k]
+        for c, theta in zip(fit.chosen, fit.theta, strict=True):
             effect = X[..., list(c.columns)] @ c.coefficients(theta)
             if c.touching is not None:  # it pushes to one side, wherever else the motion goes
                 effect = np.where(effect * (theta[1] - theta[0] * c.touching[0]) > 0.0, effect, 0.0)
             total += effect
-        found.append(total.ravel())
-    return found
+        effects.append(total.ravel())
+    return effects
 
 
 def _difference(a: Array, b: Array) -> float:
@@ -65,13 +63,14 @@ def _difference(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a - b)) / size if size > 0.0 else 0.0
 
 
-def _experiments(run: Trajectory, prepared: Prepared) -> list[tuple[str, Sampled]]:
+def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampled]]:
     """Motions that a user could make, simplest first."""
     rng = np.random.default_rng(1)
-    mechanism, free = prepared.mechanism, prepared.mechanism.free
+    mechanism = inference.model.mechanism
+    free = mechanism.free
     speed = max(float(np.abs(run.u).max(initial=0.0)), 1.0)
     bent = max(speed**2, 10.0)
-    nu, logged = len(free.u), prepared.kernels.evaluator.log.size
+    nu, logged = len(free.u), inference.model.log.size
 
     def states(q: Array, u: Array, udot: Array, forces: float) -> Sampled:
         t = np.full(STATES, float(run.t[0]))

@@ -9,12 +9,13 @@ where coordinates are quaternions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.rows import Model, Rows
+from deltac.diagnosis.inference.model import Model, Rows
 
 FIRST, SECOND = 1e-4, 1e-3
 """Lengths of differences, of states of unit size, for first and second derivatives: rounding and the next
@@ -28,6 +29,9 @@ class Field:
     name: str
     order: int
 
+
+FIRST_ORDER = 4
+"""How many of the fields are of first order; they come first."""
 
 FIELDS = (
     Field("q: a", 1), Field("u: a_q u", 1), Field("u: a_u a", 1),
@@ -44,57 +48,101 @@ sixth,
 one twenty-fourth to one tenth are those of the methods in use."""
 
 
-def elementary_differentials(model: Model, at: Rows, h: Array) -> Array:
-    """F_i h^p_i (N, 2n, fields) at states, h (N, 1) the integrator's step.
+class _Derivatives:
+    """Derivatives of the accelerations along directions of the state, by central differences at rows.
 
     Logged forces stand still: a method of one stage that takes them at one end of its step is a force that is
     held, which is chosen for the log (`flow.FORCES`).
     """
-    t, q, u, F = at.t, at.q, at.u, at.F
-    a = model.at(at)
-    zero = np.zeros_like(a)
 
-    def moved(along_q: Array | None, along_u: Array | None, d: Array, time: bool = False) -> Array:
-        there_q = q if along_q is None else model.moved(q, along_q, d)
-        there_u = u if along_u is None else u + d * along_u
-        return model.acceleration(t + d[:, 0] if time else t, there_q, there_u, F)
+    def __init__(self, model: Model, at: Rows) -> None:
+        self.model, self.rows = model, at
+        self.a = model.at(at)
 
-    def length(size: float, *directions: Array) -> Array:
-        largest = np.max([np.abs(v).max(axis=1) for v in directions], axis=0)
-        return np.asarray((size / np.maximum(largest, 1.0))[:, None])
-
-    def along(along_q: Array | None, along_u: Array | None, time: bool = False) -> Array:
-        d = length(FIRST, *(v for v in (along_q, along_u) if v is not None))
-        return np.asarray(
-            (moved(along_q, along_u, d, time) - moved(along_q, along_u, -d, time)) / (2.0 * d)
+    def _moved(self, q: Array | None, u: Array | None, d: Array, in_time: bool = False) -> Array:
+        at = self.rows
+        return self.model.acceleration(
+            at.t + d[:, 0] if in_time else at.t,
+            at.q if q is None else self.model.moved(at.q, q, d),
+            at.u if u is None else at.u + d * u,
+            at.F,
         )
 
-    def twice(along_q: Array | None, along_u: Array | None) -> Array:
-        d = length(SECOND, *(v for v in (along_q, along_u) if v is not None))
-        return np.asarray(
-            (moved(along_q, along_u, d) - 2.0 * a + moved(along_q, along_u, -d)) / d**2
-        )
+    def along(self, q: Array | None, u: Array | None, in_time: bool = False) -> Array:
+        """First derivative along (q, u)."""
+        d = _length(FIRST, q, u)
+        ends = (self._moved(q, u, s * d, in_time) for s in (1.0, -1.0))
+        return np.asarray((next(ends) - next(ends)) / (2.0 * d))
 
-    aq_u, au_a = along(u, None, time=True), along(None, a)
-    aqq, auu = twice(u, None), twice(None, a)
-    mixed = 0.5 * (twice(u, a) - aqq - auu)
+    def twice(self, q: Array | None, u: Array | None) -> Array:
+        """Second derivative along (q, u)."""
+        d = _length(SECOND, q, u)
+        both = self._moved(q, u, d) + self._moved(q, u, -d)
+        return np.asarray((both - 2.0 * self.a) / d**2)
 
-    def damped(along_u: Array) -> Array:
+    def of_dampers(self, u: Array) -> Array:
+        """What the change of the dampers' forces along u does to the accelerations."""
+        at, model = self.rows, self.model
         if not model.damped:
-            return zero
-        d = length(FIRST, along_u)
-        change = model.damping(t, q, u + d * along_u, F) - model.damping(t, q, u - d * along_u, F)
-        return model.response(t, q, change / (2.0 * d))
+            return np.zeros_like(self.a)
+        d = _length(FIRST, u)
+        ends = (model.damping(at.t, at.q, at.u + s * d * u, at.F) for s in (1.0, -1.0))
+        return model.response(at.t, at.q, (next(ends) - next(ends)) / (2.0 * d))
 
-    da = damped(a)
+
+def _length(size: float, *directions: Array | None) -> Array:
+    largest = np.max([np.abs(v).max(axis=1) for v in directions if v is not None], axis=0)
+    return np.asarray((size / np.maximum(largest, 1.0))[:, None])
+
+
+def _stacked(columns: Sequence[tuple[Array, Array]]) -> Array:
+    return np.stack([np.concatenate(pair, axis=1) for pair in columns], axis=2)
+
+
+def _first_order(model: Model, at: Rows, h: Array) -> Array:
+    D = _Derivatives(model, at)
+    zero = np.zeros_like(D.a)
     columns = [
-        (a, zero), (zero, aq_u), (zero, au_a), (zero, da),
-        (zero, damped(da)), (zero, damped(aq_u)),
-        (aq_u, zero), (au_a, zero), (zero, along(a, None)), (zero, along(None, aq_u)),
-        (zero, along(None, au_a)), (zero, aqq), (zero, mixed), (zero, auu),
+        (D.a, zero), (zero, D.along(at.u, None, in_time=True)), (zero, D.along(None, D.a)),
+        (zero, D.of_dampers(D.a)),
     ]  # fmt: skip
-    made = np.stack([np.concatenate(pair, axis=1) for pair in columns], axis=2)
-    return np.asarray(made * np.stack([h**f.order for f in FIELDS], axis=2))
+    return np.asarray(_stacked(columns) * h[:, :, None])
+
+
+def elementary_differentials(model: Model, at: Rows, h: Array) -> Array:
+    """F_i h^p_i (N, 2n, fields) at states, h (N, 1) the integrator's step."""
+    D, first = _Derivatives(model, at), _first_order(model, at, h)
+    n, a, zero = model.n, D.a, np.zeros_like(D.a)
+    aq_u, au_a, da = (first[:, n:, k] / h for k in (1, 2, 3))
+    aqq, auu = D.twice(at.u, None), D.twice(None, a)
+    mixed = 0.5 * (D.twice(at.u, a) - aqq - auu)
+    second = [
+        (zero, D.of_dampers(da)), (zero, D.of_dampers(aq_u)),
+        (aq_u, zero), (au_a, zero), (zero, D.along(a, None)), (zero, D.along(None, aq_u)),
+        (zero, D.along(None, au_a)), (zero, aqq), (zero, mixed), (zero, auu),
+    ]  # fmt: skip
+    return np.concatenate([first, _stacked(second) * h[:, :, None] ** 2], axis=2)
+
+
+def first_order_jacobian(model: Model, at: Rows, h: Array, c: Array) -> Array:
+    """∂/∂x (N, 2n, 2n) of Σ c_i h F_i, of first order: what the integrator makes of errors of a row."""
+    n = model.n
+
+    def total(q: Array, u: Array) -> Array:
+        moved = Rows(at.t, q, u, at.F)
+        return np.asarray(_first_order(model, moved, h) @ c)
+
+    here, columns = total(at.q, at.u), []
+    for k in range(2 * n):
+        e = np.zeros((1, n))
+        e[0, k % n] = 1.0
+        d = FIRST * (
+            1.0 + (0.0 if k < n else float(np.nanmax(np.abs(at.u[:, k - n]), initial=0.0)))
+        )
+        along = np.broadcast_to(e, at.u.shape)
+        q = model.moved(at.q, along, np.full((len(at.t), 1), d)) if k < n else at.q
+        columns.append((total(q, at.u if k < n else at.u + d * e) - here) / d)
+    return np.stack(columns, axis=2)
 
 
 def next_order(J: Array, fields: Array, t: Array, h: Array) -> Array:

@@ -7,7 +7,7 @@ components: δq = W δθ, so that quaternions have three.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -15,20 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.residuals.rows import Model, Rows
-from deltac.simulation.stepping.runge_kutta import tableau_of
+from deltac.diagnosis.inference.model import Model, Rows
+from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 ForceBetween: TypeAlias = Callable[[float], Array]
 """Logged forces (N, m) at a fraction of each interval."""
-
-TILE = 20_000
-"""Rows that are evaluated at once: their numbers stay in the processor's cache."""
 
 DOUBLINGS = 4
 """Times that the steps of the flow are halved at most, until they agree beyond the noise of the rows."""
 
 PROBES = 48
 """Intervals on which that is tried."""
+
+REFINEMENTS = 2
+"""Times that intervals are refined on their own, by four each: onsets of contact lie within a few steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +46,9 @@ class Intervals:
     def __len__(self) -> int:
         return len(self.start.t)
 
-    def taken(self, which: NDArray[np.intp]) -> Intervals:
+    def take(self, which: NDArray[np.intp]) -> Intervals:
         """Some of them."""
-        return Intervals(self.start.taken(which), self.end.taken(which))
+        return Intervals(self.start.take(which), self.end.take(which))
 
 
 FORCES: dict[str, tuple[float, float, float]] = {
@@ -100,10 +100,10 @@ class LoggedForce:
 
 
 @dataclass(frozen=True, eq=False)
-class Predicted:
+class Prediction:
     """States along the flow of each interval: `nodes` at equal fractions, the first the row.
 
-    error  of the flow at its end (N, 2n), by halving its steps on some intervals
+    error  of the flow at its end (N, 2n), by halving its steps
     """
 
     nodes: tuple[Rows, ...]
@@ -115,111 +115,107 @@ class Predicted:
         return self.nodes[-1]
 
 
-def predicted(
+def predict(
     model: Model, intervals: Intervals, force: ForceBetween, noise: Array, steps: int = 0
-) -> Predicted:
+) -> Prediction:
     """The flow of every interval, with as many steps as bring its error below the noise (N, 2n) of the rows.
 
-    Or with so many `steps`, where they are known.
+    Or with so many `steps`, where they are known. Intervals in which that is not enough, such as those in
+    which a contact begins, are refined on their own; what error remains is told.
     """
-    some = np.unique(np.linspace(0, len(intervals) - 1, PROBES).astype(np.intp))
-    few = intervals.taken(some)
-
-    def of_few(s: float) -> Array:
-        return np.asarray(force(s)[some])
-
-    count, error = steps or 2, np.zeros(2 * model.n)
-    coarse = _flow(model, few, of_few, count // 2)[-1]
-    for _ in range(1 if steps else DOUBLINGS):
-        fine = _flow(model, few, of_few, count)[-1]
-        gap = np.abs(difference(model, coarse, fine))
-        error = gap.max(axis=0, initial=0.0)
-        finite = np.isfinite(error).all()
-        if finite and np.all(gap <= 0.03 * noise[some] + 100.0 * EPS * np.abs(_sizes(few))):
+    allowed = 0.03 * noise + 100.0 * EPS * _sizes(intervals)
+    if not steps:
+        probes = np.unique(np.linspace(0, len(intervals) - 1, PROBES).astype(np.intp))
+        few, steps = intervals.take(probes), 2
+        coarse = _flow(model, few, _some(force, probes), 1)[-1]
+        while True:
+            fine = _flow(model, few, _some(force, probes), steps)[-1]
+            # Refined on their own are few: nine tenths must be exact enough.
+            gap = np.abs(model.difference(coarse, fine)) <= allowed[probes]
+            if gap.all(axis=1).mean() >= 0.9 or steps >= 2**DOUBLINGS:
+                break
+            steps, coarse = 2 * steps, fine
+    nodes = _flow(model, intervals, force, steps)
+    error = np.abs(model.difference(_flow(model, intervals, force, steps // 2)[-1], nodes[-1]))
+    for level in range(1, REFINEMENTS + 1):
+        some = np.flatnonzero(~np.all(error <= allowed, axis=1))
+        if not len(some) or len(some) > 0.5 * len(intervals):
             break
-        if not steps and count < 2**DOUBLINGS:
-            count, coarse = 2 * count, fine
-    return Predicted(
-        tuple(_flow(model, intervals, force, count)), np.broadcast_to(error, noise.shape)
-    )
+        each = 4**level
+        finer = _flow(model, intervals.take(some), _some(force, some), steps, each)
+        error[some] = np.abs(model.difference(nodes[-1].take(some), finer[-1]))
+        nodes = [_replaced(rows, some, own) for rows, own in zip(nodes, finer, strict=True)]
+    return Prediction(tuple(nodes), error)
+
+
+def _some(force: ForceBetween, which: NDArray[np.intp]) -> ForceBetween:
+    return lambda s: np.asarray(force(s)[which])
+
+
+def _replaced(rows: Rows, which: NDArray[np.intp], own: Rows) -> Rows:
+    columns = [np.array(x) for x in (rows.t, rows.q, rows.u, rows.F)]
+    for x, y in zip(columns, (own.t, own.q, own.u, own.F), strict=True):
+        x[which] = y
+    return Rows(*columns)
 
 
 def _sizes(intervals: Intervals) -> Array:
-    """Sizes of coordinates and speeds, of each kind the largest."""
+    """Sizes (2n,) of coordinates and speeds, of each kind the largest."""
     q = np.abs(intervals.start.q).max(initial=0.0) + 1.0
     u = np.abs(intervals.start.u).max(initial=0.0)
     n = intervals.start.u.shape[1]
     return np.concatenate([np.full(n, q), np.full(n, u)])
 
 
-def _flow(model: Model, intervals: Intervals, force: ForceBetween, count: int) -> list[Rows]:
-    """States at the ends of `count` steps of order 8 in each interval, the starts first."""
+def runge_kutta(
+    model: Model,
+    tableau: Tableau,
+    at: Rows,
+    h: Array,
+    force: Callable[[float], Array],
+    on_group: bool = False,
+) -> tuple[Array, Array]:
+    """Coordinates and speeds after a step h (N, 1) by an explicit method; `force` at a fraction of the step.
+
+    The stages' rates of rotations are added as quaternions, or `on_group` as rotation vectors.
+    """
+    rates, slopes = list[Array](), list[Array]()
+
+    def moved(weights: Sequence[float]) -> tuple[Array, Array]:
+        dq = sum((w * r for w, r in zip(weights, rates, strict=True) if w), 0.0 * rates[0])
+        du = sum((w * s for w, s in zip(weights, slopes, strict=True) if w), 0.0 * slopes[0])
+        return model.moved(at.q, dq, h) if on_group else at.q + h * dq, at.u + h * du
+
+    for row, c in zip(tableau.a, tableau.c, strict=True):
+        q, u = moved(row) if rates else (at.q, at.u)
+        t = at.t + c * h[:, 0]
+        rates.append(u if on_group else model.rate(t, q, u))
+        slopes.append(model.acceleration(t, q, u, force(c)))
+    q, u = moved(tableau.b)
+    for i, _ in model.quaternions:
+        q[:, i : i + 4] /= np.linalg.norm(q[:, i : i + 4], axis=1, keepdims=True)
+    return q, u
+
+
+def _flow(
+    model: Model, intervals: Intervals, force: ForceBetween, count: int, each: int = 1
+) -> list[Rows]:
+    """States at the ends of `count` parts of each interval, of `each` steps of order 8; the starts first."""
     tableau = tableau_of("ode8")
     assert tableau is not None
-    start, h = intervals.start, intervals.h / count
+    start, h = intervals.start, intervals.h / (count * each)
     nodes = [Rows(start.t, start.q, start.u, force(0.0))]
-    for k in range(count):
-        t, q, u = nodes[-1].t, nodes[-1].q, nodes[-1].u
-        rates, slopes = list[Array](), list[Array]()
-        for row, c in zip(tableau.a, tableau.c):
-            qs, us = q, u
-            if row:
-                dq, du = (np.zeros_like(x[0]) for x in (rates, slopes))
-                for weight, rate, slope in zip(row, rates, slopes):
-                    if weight:
-                        dq, du = dq + weight * rate, du + weight * slope
-                qs, us = q + h * dq, u + h * du
-            ts = t + c * h[:, 0]
-            rates.append(model.rate(ts, qs, us))
-            slopes.append(model.acceleration(ts, qs, us, force((k + c) / count)))
-        q = q + h * sum(w * r for w, r in zip(tableau.b, rates) if w)
-        u = u + h * sum(w * s for w, s in zip(tableau.b, slopes) if w)
-        for i, _ in model.quaternions:
-            q[:, i : i + 4] /= np.linalg.norm(q[:, i : i + 4], axis=1, keepdims=True)
-        nodes.append(Rows(start.t + (k + 1) * h[:, 0], q, u, force((k + 1) / count)))
+    at = nodes[0]
+    for k in range(count * each):
+
+        def within(c: float, k: int = k) -> Array:
+            return force((k + c) / (count * each))
+
+        q, u = runge_kutta(model, tableau, at, h, within)
+        at = Rows(start.t + (k + 1) * h[:, 0], q, u, force((k + 1) / (count * each)))
+        if (k + 1) % each == 0:
+            nodes.append(at)
     return nodes
-
-
-def difference(model: Model, base: Rows, other: Rows) -> Array:
-    """What moves `base` to `other`, (N, 2n): along the speeds and rotation vectors, then speeds."""
-    moved = np.zeros_like(base.u)
-    for i, j in model.rates:
-        moved[:, j] = other.q[:, i] - base.q[:, i]
-    for i, j in model.quaternions:
-        p, r = base.q[:, i : i + 4], other.q[:, i : i + 4]
-        p, r = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (p, r))
-        w = np.sum(p * r, axis=1, keepdims=True)
-        v = p[:, :1] * r[:, 1:] - r[:, :1] * p[:, 1:] - np.cross(p[:, 1:], r[:, 1:])
-        moved[:, j : j + 3] = 2.0 * np.where(w < 0.0, -v, v)
-    return np.concatenate([moved, other.u - base.u], axis=1)
-
-
-def jacobians(model: Model, at: Rows) -> Array:
-    """∂ẋ/∂x (N, 2n, 2n) in the components of `difference`."""
-    n, count = model.n, len(at.t)
-    J = np.zeros((count, 2 * n, 2 * n))
-    J[:, np.arange(n), n + np.arange(n)] = 1.0
-    for _, j in model.quaternions:
-        J[:, j : j + 3, j : j + 3] = -_cross(at.u[:, j : j + 3])
-    here = model.at(at)
-    one = np.ones((count, 1))
-    for k in range(n):
-        e = np.zeros((1, n))
-        e[0, k] = 1.0
-        d = 1e-7
-        there = model.acceleration(
-            at.t, model.moved(at.q, np.broadcast_to(e, at.u.shape), d * one), at.u, at.F
-        )
-        J[:, n:, k] = (there - here) / d
-        d = 1e-7 * (1.0 + float(np.abs(at.u[:, k]).max(initial=0.0)))
-        J[:, n:, n + k] = (model.acceleration(at.t, at.q, at.u + d * e, at.F) - here) / d
-    return J
-
-
-def _cross(w: Array) -> Array:
-    made = np.zeros((len(w), 3, 3))
-    made[:, 0, 1], made[:, 0, 2], made[:, 1, 2] = -w[:, 2], w[:, 1], -w[:, 0]
-    return made - made.transpose(0, 2, 1)
 
 
 def transported(h: Array, J: list[Array], F: list[Array]) -> tuple[Array, Array]:

@@ -1,23 +1,26 @@
-"""Integrators by the numbers c of their modified equations.
+"""Integrators: by the numbers c of their modified equations, and by their own map from row to row.
 
-A table of the leading error terms of methods in use: what a step of length h adds to the exact flow, in terms
-of the fields of `fields.FIELDS`. With f′f = (a, a_q u + a_u a), a method whose expansion has the fraction φ
-of h² f′f differs from the flow by c = φ − ½ (Hairer, Lubich, Wanner, ch. IX). MuJoCo's implicit methods treat
-the dampers, or all of ∂a/∂u, at the end of the step.
+What a step of length h adds to the exact flow is told in terms of the fields of `fields.FIELDS`. With
+f′f = (a, a_q u + a_u a), a method whose expansion has the fraction φ of h² f′f differs from the flow by
+c = φ − ½ (Hairer, Lubich, Wanner, ch. IX). MuJoCo's implicit methods treat the dampers, or all of ∂a/∂u, at
+the end of the step. Where a log holds every step, or every so many, a method's own map takes the place of
+the flow: the prediction errors of the right one are rounding.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.inference.fields import FIELDS
-
-if TYPE_CHECKING:
-    from deltac.diagnosis.inference.posterior import Inference
+from deltac.diagnosis.inference.flow import ForceBetween, Intervals, runge_kutta
+from deltac.diagnosis.inference.model import Model, Rows
+from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 PLACES = {f.name: k for k, f in enumerate(FIELDS)}
 
@@ -35,32 +38,217 @@ def _second(twice: float, chain: float) -> dict[str, float]:
     }  # fmt: skip
 
 
-@dataclass(frozen=True)
+Step: TypeAlias = Callable[[Model, Rows, Array, Callable[[float], Array]], tuple[Array, Array]]
+"""q and u after a step of length h (N, 1) from rows; forces at a fraction of the step."""
+
+Defect: TypeAlias = Callable[[Model, Rows, Rows, Array], tuple[Array, Array]]
+"""What an implicit method would have for q and u at the end of the step, given both rows."""
+
+
+MIDPOINT = Tableau(((), (0.5,)), (0.0, 1.0), (0.0, 0.5), "Runge 1895")
+
+
+def _explicit(tableau: Tableau | str, on_group: bool = False) -> Step:
+    """A Runge–Kutta method; `on_group`: rotations are moved by exponentials, as MuJoCo does."""
+
+    def step(
+        model: Model, at: Rows, h: Array, force: Callable[[float], Array]
+    ) -> tuple[Array, Array]:
+        own = tableau_of(tableau) if isinstance(tableau, str) else tableau
+        assert own is not None
+        return runge_kutta(model, own, at, h, force, on_group)
+
+    return step
+
+
+def _kick_first(
+    model: Model, at: Rows, h: Array, force: Callable[[float], Array]
+) -> tuple[Array, Array]:
+    u = at.u + h * model.acceleration(at.t, at.q, at.u, force(0.0))
+    return model.moved(at.q, u, h), u
+
+
+def _drift_first(
+    model: Model, at: Rows, h: Array, force: Callable[[float], Array]
+) -> tuple[Array, Array]:
+    q = model.moved(at.q, at.u, h)
+    return q, at.u + h * model.acceleration(at.t, q, at.u, force(0.0))
+
+
+def _kick_drift_kick(
+    model: Model, at: Rows, h: Array, force: Callable[[float], Array]
+) -> tuple[Array, Array]:
+    half = at.u + 0.5 * h * model.acceleration(at.t, at.q, at.u, force(0.0))
+    q = model.moved(at.q, half, h)
+    return q, half + 0.5 * h * model.acceleration(at.t + h[:, 0], q, half, force(1.0))
+
+
+def _drift_kick_drift(
+    model: Model, at: Rows, h: Array, force: Callable[[float], Array]
+) -> tuple[Array, Array]:
+    q = model.moved(at.q, at.u, 0.5 * h)
+    u = at.u + h * model.acceleration(at.t + 0.5 * h[:, 0], q, at.u, force(0.5))
+    return model.moved(q, u, 0.5 * h), u
+
+
+def _implicit_in(whole: bool) -> Step:
+    """Semi-implicit Euler with the dampers, or all of ∂a/∂u, at the end of the step."""
+
+    def step(
+        model: Model, at: Rows, h: Array, force: Callable[[float], Array]
+    ) -> tuple[Array, Array]:
+        F = force(0.0)
+        a = model.acceleration(at.t, at.q, at.u, F)
+        columns = []
+        for e in np.eye(model.n)[:, None]:
+            if whole:
+                d = 1e-6 * (1.0 + np.abs(at.u).max())
+                both = [model.acceleration(at.t, at.q, at.u + s * d * e, F) for s in (1.0, -1.0)]
+                columns.append((both[0] - both[1]) / (2.0 * d))
+            else:
+                change = model.damping(at.t, at.q, at.u + e, F) - model.damping(at.t, at.q, at.u, F)
+                columns.append(model.response(at.t, at.q, change))
+        A = np.eye(model.n) - h[:, :, None] * np.stack(columns, axis=2)
+        u = at.u + np.linalg.solve(A, (h * a)[:, :, None])[:, :, 0]
+        return model.moved(at.q, u, h), u
+
+    return step
+
+
+def _implicit_euler(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+    return model.moved(at.q, end.u, h), at.u + h * model.at(end)
+
+
+def _trapezoidal(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+    u = at.u + 0.5 * h * (model.at(at) + model.at(end))
+    return model.moved(at.q, 0.5 * (at.u + end.u), h), u
+
+
+def _implicit_midpoint(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+    mean = 0.5 * (at.u + end.u)
+    q = model.moved(at.q, mean, 0.5 * h)
+    a = model.acceleration(0.5 * (at.t + end.t), q, mean, 0.5 * (at.F + end.F))
+    return model.moved(at.q, mean, h), at.u + h * a
+
+
+@dataclass(frozen=True, eq=False)
 class Integrator:
-    """A method: its name, its order, and the numbers c of its leading error terms."""
+    """A method: its name, its order, the numbers c of its leading error terms, and its map."""
 
     name: str
     order: int
     numbers: dict[str, float]
+    step: Step | None = None
+    defect: Defect | None = None
 
 
 INTEGRATORS = (
-    Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5)),
-    Integrator("semi-implicit-euler", 1, _first(0.5, -0.5, -0.5)),
-    Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5)),
-    Integrator("implicit-damping-euler", 1, _first(0.5, -0.5, -0.5, 1.0)),
-    Integrator("implicit-speed-euler", 1, _first(0.5, -0.5, 0.5)),
-    Integrator("implicit-euler", 1, _first(0.5, 0.5, 0.5)),
-    Integrator("heun", 2, _second(1 / 12, -1 / 6)),
-    Integrator("explicit-midpoint", 2, _second(-1 / 24, -1 / 6)),
-    Integrator("implicit-midpoint", 2, _second(-1 / 24, 1 / 12)),
-    Integrator("trapezoidal", 2, _second(1 / 12, 1 / 12)),
-    Integrator("verlet", 2, {"u: a_q a": 1 / 12, "u: a_qq u u": 1 / 12, "q: a_q u": -1 / 6}),
-    Integrator("leapfrog", 2, _first(0.0, 0.0, -0.25)),
+    Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5), _explicit("ode1")),
+    Integrator("semi-implicit-euler", 1, _first(0.5, -0.5, -0.5), _kick_first),
+    Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first),
+    Integrator("implicit-damping-euler", 1, _first(0.5, -0.5, -0.5, 1.0), _implicit_in(False)),
+    Integrator("implicit-speed-euler", 1, _first(0.5, -0.5, 0.5), _implicit_in(True)),
+    Integrator("implicit-euler", 1, _first(0.5, 0.5, 0.5), defect=_implicit_euler),
+    Integrator("heun", 2, _second(1 / 12, -1 / 6), _explicit("ode2")),
+    Integrator("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), _explicit(MIDPOINT)),
+    Integrator("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), defect=_implicit_midpoint),
+    Integrator("trapezoidal", 2, _second(1 / 12, 1 / 12), defect=_trapezoidal),
+    Integrator("verlet", 2, {"u: a_q a": 1 / 12, "u: a_qq u u": 1 / 12, "q: a_q u": -1 / 6}, None),
+    Integrator("leapfrog", 2, _first(0.0, 0.0, -0.25), _kick_drift_kick),
+    Integrator("position-verlet", 2, _first(0.0, 0.0, -0.5), _drift_kick_drift),
+    Integrator("bogacki-shampine", 3, {}, _explicit("ode3")),
+    Integrator("rk4", 4, {}, _explicit("ode4")),
+    Integrator("rk4", 4, {}, _explicit("ode4", on_group=True)),
+    Integrator("dormand-prince", 5, {}, _explicit("ode5")),
     Integrator("higher-order", 3, {}),
 )
 """Methods in use. "leapfrog" takes its last half step with the speeds of the middle; of order one with
-dampers."""
+dampers. "higher-order" stands for all of order three and more, whose error is smaller than the fields."""
+
+ON_GROUP = INTEGRATORS[-3:-2]
+"""Methods that differ from others of their name by rotations alone."""
+
+MOST_STEPS = 12
+"""Steps between two rows up to which a method is repeated: what takes longer is left to the series."""
+
+
+def maps(
+    model: Model, intervals: Intervals, force: ForceBetween, step: float
+) -> Iterator[tuple[Integrator, Rows]]:
+    """Each method with the rows that it makes of those before, if rows lie a whole number of steps apart."""
+    ratio = intervals.h[:, 0] / step
+    counts = np.rint(ratio).astype(np.intp)
+    if np.any(np.abs(ratio - counts) > 1e-3) or counts.max() > MOST_STEPS or counts.min() < 1:
+        return
+    for method in INTEGRATORS:
+        if method.name == "implicit-damping-euler" and not model.damped:
+            continue
+        if method in ON_GROUP and not model.quaternions:
+            continue
+        if method.defect is not None and counts.max() == 1:
+            at, end = intervals.start, intervals.end
+            q, u = method.defect(model, at, end, intervals.h)
+            yield method, Rows(end.t, q, u, end.F)
+        elif method.step is not None:
+            yield method, _repeated(model, method.step, intervals, force, counts)
+
+
+def transition(
+    model: Model,
+    end: tuple[Integrator, Rows],
+    intervals: Intervals,
+    force: ForceBetween,
+    step: float,
+) -> Array | None:
+    """Derivatives (N, 2n, 2n) of a method's map by differences; None for an implicit one, or many speeds."""
+    method, after = end
+    if method.step is None or model.n > MOST_SPEEDS:
+        return None
+    counts = np.rint(intervals.h[:, 0] / step).astype(np.intp)
+    at, columns = intervals.start, []
+    for k in range(2 * model.n):
+        e = np.zeros((1, model.n))
+        e[0, k % model.n] = 1.0
+        d = 1e-6 * (1.0 + (0.0 if k < model.n else float(np.abs(at.u[:, k - model.n]).max())))
+        along, u = np.broadcast_to(e, at.u.shape), at.u
+        q = model.moved(at.q, along, np.full((len(u), 1), d)) if k < model.n else at.q
+        other = Intervals(Rows(at.t, q, u if k < model.n else u + d * e, at.F), intervals.end)
+        moved = _repeated(model, method.step, other, force, counts)
+        columns.append(model.difference(after, moved) / d)
+    return np.stack(columns, axis=2)
+
+
+MOST_SPEEDS = 12
+"""Speeds up to which a method's map is differentiated; of more the flow's derivatives stand for it."""
+
+
+def _repeated(
+    model: Model, step: Step, intervals: Intervals, force: ForceBetween, counts: NDArray[np.intp]
+) -> Rows:
+    at, h = intervals.start, intervals.h / counts[:, None]
+    for k in range(int(counts.max())):
+
+        def between(c: float, k: int = k) -> Array:
+            # Intervals of fewer steps have arrived; what is evaluated of them is not used.
+            share = np.minimum((k + c) / counts, 1.0)
+            values = {s: force(float(s)) for s in np.unique(share)}
+            return np.stack([values[s][i] for i, s in enumerate(share)]) if len(values) > 1 else force(
+                float(share[0])
+            )  # fmt: skip
+
+        q, u = step(model, at, h, between)
+        moving = counts > k
+        at = Rows(
+            np.where(moving, at.t + h[:, 0], at.t),
+            np.where(moving[:, None], q, at.q),
+            np.where(moving[:, None], u, at.u),
+            between(1.0),
+        )
+    return at
+
+
+FEW = 4
+"""Methods that are named in a sentence at most."""
 
 NEAR = 3.0
 """Standard errors within which the numbers of a method agree with those of a log, beside `CLOSE`."""
@@ -74,11 +262,10 @@ class IntegratorEstimate:
     """The integrator of a log, as its error tells.
 
     Attributes:
-        names: methods whose numbers agree with those of the log; "higher-order" stands for all of order
-        three and
-            more, whose error is smaller than the fields.
+        names: methods whose own map closes the rows; else those whose numbers agree with those of the log.
+            "higher-order" stands for all of order three and more, whose error is smaller than the fields.
         coefficients: numbers c of the elementary differentials, by their names.
-        errors: their standard errors.
+        errors: their standard errors; 0 for a method that closes.
         order: of the error; that of the methods named, else of the lowest field that is seen.
         step: of the integrator, s.
     """
@@ -89,38 +276,6 @@ class IntegratorEstimate:
     order: int
     step: float
 
-    @staticmethod
-    def of(inference: Inference) -> IntegratorEstimate:
-        """The estimate of an inference."""
-        c = inference.coefficients
-        sigma = np.sqrt(np.maximum(np.diag(inference.covariance), 0.0))
-        damped = inference.model.damped
-        names, orders = list[str](), list[int]()
-        for method in INTEGRATORS:
-            own = np.zeros(len(FIELDS))
-            for name, value in method.numbers.items():
-                own[PLACES[name]] = value
-            if not damped and own[PLACES["u: damping a"]]:
-                continue
-            looked = [k for k, f in enumerate(FIELDS) if f.order == 1 or method.order > 1]
-            if not damped:
-                looked = [k for k in looked if "damping" not in FIELDS[k].name]
-            close = np.array([CLOSE[f.order] for f in FIELDS])
-            if _agrees(c, own, inference.covariance, close, looked):
-                names.append(method.name)
-                orders.append(method.order)
-        first = [k for k, f in enumerate(FIELDS) if f.order == 1]
-        seen = bool(np.any(np.abs(c[first]) > NEAR * sigma[first] + CLOSE[1]))
-        order = min(orders) if orders else (1 if seen else 2)
-        named = [f.name for f in FIELDS]
-        return IntegratorEstimate(
-            tuple(names),
-            dict(zip(named, c.tolist())),
-            dict(zip(named, sigma.tolist())),
-            order,
-            inference.step,
-        )
-
     @property
     def sentence(self) -> str:
         """In words."""
@@ -128,11 +283,64 @@ class IntegratorEstimate:
             return "the integrator is none of those known"
         if self.names == ("higher-order",):
             return "the integrator is of order 3 or more"
+        if len(self.names) > FEW:
+            return f"the integrator is of order {self.order} or more"
         return f"the integrator is {' or '.join(self.names)}"
 
 
-def _agrees(c: Array, own: Array, covariance: Array, close: Array, looked: list[int]) -> bool:
+def estimate(c: Array, covariance: Array, damped: bool, step: float) -> IntegratorEstimate:
+    """The integrators whose numbers agree with those of a log."""
+    sigma = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    names, orders = list[str](), list[int]()
+    close = np.array([CLOSE[f.order] for f in FIELDS])
+    for method in INTEGRATORS:
+        if method.order > 2 and method.name != "higher-order":
+            continue
+        own = numbers_of(method)
+        if not damped and own[PLACES["u: damping a"]]:
+            continue
+        compared = [k for k, f in enumerate(FIELDS) if f.order == 1 or method.order > 1]
+        if not damped:
+            compared = [k for k in compared if "damping" not in FIELDS[k].name]
+        if _agrees(c, own, covariance, close, compared):
+            names.append(method.name)
+            orders.append(method.order)
+    first = [k for k, f in enumerate(FIELDS) if f.order == 1]
+    seen = bool(np.any(np.abs(c[first]) > NEAR * sigma[first] + CLOSE[1]))
+    order = min(orders) if orders else (1 if seen else 2)
+    fields = [f.name for f in FIELDS]
+    return IntegratorEstimate(
+        tuple(names),
+        dict(zip(fields, c.tolist(), strict=True)),
+        dict(zip(fields, sigma.tolist(), strict=True)),
+        order,
+        step,
+    )
+
+
+def identified(methods: tuple[Integrator, ...], step: float) -> IntegratorEstimate:
+    """The estimate of a log that is closed by methods' own maps."""
+    own = numbers_of(methods[0])
+    fields = [f.name for f in FIELDS]
+    return IntegratorEstimate(
+        tuple(dict.fromkeys(m.name for m in methods)),
+        dict(zip(fields, own.tolist(), strict=True)),
+        dict.fromkeys(fields, 0.0),
+        min(m.order for m in methods),
+        step,
+    )
+
+
+def numbers_of(method: Integrator) -> Array:
+    """Its numbers c in the order of `FIELDS`."""
+    own = np.zeros(len(FIELDS))
+    for name, value in method.numbers.items():
+        own[PLACES[name]] = value
+    return own
+
+
+def _agrees(c: Array, own: Array, covariance: Array, close: Array, compared: list[int]) -> bool:
     """Whether numbers differ by no more than their errors, along directions that the log tells."""
-    gap = (c - own)[looked]
-    C = covariance[np.ix_(looked, looked)] + np.diag(close[looked] ** 2)
-    return bool(gap @ np.linalg.solve(C, gap) <= NEAR**2 * max(1.0, len(looked) / 3.0))
+    gap = (c - own)[compared]
+    C = covariance[np.ix_(compared, compared)] + np.diag(close[compared] ** 2)
+    return bool(gap @ np.linalg.solve(C, gap) <= NEAR**2 * max(1.0, len(compared) / 3.0))

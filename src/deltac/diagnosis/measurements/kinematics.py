@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.measurements.digits import Chosen, digits_of, medians
-from deltac.energy.sampling.splines import spline_integrals, spline_rates
+from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -432,77 +432,6 @@ def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:
     rows = np.concatenate([np.arange(a, b) for a, b in edges] or [np.arange(0)])
     ends = np.cumsum([0, *(b - a for a, b in edges)]).tolist()
     return rows, list(zip(ends, ends[1:]))
-
-
-# --- accelerations ---------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Accelerations:
-    """What the accelerations of a log are, told by its speeds.
-
-    Attributes:
-        difference: "backward", "forward" or "central" where u̇ is that difference quotient of u, else "".
-        late: rows by which u̇ is older than the speeds beside it; ±½ also by schemes of first order.
-        told: u̇ as the speeds have it, by splines, at the `looked_at` rows; NaN where rows are too few.
-    """
-
-    difference: str
-    late: float
-    told: Array
-    looked_at: Chosen
-
-    def at(self, rows: NDArray[np.intp]) -> Array:
-        """u̇ as the speeds have it at rows of the log (k, nu); NaN where that is not known."""
-        if isinstance(self.looked_at, slice):
-            return self.told[rows]
-        places = np.minimum(np.searchsorted(self.looked_at, rows), len(self.told) - 1)
-        return np.where((self.looked_at[places] == rows)[:, None], self.told[places], np.nan)
-
-
-def accelerations(run: Trajectory) -> Accelerations:
-    """Compare the accelerations of a run with its speeds."""
-    assert run.udot is not None
-    rows, edges = _looked_at(run)
-    t, u = run.t[rows], run.u[rows]
-    told = np.full_like(u, np.nan)
-    for a, b in edges:
-        told[a:b] = spline_rates(t[a:b], u[a:b], 5)
-    fine = digits_of(run)["u"].scatter(rows)
-    bar = fine[1:] + fine[:-1]
-    made = compare(t, np.diff(u, axis=0), run.udot[rows], bar, edges) if edges else []
-    lates = [one.late for one in made if one is not None and one.off < 0.5]
-    late = float(np.median(lates)) if lates else 0.0
-    return Accelerations(_difference(run), late, told, rows)
-
-
-def _difference(run: Trajectory) -> str:
-    """Which difference quotient of the speeds the accelerations are, to their digits."""
-    assert run.udot is not None
-    if len(run) < 6:
-        return ""
-    parts = (
-        [slice(a, b) for a, b in stretches(run)] if len(run) > MOST_ROWS else [slice(0, len(run))]
-    )
-    digits, least = digits_of(run), float(np.diff(run.t).min())
-    largest = np.maximum(run.udot.max(axis=0), -run.udot.min(axis=0))
-    off: dict[str, list[Mask]] = {"backward": [], "forward": [], "central": []}
-    moving = np.zeros(run.u.shape[1], dtype=np.bool_)
-    for part in parts:
-        t, u, udot = run.t[part], run.u[part], run.udot[part]
-        D = np.diff(u, axis=0) / np.diff(t)[:, None]
-        moving |= np.abs(D).max(axis=0) > 0.0
-        bar = digits["udot"].half(part)[1:-1] + 3.0 * digits["u"].half(part)[1:-1] / least
-        bar = bar + 1e-11 * largest
-        quotients = (D[:-1], D[1:], np.gradient(u, t, axis=0)[1:-1])
-        for each, quotient in zip(off.values(), quotients):
-            each.append(np.abs(udot[1:-1] - quotient) > bar)
-    if not moving.any():
-        return ""
-    for name, each in off.items():
-        if np.concatenate(each)[:, moving].mean() < 0.02:
-            return name
-    return ""
 
 
 # --- what all columns have in common ----------------------------------------------------------------------

@@ -13,8 +13,8 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit.measures import NOTHING
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
+from deltac.diagnosis.verdict import NOTHING
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
 from deltac.errors import DeltacError, InputError, SolverError

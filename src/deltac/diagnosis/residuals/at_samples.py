@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, TINY, Array
 from deltac.diagnosis.measurements.digits import Chosen, digits_of, resolution
+from deltac.diagnosis.verdict import Finding
 from deltac.dynamics.forces import channels
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
@@ -54,7 +55,6 @@ class EquationTerms:
         residual: the sum of forces, inertia forces and constraint forces.
         scale: typical size of the terms that are added up, for each speed (n,).
         precision: residual (n,) that the log's number of digits, or rounding, explains.
-        doubt: residual (n,) that accelerations at odds with the speeds, or an integrator, may leave.
     """
 
     speeds: tuple[str, ...]
@@ -69,7 +69,6 @@ class EquationTerms:
     scale: Array
     precision: Array
     evaluator: Evaluator
-    doubt: Array | None = None
 
     @property
     def size(self) -> Array:
@@ -84,22 +83,8 @@ class EquationTerms:
 
     @property
     def significant(self) -> NDArray[np.bool_]:
-        """Which speeds have a residual that neither rounding, digits nor doubts of u̇ explain (n,)."""
-        doubt = 0.0 if self.doubt is None else self.doubt
-        return np.asarray((self.size > CLEAR * self.precision + doubt) & (self.relative > LEAST))
-
-    @property
-    def doubtful(self) -> NDArray[np.bool_]:
-        """Which speeds have a residual that only doubts of u̇ explain (n,)."""
-        there = (self.size > CLEAR * self.precision) & (self.relative > LEAST)
-        return np.asarray(there & ~self.significant)
-
-    @property
-    def share_of_energy(self) -> Array:
-        """What the residual adds to ΔC: −∫ Σ u_r (F_r + F*_r) dt (T,), J, by trapezoids."""
-        power = -np.einsum("ij,ij->i", self.u, self.residual)
-        steps = 0.5 * (power[1:] + power[:-1]) * np.diff(self.t)
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        """Which speeds have a residual that neither rounding nor digits explain (n,)."""
+        return np.asarray((self.size > CLEAR * self.precision) & (self.relative > LEAST))
 
     def weighted(self, values: Array) -> Array:
         """Divided by the scale of each speed, so that N and N·m may be added up."""
@@ -338,3 +323,43 @@ def constraint_rates(terms: EquationTerms, run: Trajectory) -> dict[str, float]:
 
 def _rms(values: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
+EXPLAINED = 0.05
+"""What other rows' forces or accelerations may leave of a residual that they explain."""
+
+
+def stale_stage(mechanism: Mechanism, run: Trajectory, terms: EquationTerms) -> list[Finding]:
+    """Forces or accelerations that belong to the row before: then shifting them closes the equations."""
+    rows = terms.rows[terms.rows < len(run) - 1]
+    if not terms.significant.any() or len(rows) < 4:
+        return []
+    evaluator = terms.evaluator
+    everything = Sampled.of(mechanism, run, evaluator.log)
+    here, after = everything.take(rows), everything.take(rows + 1)
+    # Of the same rows: where a motion runs away, the last one alone outweighs all others.
+    size = _size(terms, terms.residual[terms.rows < len(run) - 1])
+    for what, udot, logged in (
+        ("forces", here.udot, after.logged),
+        ("accelerations", after.udot, here.logged),
+        ("forces and accelerations", after.udot, after.logged),
+    ):
+        moved = Sampled(here.t, here.q, here.u, udot, logged)
+        left = _size(terms, total(evaluator(moved)))
+        if left < EXPLAINED * size:
+            return [
+                Finding(
+                    "stale-stage",
+                    f"the log's {what} are one row old: each belongs to the state of the row before",
+                    f"shifted by one row, they leave {left / size:.2g} of the residual of the equations",
+                    "Log them with the state that they belong to: after a step most engines hold new "
+                    "positions beside old forces. deltac.record_mujoco takes care of that",
+                    "doubt",
+                    what,
+                )
+            ]
+    return []
+
+
+def _size(terms: EquationTerms, residual: Array) -> float:
+    return float(np.sqrt(np.mean(terms.weighted(residual) ** 2)))

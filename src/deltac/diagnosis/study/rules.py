@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 
-from deltac.diagnosis.audit.measures import BEYOND, DOMINATES, NOTHING
 from deltac.diagnosis.study.convergence import order_text
 from deltac.diagnosis.study.measures import StudyMeasures
-from deltac.diagnosis.verdict import Confidence, Kind, Verdict, percent
+from deltac.diagnosis.verdict import NOTHING, Confidence, Kind, Verdict, percent
+
+DOMINATES, BEYOND = 4.0, 30.0
+"""Error bars from which on ΔC counts, once the bar is above the tolerance; and where bars do not converge."""
 
 BELOW = 0.6
 """An observed order that is off by more than this and its error is a finding: what is not smooth costs a

@@ -658,9 +658,17 @@ def _complete(
 ) -> tuple[dict[str, FloatArray], dict[str, str]]:
     """The columns without rows in which a value is missing, and a note that says which.
 
-    What is missing up to the end stays, and is refused: so ends a simulation that diverged.
+    Accelerations in which values are missing are left out themselves: the rows tell more than they do. What
+    is missing up to the end stays, and is refused: so ends a simulation that diverged.
     """
     rows = len(next(iter(columns.values()), ()))
+    gaps = {n: int(np.isnan(x).sum()) for n, x in columns.items() if n.startswith("udot.")}
+    if any(0 < count < rows for count in gaps.values()) and not any(
+        np.isnan(x).any() for n, x in columns.items() if n not in gaps
+    ):
+        worst = max(gaps, key=lambda name: gaps[name])
+        note = f"the accelerations: {gaps[worst]} of {rows} values of {worst!r} are missing"
+        return {n: x for n, x in columns.items() if n not in gaps}, {LEFT_OUT: note}
     complete: npt.NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
     for values in columns.values():
         complete &= ~np.isnan(values)

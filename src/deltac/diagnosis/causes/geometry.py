@@ -24,7 +24,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.explain.columns import Column, ColumnKernels, What, computes_weight
+from deltac.diagnosis.causes.columns import Column, ColumnKernels, What, computes_weight
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.forces import channels
@@ -323,7 +323,9 @@ class _LooseBodies:
             *(ca.vertcat(ca.vec(pose.E), pose.r) for pose in s.poses), *V, multipliers
         )
         wrenches, *found = ca.substitute(
-            [total[nu:], *of_place, *of_velocity], [ca.vertcat(place, v, factor)], [here]
+            [total[nu:], *of_place, *of_velocity],
+            [ca.vertcat(place, v, factor)],
+            [ca.densify(here)],
         )
 
         def generalized(part: SX) -> SX:

@@ -8,7 +8,7 @@ forces. So each has a column x with residual(θ) = residual(0) + Σ θ x, comput
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
@@ -24,7 +24,7 @@ from deltac.mechanism.joints import KINDS
 
 What = Literal[
     "inertia", "velocity", "gyroscopic", "weight", "gravity", "damper", "friction", "drag",
-    "spring", "stop", "constant", "armature", "channel", "delay", "offset", "late", "drag of a body",
+    "spring", "stop", "constant", "armature", "channel", "delay", "offset", "drag of a body",
     "force", "moment", "body-force", "body-moment", "joint-place", "body-place", "number", "parameter",
 ]  # fmt: skip
 
@@ -45,7 +45,6 @@ class Column:
     delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
     offset      speed: what its coordinate takes from the equations where it is logged too large: 0 in
                 proportion, 1 by squares
-    late        what all coordinates take from the equations where they are logged one second late
     force, moment        body: along the world's axes, at the mass centre; N, N·m
     body-force, body-moment  the same along the body's axes
     joint-place  joint; small rotations (0–2) and translations (3–5) of the joint along the axes of its
@@ -86,11 +85,6 @@ class ColumnKernels:
         """F_r + F*_r and the columns (T, n, 1 + P)."""
         (values,) = at_rows(self._function, samples)
         return values.reshape(len(values), -1, self.speeds).transpose(0, 2, 1)
-
-    @property
-    def residual_only(self) -> ColumnKernels:
-        """The same without the columns."""
-        return replace(self, expression=self.expression[:, 0])
 
 
 def column_kernels(evaluator: Evaluator) -> ColumnKernels:
@@ -231,10 +225,10 @@ def stops(evaluator: Evaluator, coordinate: int) -> tuple[float, ...]:
 
 
 def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
-    """Coordinates that are logged late; those of hinges and sliders with another zero than the model's."""
+    """Coordinates of hinges and sliders that are logged with another zero than the model's."""
     s, mechanism = evaluator.symbols.system, evaluator.mechanism
     free = {int(k): row for row, k in enumerate(mechanism.free.q)}
-    found = {Column("late", ""): ca.jtimes(residual, s.q, s.qdot)}
+    found: dict[Column, SX] = {}
     for place in s.free_u:
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)

@@ -15,8 +15,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.columns import STOPS, UNIT_MOMENTS, Column, What, stops
-from deltac.diagnosis.explain.geometry import Number, displacements, geometry_numbers
+from deltac.diagnosis.causes.columns import STOPS, UNIT_MOMENTS, Column, What, stops
+from deltac.diagnosis.causes.geometry import Number, displacements, geometry_numbers
 from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.system import Link
 from deltac.mechanism.constraints import perpendiculars
@@ -83,9 +83,6 @@ def _push(what: str, frame: str, unit: str) -> Kind:
     return Kind(words, unit=unit)
 
 
-ELSEWHERE = "{origin} is displaced by {several} m along {axes} of the body"
-
-
 def _geometry(words: str, remedy: str, unit: str) -> Kind:
     return Kind(words, remedy, unit=unit)
 
@@ -149,9 +146,10 @@ KINDS = {
         "delay",
         "s",
     ),
-    "late-rows": Kind(
-        "the coordinates are those of {shown} s before the speeds beside them",
-        "Write coordinates and speeds of the same instant into one row",
+    "late-forces": Kind(
+        "the forces act {numbers[0]} s later than logged, smoothed by {numbers[1]} s²: states that were "
+        "filtered are late beside forces that were not",
+        "Log states and forces of the same instant, both filtered or neither",
         "delay",
         "s",
     ),
@@ -352,11 +350,6 @@ class Candidate:
         if (self.kind, other.kind) == ("stiffness", "rest-angle"):
             return float(1.0 / self.base[0])
         return 0.0
-
-    @property
-    def of_a_body(self) -> bool:
-        """Whether it tells a number of a body, and so may exclude others."""
-        return bool(KINDS[self.kind].tells)
 
     def excludes(self, other: Candidate) -> bool:
         """Whether both together would tell one number of a body twice, in sentences that contradict."""
@@ -566,8 +559,6 @@ def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
 
 # --- all causes that a mechanism may have --------------------------------------------------------
 
-MOST_LATE = 10.0
-"""Rows by which coordinates may be late: columns are of first order."""
 
 MOST_OFFSET = {"rad": 0.2, "m": 0.1}
 """Offsets of a coordinate's zero beyond which the equations have more than squares of it."""
@@ -597,8 +588,6 @@ def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candida
         parts += [_sizes, _places_of_joints, _numbers]
     for part in parts:
         found.extend(part(evaluator, places))
-    late, limit = places(Column("late", "")), MOST_LATE * evaluator.spacing
-    found.extend(cause("late-rows", "", late, [1.0], limit=limit))
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
     return tuple(c for c in found if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
 
@@ -741,6 +730,12 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         yield from cause(kind, name, at, [1.0], 1.0, origin=origin)
         delay = places(*(Column("delay", name, k) for k in range(2)))
         yield from cause("actuator-delay", name, delay, _FIRST, quadratic=_SQUARE, origin=origin)
+    late = [places.of[c] for c in places.of if c.what == "delay"]
+    if late:  # states that were filtered are late, and smooth, beside forces that were not
+        both = np.array([[1.0 - c.index, c.index] for c in places.of if c.what == "delay"])
+        yield from cause(
+            "late-forces", "", tuple(late), both, names=("delay", "smoothing"), units=("s", "s²")
+        )
 
 
 def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:

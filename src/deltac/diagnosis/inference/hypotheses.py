@@ -12,14 +12,14 @@ N/τ, with
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.explain.causes import Candidate
+from deltac.diagnosis.causes.causes import Candidate
 
 SINGULAR = 1e-9
 """Share of a column that others must leave of it for it to be told from them."""
@@ -44,6 +44,8 @@ class Block:
     nuisance  places of columns that every hypothesis has
     prior     standard deviation of their coefficients
     causes    places of the columns of causes, the same causes in all blocks
+    rounding  least variance of the noise: what digits alone make of it
+    noise     variance beside which the prior of nuisance columns counts; 0: what all columns together leave
     """
 
     r: Array
@@ -51,6 +53,8 @@ class Block:
     nuisance: NDArray[np.intp]
     prior: Array
     causes: NDArray[np.intp]
+    rounding: float = 0.0
+    noise: float = 0.0
 
     @cached_property
     def gram(self) -> tuple[Array, Array, float]:
@@ -69,19 +73,51 @@ class Block:
         """Variance of the noise: what all columns together leave."""
         A, b, rr = self.gram
         some = np.concatenate([self.nuisance, self.causes])
-        d = _inverse_sizes(np.diag(A)[some])
-        scaled = d[:, None] * A[np.ix_(some, some)] * d
-        scaled[np.diag_indices(len(some))] += 1e-10
-        x = d * np.linalg.solve(scaled, d * b[some])
+        x = least_squares(A[np.ix_(some, some)], b[some])
         rss = rr - 2.0 * float(b[some] @ x) + float(x @ A[np.ix_(some, some)] @ x)
         return max(rss, CANCELLED * rr, 1e-300) / max(self.r.size - len(some), 1)
+
+    @property
+    def variance(self) -> float:
+        """Of the noise, beside which the prior counts."""
+        return self.noise or self.floor
+
+    @cached_property
+    def _spectrum(self) -> tuple[Array, Array, Array]:
+        """Eigenvalues and vectors of the causes' Gram matrix beside the nuisance, in units of raw columns."""
+        p = self.projected
+        d = _inverse_sizes(p.raw)
+        values, vectors = np.linalg.eigh(d[:, None] * p.A * d)
+        return values, vectors, d
+
+    def evidence(self, fit: Fit, tau: float) -> float:
+        """Log evidence of the block with the causes of a fit: likelihood less the price of free numbers."""
+        rows = self.count / tau
+        n = self.nuisance
+        width = self.prior[:, None] * self.gram[0][np.ix_(n, n)] * self.prior / self.variance
+        volume = 0.5 * float(np.linalg.slogdet(np.eye(len(n)) + width / tau)[1]) if len(n) else 0.0
+        numbers = sum(c.size for c in fit.chosen)
+        likelihood = -0.5 * rows * float(np.log(self.misfit(fit.coefficients)))
+        return likelihood - volume - 0.5 * numbers * float(np.log(max(rows, 2.0)))
+
+    @property
+    def rank(self) -> int:
+        """Directions of all causes that the log tells from the nuisance."""
+        return int(np.count_nonzero(self._spectrum[0] > SINGULAR))
+
+    @property
+    def optimum(self) -> Array:
+        """Coefficients (P,) of all columns of causes together, by least squares."""
+        values, vectors, d = self._spectrum
+        inverse = np.where(values > SINGULAR, 1.0 / np.maximum(values, SINGULAR), 0.0)
+        return np.asarray(d * (vectors @ (inverse * (vectors.T @ (d * self.projected.b)))))
 
     @cached_property
     def projected(self) -> Projected:
         """What the nuisance columns leave of the causes' Gram matrix, with their prior."""
         A, b, rr = self.gram
         n, c = self.nuisance, self.causes
-        N = A[np.ix_(n, n)] + np.diag(self.floor / self.prior**2)
+        N = A[np.ix_(n, n)] + np.diag(self.variance / self.prior**2)
         s = _inverse_sizes(np.diag(N))  # of columns that are rounding, the prior's
         inverse = s[:, None] * np.linalg.pinv(s[:, None] * N * s, rcond=1e-14, hermitian=True) * s
         x = inverse @ b[n]
@@ -89,6 +125,13 @@ class Block:
         to = inverse @ A[np.ix_(n, c)]
         left = A[np.ix_(c, c)] - A[np.ix_(c, n)] @ to
         return Projected(left, b[c] - A[np.ix_(c, n)] @ x, rss, np.diag(A)[c], x, inverse, to, rr)
+
+    def misfit(self, coefficients: Array) -> float:
+        """RSS with coefficients of causes, at least what the digits of the rows alone make of it.
+
+        They are known: what fits better than they allow is fitted to their rounding.
+        """
+        return max(self.projected.left(coefficients), self.rounding * self.count)
 
     def residual(self, coefficients: Array) -> Array:
         """What is left of r (K, d) with coefficients of the causes' columns, nuisance fitted beside."""
@@ -125,6 +168,18 @@ def _inverse_sizes(squares: Array) -> Array:
     return np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=squares > 0.0)
 
 
+def least_squares(A: Array, b: Array) -> Array:
+    """Solve A x = b, A a Gram matrix in which columns may be alike; of b one column or several."""
+    d = _inverse_sizes(np.diag(A))
+    scaled = d[:, None] * A * d
+    scaled[np.diag_indices(len(A))] += RIDGE
+    return np.asarray((d * np.linalg.solve(scaled, (d * b.T).T).T).T)
+
+
+RIDGE = 1e-10
+"""Share of each column's square that keeps Gram matrices regular: half the digits of a double."""
+
+
 def autocorrelation_time(r: Array) -> float:
     """τ = 1 + 2Σρ of residuals (K, d), K in the order of time; at least 1."""
     power = float((r * r).sum())
@@ -157,6 +212,12 @@ class Fit:
     covariance: Array
     tangent: Array = field(repr=False)
     each: tuple[float, ...] = ()
+
+    def repeats(self, other: Fit) -> bool:
+        """Whether it is another set in more numbers, of which those that the other lacks are none."""
+        gap = np.abs(self.coefficients - other.coefficients)
+        deviation = np.sqrt(np.einsum("ij,jk,ik->i", self.tangent, self.covariance, self.tangent))
+        return bool(np.all(gap <= ALIKE * deviation + SINGULAR * np.abs(other.coefficients)))
 
     def deviation(self, place: int) -> Array:
         """Standard errors of the numbers of a cause."""
@@ -243,7 +304,7 @@ def evidence(
     for b in blocks:
         tau = autocorrelation_time(b.residual(fit.coefficients)) if exact else 1.0
         rows = b.count / tau
-        before, after = b.projected.left(without.coefficients), b.projected.left(fit.coefficients)
+        before, after = b.misfit(without.coefficients), b.misfit(fit.coefficients)
         total += 0.5 * rows * float(np.log(before / after))
         independent += rows
     return (
@@ -266,6 +327,11 @@ class Posterior:
     alternatives: tuple[Fit, ...]
     scores: tuple[tuple[float, Candidate, float], ...]
 
+    def with_fit(self, fit: Fit) -> Posterior:
+        """The same with the numbers of the best set fitted anew."""
+        best = replace(fit, log_odds=self.best.log_odds, each=self.best.each)
+        return replace(self, best=best)
+
 
 CERTAIN = float(np.log(99.0))
 """Log odds from which on a cause is told."""
@@ -273,16 +339,43 @@ CERTAIN = float(np.log(99.0))
 EQUAL = float(np.log(100.0))
 """Log odds within which causes are not told apart."""
 
+ALIKE = 4.0
+"""Standard errors within which coefficients are the same."""
+
 SHORTLIST = 12
 """Causes of which the correlation of what they leave is looked at."""
 
-TOGETHER = 3
-"""Maximum number of simultaneous causes."""
+TOGETHER, MANY = 3, 24
+"""Maximum numbers of simultaneous causes, by prediction errors and by known accelerations."""
 
 
-BESIDE = 0.02
+BESIDE = 0.05
 """Joules that a further cause must exchange as a share of the largest: what a cause is off a straight line by
 its own size looks like a small one of another kind."""
+
+
+PROMISING = 48
+"""Causes that are fitted in full, those first that alone take most off what the best set leaves."""
+
+
+def _promising(
+    blocks: Sequence[Block], best: Fit, candidates: Sequence[Candidate]
+) -> list[Candidate]:
+    """The causes that explain most of what is left, to first order, and that may stand beside the best."""
+    gains = []
+    for c in candidates:
+        if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):
+            continue
+        columns, L = list(c.columns), c.linear
+        A, b = np.zeros((c.size, c.size)), np.zeros(c.size)
+        for block in blocks:
+            p = block.projected
+            variance = p.left(best.coefficients)
+            A += L.T @ p.A[np.ix_(columns, columns)] @ L / variance
+            b += L.T @ (p.b[columns] - p.A[columns] @ best.coefficients) / variance
+        gains.append((float(b @ least_squares(A, b)), c))
+    gains.sort(key=lambda item: -item[0])
+    return [c for _, c in gains[:PROMISING]]
 
 
 def search(
@@ -290,19 +383,18 @@ def search(
     candidates: Sequence[Candidate],
     exchanged: Callable[[Fit], Array],
     least: float,
+    most: int = TOGETHER,
 ) -> Posterior:
     """The causes with the best odds, one after the other, each beside all before.
 
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told.
+    `most` are found together.
     """
-    best = nothing(len(blocks[0].causes))
-    alternatives: tuple[Fit, ...] = ()
+    best, near = nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
-    for _ in range(TOGETHER):
+    for _ in range(most):
         fits: list[tuple[float, Fit]] = []
-        for c in candidates:
-            if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):
-                continue
+        for c in _promising(blocks, best, candidates):
             fit = fitted(blocks, (*best.chosen, c), best.theta)
             if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
                 continue
@@ -311,27 +403,39 @@ def search(
                 continue
             fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
         fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))
-        exact = [
-            (evidence(blocks, best, fit, len(candidates), True), fit) for _, fit in fits[:SHORTLIST]
-        ]
-        if not exact:
-            break
-        top = fits[0][0]
-        near = [(e, f) for (rough, _), (e, f) in zip(fits, exact) if rough >= top - EQUAL]
         if not scores:
-            scores = [(e, f.chosen[-1], float(exchanged(f)[0])) for e, f in exact]
-        odds, fit = min(near, key=lambda item: item[1].chosen[-1].rank(item[1].theta[-1]))
-        odds = max(e for e, _ in near)
-        if odds < CERTAIN:
+            scores = [(e, f.chosen[-1], float(exchanged(f)[0])) for e, f in fits[:SHORTLIST]]
+        if not fits or fits[0][0] < CERTAIN:
             break
-        best = Fit(
-            fit.chosen,
-            fit.theta,
-            fit.coefficients,
-            odds,
-            fit.covariance,
-            fit.tangent,
-            (*best.each, odds),
-        )
-        alternatives = tuple(f for e, f in near if f is not fit)
-    return Posterior(best, alternatives, tuple(scores))
+        near = [f for e, f in fits if e >= fits[0][0] - EQUAL]
+        best = min(near, key=lambda f: f.chosen[-1].rank(f.theta[-1]))
+    return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
+
+
+def _pruned(
+    blocks: Sequence[Block], best: Fit, near: list[Fit], alternatives: int
+) -> tuple[Fit, tuple[Fit, ...]]:
+    """The set without causes that have no odds beside the others, and other sets that explain as much.
+
+    Each is judged by what all others leave: a cause that is not in the set yet makes what is left correlated.
+    """
+    whole = best
+    while best.chosen:
+        odds = []
+        for k in range(len(best.chosen)):
+            others = _without(blocks, best, k)
+            odds.append(evidence(blocks, others, best, alternatives, True))
+        worst = int(np.argmin(odds))
+        if odds[worst] >= CERTAIN:
+            best = replace(best, log_odds=odds[-1], each=tuple(odds))
+            equals = near if best.chosen == whole.chosen else []
+            return best, tuple(f for f in equals if not f.repeats(best))
+        best = _without(blocks, best, worst)
+    return best, ()
+
+
+def _without(blocks: Sequence[Block], fit: Fit, k: int) -> Fit:
+    """The set without one of its causes, its numbers fitted anew."""
+    rest = [*fit.chosen[:k], *fit.chosen[k + 1 :]]
+    other = fitted(blocks, rest, [*fit.theta[:k], *fit.theta[k + 1 :]]) if rest else None
+    return other or nothing(len(blocks[0].causes))

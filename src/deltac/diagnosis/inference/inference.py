@@ -1,0 +1,841 @@
+"""What a log says: its integrator, the causes of what its rows do not follow from each other, ΔC in joules.
+
+The prediction errors of a log, whitened, are regressed on the fields of an unknown integrator or compared
+with the maps of known ones, and on the columns of every cause. All hypotheses are factorisations of one Gram
+matrix.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import simpson
+
+from deltac.arrays import Array
+from deltac.diagnosis.causes.causes import Candidate, candidates
+from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
+from deltac.diagnosis.causes.geometry import geometry_columns
+from deltac.diagnosis.inference.attribution import Attribution, Share, joules
+from deltac.diagnosis.inference.fields import (
+    FIELDS,
+    FIRST_ORDER,
+    PRIOR,
+    elementary_differentials,
+    first_order_jacobian,
+    next_order,
+)
+from deltac.diagnosis.inference.flow import FORCES, LoggedForce, predict, transported
+from deltac.diagnosis.inference.hypotheses import (
+    CERTAIN,
+    EQUAL,
+    MANY,
+    TOGETHER,
+    Block,
+    Fit,
+    Posterior,
+    autocorrelation_time,
+    fitted,
+    least_squares,
+    nothing,
+    search,
+)
+from deltac.diagnosis.inference.integrators import (
+    Integrator,
+    IntegratorEstimate,
+    estimate,
+    identified,
+    maps,
+    transition,
+)
+from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.observations import (
+    Observations,
+    observations,
+    remainder,
+    unit_responses,
+    unknown,
+)
+from deltac.diagnosis.inference.whitening import robust_weights, whitened
+from deltac.diagnosis.measurements.digits import digits_of
+from deltac.diagnosis.measurements.kinematics import trusted
+from deltac.diagnosis.residuals.at_samples import Evaluator
+from deltac.kernels.rows import compiled
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+
+WORK = 3e8
+"""Instructions that the columns of causes may take, about: some tenths of a second."""
+
+MOST_ROWS, LEAST_ROWS = 4000, 150
+
+MOST_COST = 100_000
+"""Instructions of the columns at a row up to which the geometry is asked as well."""
+
+EVERY_STEP = 1.01
+"""Rows further apart than so many steps of the integrator are not all of its steps."""
+
+SHARES = (0.0, 0.01, 0.1, 1.0)
+"""Shares of what forces may have done between the rows of a thinned log that are compared by likelihood."""
+
+NEGLIGIBLE = 1e-5
+"""Share of the energy exchanged below which a cause is not told: iterations of constraint solvers stop
+there."""
+
+RELINEARISATIONS = 1
+"""Times that columns are taken anew with the accelerations that the causes make."""
+
+
+ENOUGH = 300
+"""Intervals of which the energy that a cause exchanges is summed."""
+
+LOST = 0.3
+"""Share of the intervals that may be lost where the model has no finite motion."""
+
+OF_THE_LOG = ("actuator-delay", "late-forces", "zero-offset")
+"""Causes that leave the equations as they are."""
+
+
+class FlowError(ArithmeticError):
+    """The equations of motion have no finite solution from some rows of a log on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inference:
+    """What was inferred of a log.
+
+    Attributes:
+        model, log: the equations and the rows.
+        kernels: the columns of all causes.
+        forces: how each logged force acts between rows, see `flow.FORCES`.
+        methods: integrators whose own map closes the rows, if any.
+        blocks: the whitened equations: prediction errors, and measured accelerations where these are known.
+        posterior: causes with their odds.
+        candidates: all causes that were compared.
+        integrator: its numbers or names.
+        attribution: ΔC in joules of the rows that were looked at.
+        tau: autocorrelation time of what is left, intervals.
+        excess: variance of what is left, in units of what digits, noise and the flow's error explain.
+        whole: time of the log over that of the intervals.
+        exchanged: energy (J) that each cause of the best set exchanges; `exchanged_error` its standard error.
+        energy: what each adds to ΔC by the end, J.
+        generic: equations that are wrong in a way without a name.
+        unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
+        uncertain: standard error (J) by what forces did between rows, and by the flow's own.
+        intermittent: odds of a force that acts from time to time, and the intervals in which it does.
+        hidden: energy (J) that a mistake of one number may add to ΔC without being seen, and its name.
+        residual: what is left of the rows (N, 2n), in the units of the state.
+        acceleration: u̇ (N, n) of the model at the starts of the intervals.
+        w: prediction errors (N, 2n) of the flow.
+        gradient: ∂E/∂x (N, 2n) at the ends of the intervals.
+    """
+
+    model: Model
+    log: Observations
+    kernels: tuple[ColumnKernels, ...]
+    forces: tuple[str, ...]
+    methods: tuple[Integrator, ...]
+    blocks: tuple[Block, ...]
+    posterior: Posterior
+    candidates: tuple[Candidate, ...]
+    integrator: IntegratorEstimate
+    attribution: Attribution
+    tau: float
+    excess: float
+    whole: float
+    exchanged: Array
+    exchanged_error: Array
+    energy: Array
+    generic: Generic
+    unexplained: float
+    uncertain: float
+    intermittent: tuple[float, NDArray[np.bool_]]
+    hidden: tuple[float, str]
+    residual: Array
+    acceleration: Array
+    w: Array
+    gradient: Array
+
+    @cached_property
+    def relative(self) -> tuple[Array, Array]:
+        """Prediction errors of each speed (n,) as a share of its changes; and what noise accounts for."""
+        n, h, log = self.model.n, self.log.intervals.h, self.log
+        change = np.abs(self.acceleration) + np.abs(log.intervals.end.u - log.intervals.start.u) / h
+        size = np.sqrt(np.mean(change**2, axis=0)) + 1e-300
+        error = np.sqrt(np.mean((self.w[:, n:] / h) ** 2, axis=0))
+        noise = np.sqrt(2.0 * np.mean((log.noise[1][:, n:] / h) ** 2, axis=0))
+        return error / size, noise / size
+
+    @property
+    def finds_something(self) -> bool:
+        """Whether a cause has odds that is of the equations, or something that has no name."""
+        wrong = any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
+        return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
+
+    def deviation(self, c: Candidate) -> float:
+        """Standard error of the number of a cause of one, beside the best causes."""
+        return _deviation(self.blocks, c, self.posterior.best, self.tau)
+
+
+def infer(mechanism: Mechanism, run: Trajectory, energy: float = 0.0) -> Inference | None:
+    """The inference for a run whose columns are in the mechanism's order; None for too few rows.
+
+    `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it are not told.
+    """
+    if not len(mechanism.free.u) or len(run) < 3:
+        return None
+    model = Model(mechanism, run)
+    evaluator = Evaluator(mechanism, run)
+    kernels = column_kernels(evaluator)
+    log = observations(model, run, int(np.clip(WORK / kernels.cost, LEAST_ROWS, MOST_ROWS)))
+    if log is None:
+        return None
+    try:
+        with np.errstate(all="ignore"), compiled():
+            inferring = _Inferring(model, run, log, evaluator, kernels, energy)
+            result = inferring.result()
+            if result.finds_something and kernels.cost < MOST_COST:
+                # Only then is it asked for places and axes: their columns are as many again.
+                inferring.add(geometry_columns(evaluator))
+                result = inferring.result()
+            return result
+    except (FlowError, np.linalg.LinAlgError):
+        return None
+
+
+class _Inferring:
+    """One inference: the flow and its columns, then hypotheses one after the other."""
+
+    def __init__(
+        self,
+        model: Model,
+        run: Trajectory,
+        log: Observations,
+        evaluator: Evaluator,
+        kernels: ColumnKernels,
+        energy: float,
+    ) -> None:
+        self.model, self.run, self.evaluator, self.energy = model, run, evaluator, energy
+        self.kernels: tuple[ColumnKernels, ...] = ()
+        self.add(kernels)
+        intervals = log.intervals
+        h = float(np.median(intervals.h))
+        self.step = min(run.provenance.step or h, h)
+        self.thinned = h > EVERY_STEP * self.step
+        self.whole = float(run.t[-1] - run.t[0]) / float(intervals.h.sum())
+        self.force = LoggedForce.of(intervals, log.pieces)
+        held = {str(name) for name in run.provenance.held or ()}
+        names = [str(n) for n, at in model.log.columns.items() for _ in range(at.start, at.stop)]
+        self.declared = ["start" if name in held else "" for name in names]
+        self.kinds = tuple(kind or "smooth" for kind in self.declared)
+        self.steps, self.log = 0, log
+        self._predict()
+        self.fields, self.J = self._integrator_columns()
+        lost = ~np.all(
+            [
+                np.isfinite(x).reshape(len(x), -1).all(axis=1)
+                for x in (self.w, *self.J, *self.fields)
+            ],
+            axis=0,
+        )
+        if lost.any():  # the flow leaves all bounds there, as in singular positions
+            if lost.mean() > LOST:
+                raise FlowError("the flow of the model leaves all bounds between many rows")
+            self.log = log.without(lost)
+            self.force = LoggedForce.of(self.log.intervals, self.log.pieces)
+            self.whole = float(run.t[-1] - run.t[0]) / float(self.log.intervals.h.sum())
+            self._predict()
+            self.fields, self.J = self._integrator_columns()
+        self.log = self.log.with_noise(self.w)
+        count = self.fields[0].shape[2] - len(FIELDS)
+        self.prior = np.array([PRIOR[f.order] for f in FIELDS] + [PRIOR[3]] * count)
+        self.Q = self._unknown()
+
+    def add(self, kernels: ColumnKernels) -> None:
+        """Columns more, and the causes that they allow."""
+        self.kernels = (*self.kernels, kernels)
+        columns = tuple(c for k in self.kernels for c in k.columns)
+        self.candidates = candidates(self.evaluator, columns)
+
+    # --- the flow and its columns ---
+
+    def _predict(self) -> None:
+        intervals = self.log.intervals
+        self.flow = predict(
+            self.model, intervals, self.force(self.kinds), self.log.noise[1], self.steps
+        )
+        self.steps = len(self.flow.nodes) - 1
+        self.w = self.model.difference(self.flow.end, intervals.end)
+
+    def _at_nodes(self, columns: list[Array], last: Array) -> list[Array]:
+        """Columns at all nodes: those at the end of an interval are those of the next one's start."""
+        shifted = np.empty_like(columns[0])
+        for (a, b), end in zip(self.log.pieces, last, strict=True):
+            shifted[a : b - 1], shifted[b - 1] = columns[0][a + 1 : b], end
+        return [*columns, shifted]
+
+    @property
+    def _ends(self) -> Rows:
+        """The predicted ends of the pieces."""
+        return self.flow.nodes[-1].take(
+            np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
+        )
+
+    def _integrator_columns(self) -> tuple[list[Array], list[Array]]:
+        h = np.minimum(self.step, self.log.intervals.h)
+        fields, J = list[Array](), list[Array]()
+        for at in self.flow.nodes[:-1]:
+            J.append(self.model.jacobian(at))
+            own = elementary_differentials(self.model, at, h)
+            parts = [
+                next_order(J[-1][a:b], own[a:b], at.t[a:b], h[a:b]) for a, b in self.log.pieces
+            ]
+            fields.append(np.concatenate([own, np.concatenate(parts)], axis=2))
+        last = np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
+        own = elementary_differentials(self.model, self._ends, h[last])
+        further = fields[0][last][:, :, own.shape[2] :]
+        fields = self._at_nodes(fields, np.concatenate([own, further], axis=2))
+        return fields, self._at_nodes(J, self.model.jacobian(self._ends))
+
+    def _cause_columns(self, beside: Array | None = None) -> list[Array]:
+        """G_j = M⁻¹x_j (N, 2n, P) at the nodes; `beside` are coefficients of causes that act already."""
+        intervals = self.log.intervals
+        rate = (intervals.end.F - intervals.start.F) / intervals.h
+        curve = np.zeros_like(rate)
+        for a, b in self.log.pieces:
+            if b - a > 2:
+                curve[a:b] = np.gradient(rate[a:b], intervals.start.t[a:b], axis=0)
+
+        def columns(at: Rows, rate: Array, curve: Array, known: Array | None) -> Array:
+            a = self.model.at(at)
+            if known is not None and beside is not None:
+                a = a + known[:, self.model.n :] @ beside
+            u = self._responses(at, a, rate, curve)
+            return np.concatenate([np.zeros_like(u), u], axis=1)
+
+        before: Sequence[Array | None]
+        before = self.causes if beside is not None else [None] * len(self.flow.nodes)
+        last = np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
+        own = [
+            columns(at, rate, curve, known)
+            for at, known in zip(self.flow.nodes[:-1], before[:-1], strict=True)
+        ]
+        known = before[-1]
+        end = columns(self._ends, rate[last], curve[last], None if known is None else known[last])
+        return self._at_nodes(own, end)
+
+    def _responses(self, at: Rows, a: Array, rate: Array, curve: Array) -> Array:
+        """What all causes do to the accelerations (N, n, P), by force or by geometry."""
+        samples = (at.t, at.q, at.u, a, at.F, rate, curve)
+        forces, *geometry = (kernels(*samples)[:, :, 1:] for kernels in self.kernels)
+        parts = [self.model.response(at.t, at.q, forces)]
+        M = self.model.matrices(at.t, at.q)[0] if geometry else None
+        parts += [np.asarray(np.linalg.solve(M, x)) for x in geometry if M is not None]
+        return np.concatenate(parts, axis=2)
+
+    def _unknown(self) -> Array:
+        """The covariance of what the flow does not know, of forces between rows by likelihood."""
+        Q, between, across = unknown(
+            self.model, self.log, self.flow, self.force, self.w, self.thinned
+        )
+        h = self.log.intervals.h
+        beyond = remainder(
+            self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, np.minimum(self.step, h)
+        )
+        self.beyond = beyond
+        if between.any():
+            Phi, B = transported(self.log.intervals.h, self.J, self.fields)
+            columns = np.concatenate([self.w[:, :, None], B], axis=2)
+
+            def likelihood(share: float) -> float:
+                white, spread = whitened(
+                    self.log.pieces, Phi, self.log.noise, Q + share**2 * between + across, columns
+                )
+                r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, B.shape[2])
+                r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
+                return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
+
+            Q = Q + max(SHARES, key=likelihood) ** 2 * between
+        self.uncertain = Q
+        diagonal = np.arange(beyond.shape[1])
+        across[:, diagonal, diagonal] += beyond**2
+        return Q + across
+
+    # --- hypotheses ---
+
+    def result(self) -> Inference:
+        self.causes = self._cause_columns()
+        kinds = self._kinds_of_forces(nothing(self.causes[0].shape[2]))
+        if kinds != self.kinds:
+            self.kinds = kinds
+            self._predict()
+        posterior = self._compare()
+        late = any(c.kind == "late-forces" for c in posterior.best.chosen)
+        if late and not self.thinned:
+            # Beside states that were filtered, held forces are not held: what they do is unknown.
+            self.thinned = True
+            self.Q = self._unknown()
+            posterior = self._compare()
+        if posterior.best.chosen and self.force.first.shape[1] and not all(self.declared):
+            kinds = self._kinds_of_forces(posterior.best)
+            if kinds != self.kinds:
+                self.kinds = kinds
+                self._predict()
+                posterior = self._compare()
+        if posterior.best.chosen and len(self.blocks) == 1:
+            # Columns are linear in θ with the accelerations that the motion has, those of the causes
+            # included.
+            for _ in range(RELINEARISATIONS):
+                self.causes = self._cause_columns(posterior.best.coefficients)
+                posterior = self._compare(posterior)
+        return self._made(posterior)
+
+    def _compare(self, before: Posterior | None = None) -> Posterior:
+        """The posterior of causes, beside an unknown integrator or one whose map closes the rows."""
+        log, model = self.log, self.model
+        both = [
+            np.concatenate([a, b], axis=2) for a, b in zip(self.fields, self.causes, strict=True)
+        ]
+        self.Phi, self.B = transported(log.intervals.h, self.J, both)
+        ends = list(maps(model, log.intervals, self.force(self.kinds), self.step))
+        own = [model.difference(end, log.intervals.end) for _, end in ends]
+        ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
+        places = ni + np.arange(P)
+        columns = np.concatenate([np.stack([self.w, *own], axis=2), self.B], axis=2)
+        white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, columns)
+        D = np.ascontiguousarray(white[:, :, 1 + len(own) :])
+        series = self._block(white[:, :, 0], D, ni, places)
+        if log.rounding < 1.0:
+            # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
+            # order.
+            c = np.clip(series.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
+            h = np.minimum(self.step, log.intervals.h)
+            change = first_order_jacobian(model, log.intervals.start, h, c)
+            Phi = self.Phi + log.intervals.h[:, :, None] * change @ self.Phi
+            some = np.concatenate([columns[:, :, :1], self.B], axis=2)
+            moved, _ = whitened(log.pieces, Phi, log.noise, self.Q, some)
+            series = self._block(moved[:, :, 0], moved[:, :, 1:], ni, places)
+        # The mean of the gradients at both ends makes of a quadratic energy what it changes by.
+        self.gradient = 0.5 * (model.energy(self.flow.end)[1] + model.energy(log.intervals.end)[1])
+        self.least = max(NEGLIGIBLE * self.energy, self._remainder(series))
+        methods = _Methods.of(ends, white[:, :, 1 : 1 + len(own)], D[:, :, places], log.rounding)
+        measured = self._measured() if self._knows_accelerations else None
+        if before is None:
+            posterior, series = self._of_series(series, measured)
+            closing, chosen = None, False
+            if methods is not None and methods.may_close(series, posterior.best):
+                closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
+                other = posterior if measured is not None else self._search(closing)
+                gain = _log_evidence(closing, other.best, series, posterior.best)
+                chosen = gain - np.log(len(own)) > CERTAIN
+                posterior = other if chosen else posterior
+        else:
+            chosen = bool(self.methods) and methods is not None
+            closing = None
+            if chosen and methods is not None:
+                closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
+            elif self.of_rows.noise:
+                series = replace(series, noise=self.of_rows.noise)
+            refitted = fitted(
+                (measured or closing or series,), before.best.chosen, before.best.theta
+            )
+            posterior = before if refitted is None else before.with_fit(refitted)
+        self.methods: tuple[Integrator, ...] = ()
+        self.defects: list[Array] = []
+        if chosen and methods is not None:
+            self.methods = tuple(method for method, _ in methods.ends)
+            self.defects = [model.difference(self.flow.end, rows) for _, rows in methods.ends]
+        self.of_rows: Block = closing if chosen and closing is not None else series
+        self.blocks: tuple[Block, ...] = (measured or self.of_rows,)
+        return posterior
+
+    def _of_series(self, series: Block, measured: Block | None) -> tuple[Posterior, Block]:
+        """The posterior beside an unknown integrator, and the block with the noise that there is."""
+        posterior = self._search(measured or series)
+        variance = series.projected.left(posterior.best.coefficients) / series.count
+        if measured is None and variance > 2.0 * series.variance:
+            # The numbers of an integrator are of the size of their prior beside the noise that there is.
+            series = replace(series, noise=variance)
+            posterior = self._search(series)
+        return posterior, series
+
+    @property
+    def _knows_accelerations(self) -> bool:
+        run = self.run
+        return trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
+
+    def _search(self, block: Block) -> Posterior:
+        most = MANY if self._knows_accelerations else TOGETHER
+        return search(
+            (block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least, most
+        )
+
+    def _of_method(self, end: tuple[Integrator, Rows], w: Array, places: NDArray[np.intp]) -> Block:
+        """Prediction errors of a method's map, whitened with the map's own derivatives."""
+        log, model = self.log, self.model
+        Phi = transition(model, end, log.intervals, self.force(self.kinds), self.step)
+        columns = np.concatenate([w[:, :, None], self.B], axis=2)
+        white, _ = whitened(
+            log.pieces, self.Phi if Phi is None else Phi, log.noise, self.Q, columns
+        )
+        return self._block(white[:, :, 0], white[:, :, 1:], 0, places)
+
+    def _block(self, r: Array, D: Array, nuisance: int, places: NDArray[np.intp]) -> Block:
+        weight = np.sqrt(robust_weights(r))[:, None]
+        return Block(
+            r * weight, D * weight[:, :, None], np.arange(nuisance), self.prior[:nuisance], places,
+            self.log.rounding,
+        )  # fmt: skip
+
+    def _exchanged(self, fit: Fit) -> tuple[Array, Array, Array]:
+        """Energy (J) that each cause of a fit exchanges, its standard error, and what it adds to ΔC.
+
+        Of some of the intervals, evenly: these are sums that need two digits.
+        """
+        every = max(1, len(self.w) // ENOUGH)
+        gradient, scale = self.gradient[::every], self.whole * len(self.w)
+        B = self.B[::every, :, self.fields[0].shape[2] :]
+        exchanged, errors, energies = [], [], []
+        for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
+            work = gradient * (B[:, :, list(c.columns)] @ c.coefficients(theta))
+            exchanged.append(scale * float(np.abs(work).sum(axis=1).mean()))
+            energies.append(scale * float(work.sum(axis=1).mean()))
+            relative = fit.deviation(k) / np.maximum(np.abs(theta), 1e-300)
+            errors.append(exchanged[-1] * min(float(relative.min()), 1.0))
+        return np.array(exchanged), np.array(errors), np.array(energies)
+
+    def _remainder(self, series: Block) -> float:
+        """Joules that the first order beyond the series may exchange.
+
+        A term of the next order is ρ times as large, ρ the step times the spectral radius of ∂f/∂x. What is
+        below this is no evidence of a mistake.
+        """
+        some = np.unique(np.linspace(0, len(self.J[0]) - 1, 32).astype(np.intp))
+        radius = np.abs(np.linalg.eigvals(self.J[0][some])).max(axis=1)
+        rho = self.step * float(np.median(radius))
+        x, size = series.projected.nuisance, np.abs(self.gradient)
+        parts = [
+            self.whole * float((size * np.abs(self.B[:, :, k] @ x[k])).sum())
+            for k in ([i for i, f in enumerate(FIELDS) if f.order == order] for order in (1, 2))
+        ]
+        return max(parts[0] * rho**3, parts[1] * rho**2)
+
+    def _measured(self) -> Block:
+        """The equations at the rows, by accelerations that are known to be theirs: nothing is integrated."""
+        run, model, log = self.run, self.model, self.log
+        assert run.udot is not None
+        rows = np.concatenate([np.arange(a, b - 1) for a, b in log.rows])
+        free, at = model.mechanism.free.u, log.intervals.start
+        udot, half = run.udot[rows][:, free], digits_of(run)["udot"].half()[rows][:, free]
+        a, rest = model.at(at), np.zeros_like(at.F)
+        columns = self._responses(at, udot, rest, rest)
+        of_rows = np.einsum("kij,kj->ki", np.abs(self.J[0][:, model.n :]), log.digits[0])
+        sigma = np.sqrt(half**2 + of_rows**2) + 1e-12 * (1.0 + np.abs(a).max())
+        sigma = np.sqrt(np.mean(sigma**2, axis=0))
+        none = np.zeros(0, dtype=np.intp)
+        return Block(
+            (udot - a) / sigma,
+            columns / sigma[:, None],
+            none,
+            np.zeros(0),
+            np.arange(columns.shape[2]),
+            1.0,
+        )
+
+    def _kinds_of_forces(self, best: Fit) -> tuple[str, ...]:
+        """How each logged force acts between two rows, by the likelihood beside the best causes."""
+        if all(self.declared):
+            return self.kinds
+        start, h = self.log.intervals.start, self.log.intervals.h
+        nodes = np.linspace(0.0, 1.0, 5)
+        parts = [self.force.parts(s) for s in nodes]
+        columns = []
+        for k, response in enumerate(
+            unit_responses(self.model, Rows(start.t, start.q, start.u, self.force.first))
+        ):
+            for which in range(3):
+                f = np.array([part[which][:, k] for part in parts])
+                mean = simpson(f, x=nodes, axis=0)[:, None]
+                moment = simpson((1.0 - nodes)[:, None] * f, x=nodes, axis=0)[:, None]
+                columns.append(
+                    np.concatenate([response * h**2 * moment, response * h * mean], axis=1)
+                )
+        own = [
+            np.concatenate([a, b @ best.tangent], axis=2)
+            for a, b in zip(self.fields, self.causes, strict=True)
+        ]
+        Phi, B = transported(h, self.J, own)
+        everything = [self.w[:, :, None], B, np.stack(columns, axis=2)]
+        white, _ = whitened(
+            self.log.pieces, Phi, self.log.noise, self.Q, np.concatenate(everything, axis=2)
+        )
+        count = B.shape[2]
+        prior = np.concatenate([self.prior, np.full(count - len(self.prior), 1e6)])
+        trial = Block(
+            white[:, :, 0],
+            white[:, :, 1:],
+            np.arange(count),
+            prior,
+            count + np.arange(len(columns)),
+        )
+        p = trial.projected
+        gram = np.block([[np.array([[p.rss]]), p.b[None]], [p.b[:, None], p.A]])
+        tau = autocorrelation_time(trial.residual(np.linalg.pinv(p.A, rcond=1e-10) @ p.b))
+        current = np.array([FORCES[kind] for kind in self.kinds])
+        return _likeliest(gram, trial.count / tau, self.declared, current)
+
+    # --- the result ---
+
+    def _made(self, posterior: Posterior) -> Inference:
+        log, best, ni = self.log, posterior.best, self.fields[0].shape[2]
+        rows = self.of_rows
+        residual = rows.residual(best.coefficients)
+        tau = autocorrelation_time(residual)
+        p, variance = rows.projected, rows.projected.left(best.coefficients) / rows.count
+        c = p.nuisance - p.to @ best.coefficients
+        covariance = p.inverse * variance * tau
+        power = np.einsum("km,kmp->kp", self.gradient, self.B)
+        energies = self.model.energy
+        jump = energies(log.intervals.end)[0] - energies(self.flow.end)[0]
+        if self.methods:
+            curves = np.array(
+                [np.cumsum(np.einsum("km,km->k", self.gradient, x)) for x in self.defects]
+            )
+            # Methods that close the rows alike do not make the same joules.
+            integrator = Share(curves[0], np.abs(curves - curves[0]).max(axis=0))
+            left = self.w - self.defects[0] - self.B[:, :, ni:] @ best.coefficients
+        else:
+            curves = np.cumsum(power[:, :ni], axis=0)
+            spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
+            # The order beyond the series is no noise: its joules grow with the motion.
+            beyond = self._remainder(rows) / self.whole * np.linspace(0.0, 1.0, len(self.w))
+            some = np.cumsum(np.einsum("km,km->k", self.gradient**2, self.beyond**2))
+            integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
+            left = self.w - self.B[:, :, :ni] @ c - self.B[:, :, ni:] @ best.coefficients
+        mistake = self._share(best, power[:, ni:], tau)
+        of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
+        attribution, unexplained, uncertain = joules(
+            log, self.uncertain, self.gradient, jump, integrator, mistake, of_log, variance, tau
+        )
+        exchanged, errors, energy = self._exchanged(best)
+        odds, explained, coefficients = _generic(self.blocks[0], best)
+        unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
+        damped = self.model.damped
+        return Inference(
+            model=self.model,
+            log=log,
+            kernels=self.kernels,
+            forces=self.kinds,
+            methods=self.methods,
+            blocks=self.blocks,
+            posterior=posterior,
+            candidates=self.candidates,
+            integrator=(
+                identified(self.methods, self.step)
+                if self.methods
+                else estimate(
+                    c[: len(FIELDS)], covariance[: len(FIELDS), : len(FIELDS)], damped, self.step
+                )
+            ),
+            attribution=attribution,
+            tau=tau,
+            excess=variance,
+            whole=self.whole,
+            exchanged=exchanged,
+            exchanged_error=errors * np.sqrt(tau),
+            energy=energy,
+            generic=Generic(odds, float(unnamed), explained),
+            unexplained=unexplained * self.whole,
+            uncertain=uncertain * self.whole,
+            intermittent=_intermittent(rows, best),
+            hidden=self._hidden(best, tau),
+            residual=left,
+            acceleration=self.model.at(self.flow.nodes[0]),
+            w=self.w,
+            gradient=self.gradient,
+        )
+
+    def _share(self, best: Fit, power: Array, tau: float, of_log: bool = False) -> Share:
+        """ΔC's share of the causes that are of the equations, or of the log: delays and zeros."""
+        own = [(c.kind in OF_THE_LOG) == of_log for c in best.chosen]
+        some = np.repeat(own, [c.size for c in best.chosen]).astype(bool)
+        T = np.cumsum(power @ best.tangent, axis=0)[:, some]
+        C = best.covariance[np.ix_(some, some)] * tau
+        spread = np.maximum(np.einsum("ki,ij,kj->k", T, C, T), 0.0)
+        coefficients = np.zeros_like(best.coefficients)
+        for c, theta, counts in zip(best.chosen, best.theta, own, strict=True):
+            if counts:
+                np.add.at(coefficients, list(c.columns), c.coefficients(theta))
+        return Share(np.cumsum(power @ coefficients), np.sqrt(spread))
+
+    def _hidden(self, best: Fit, tau: float) -> tuple[float, str]:
+        """Energy (J) that a mistake of one number may add to ΔC unseen, at two standard errors; its name."""
+        ni, most, name = self.fields[0].shape[2], 0.0, ""
+        curves = np.cumsum(np.einsum("km,kmp->kp", self.gradient, self.B[:, :, ni:]), axis=0)
+        for c in self.candidates:
+            linear = c.size == 1 and c.quadratic is None
+            if not linear or any(c is x or c.excludes(x) for x in best.chosen):
+                continue
+            deviation = _deviation(self.blocks, c, best, tau)
+            theta = np.array([2.0 * deviation])
+            if np.isfinite(deviation) and c.plausible(theta):
+                curve = self.whole * np.abs(curves[:, list(c.columns)] @ c.coefficients(theta))
+                if curve.max() > most:
+                    most, name = float(curve.max()), f"{c.kind} {c.element}".strip()
+        return most, name
+
+
+@dataclass(frozen=True, eq=False)
+class _Methods:
+    """Methods whose own maps close the rows best and alike, the best first: their ends and their places."""
+
+    ends: list[tuple[Integrator, Rows]]
+    places: list[int]
+    floor: float
+
+    @staticmethod
+    def of(
+        ends: list[tuple[Integrator, Rows]], r: Array, D: Array, rounding: float
+    ) -> _Methods | None:
+        """The best by what all causes leave of their prediction errors r (N, m, methods), whitened."""
+        finite = [k for k in range(len(ends)) if np.isfinite(r[:, :, k]).all()]
+        if not finite:
+            return None
+        X, y = D.reshape(-1, D.shape[2]), r[:, :, finite].reshape(-1, len(finite))
+        x = least_squares(X.T @ X, X.T @ y)
+        residual = y - X @ x
+        floors = np.maximum((residual**2).sum(axis=0), 1e-300)
+        best = int(np.argmin(floors))
+        tau = autocorrelation_time(residual[:, best].reshape(len(r), -1))
+        odds = 0.5 * len(y) / tau * np.log(floors / floors[best])
+        # What is below the rounding of the rows is alike.
+        alike = np.flatnonzero((odds < EQUAL) | (floors <= rounding * len(y)))
+        order = [finite[k] for k in (best, *alike[alike != best])]
+        return _Methods([ends[k] for k in order], order, float(floors[best]))
+
+    def may_close(self, series: Block, best: Fit) -> bool:
+        """Whether the best method with all causes leaves about as little as the series with its best ones."""
+        return self.floor < SERIES * series.misfit(best.coefficients)
+
+
+SERIES = 4.0
+"""Ratio of sums of squares from which on a method's map is not compared any more with the series."""
+
+
+def _log_evidence(a: Block, fit_a: Fit, b: Block, fit_b: Fit) -> float:
+    """Log evidence of one block with its causes against another with its own, at the larger of their τ."""
+    tau = max(
+        autocorrelation_time(x.residual(fit.coefficients)) for x, fit in ((a, fit_a), (b, fit_b))
+    )
+    return a.evidence(fit_a, tau) - b.evidence(fit_b, tau)
+
+
+@dataclass(frozen=True)
+class Generic:
+    """All columns of causes together against the best set: equations that are wrong in a way without a name.
+
+    Attributes:
+        log_odds: that what is left depends on the state as terms of a model do.
+        exchanged: the energy that these exchange, J.
+        explained: share of what is left that they explain.
+    """
+
+    log_odds: float
+    exchanged: float
+    explained: float
+
+
+def _generic(block: Block, best: Fit) -> tuple[float, float, Array]:
+    """Log odds and share of what all columns explain beyond the best set, and their coefficients so far."""
+    coefficients = block.optimum
+    rows = block.count / autocorrelation_time(block.residual(coefficients))
+    before, after = block.misfit(best.coefficients), block.misfit(coefficients)
+    odds = 0.5 * rows * float(np.log(before / after))
+    price = 0.5 * block.rank * float(np.log(max(rows, 2.0)))
+    return odds - price, 1.0 - after / before, coefficients - best.coefficients
+
+
+def _deviation(blocks: Sequence[Block], c: Candidate, best: Fit, tau: float) -> float:
+    columns, L = list(c.columns), c.linear[:, 0]
+    information = 0.0
+    for b in blocks:
+        p = b.projected
+        variance = p.left(best.coefficients) / b.count
+        information += float(L @ p.A[np.ix_(columns, columns)] @ L) / variance
+    return float(np.sqrt(tau / information)) if information > 0.0 else np.inf
+
+
+def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:
+    """Log odds that what is left comes in intervals of their own, and these intervals (N,).
+
+    Two variances, of quiet and of active intervals, against the one of the best causes; each spell of
+    activity costs its two ends.
+    """
+    r = block.residual(np.zeros(len(block.causes)))
+    n, d = r.shape
+    size = np.mean(r**2, axis=1) + 1e-300
+    none = np.zeros(n, dtype=np.bool_)
+    ordered = np.sort(size)
+    quiet = float(np.median(ordered[: max(4, n // 2)])) + 1e-300
+    active = size > ACTIVE * quiet
+    if not 2 < active.sum() < 0.7 * n:
+        return -np.inf, none
+    # What acts begins and ends from one interval to the next: a remainder of the series comes and goes
+    # smoothly.
+    edges = np.flatnonzero(np.diff(active.astype(int)))
+    ratio = np.abs(np.log(size[edges + 1] / size[edges]))
+    if not np.median(ratio) > np.log(ACTIVE):
+        return -np.inf, none
+    if len(block.nuisance):
+        # Nuisance columns of quiet intervals alone: what acts now and then must not bend them.
+        D, y = block.D[~active][:, :, block.nuisance], block.r[~active]
+        ridge = np.diag(np.sqrt(block.floor) / block.prior)
+        A = np.concatenate([D.reshape(-1, D.shape[2]), ridge])
+        x = np.linalg.lstsq(A, np.concatenate([y.ravel(), np.zeros(len(ridge))]), rcond=1e-13)[0]
+        r = block.r - block.D[:, :, block.nuisance] @ x
+    low, high = float(np.mean(r[~active] ** 2)), float(np.mean(r[active] ** 2))
+    share = active.mean()
+    one = block.projected.left(best.coefficients) / block.r.size
+    tau = autocorrelation_time(r[~active])
+    spells = int(np.count_nonzero(np.diff(active.astype(int)) == 1)) + 1
+    two = (1 - share) * np.log(low + 1e-300) + share * np.log(high + 1e-300)
+    odds = 0.5 * n * d / tau * (np.log(one + 1e-300) - two)
+    return float(odds - 2.0 * spells * np.log(n)), active
+
+
+ACTIVE = 100.0
+"""Variance of an interval beside that of quiet ones from which on something acts in it that does not in
+those."""
+
+
+def _likeliest(
+    gram: Array, rows: float, declared: Sequence[str], current: Array
+) -> tuple[str, ...]:
+    """How each logged force acts between rows, by the Gram matrix of innovations and force columns.
+
+    All in the same way, which the likelihood chooses; one in another way where that has odds of its own.
+    """
+
+    def left(kinds: Sequence[str]) -> float:
+        change = current - np.array([FORCES[k] for k in kinds])
+        x = np.concatenate([[1.0], change.ravel()])
+        return max(float(x @ gram @ x), 1e-14 * float(gram[0, 0]) + 1e-300)
+
+    default = [d or "smooth" for d in declared]
+    best = min(([d or kind for d in declared] for kind in FORCES), key=left)
+    if 0.5 * rows * np.log(left(default) / left(best)) < CERTAIN:
+        best = default
+    for k in range(len(declared) if len(declared) <= SINGLY else 0):
+        if not declared[k]:
+            other = min(([*best[:k], kind, *best[k + 1 :]] for kind in FORCES), key=left)
+            price = CERTAIN + np.log(len(FORCES) * len(declared))
+            if 0.5 * rows * np.log(left(best) / left(other)) > price:
+                best = other
+    return tuple(best)
+
+
+SINGLY = 12
+"""Columns of logged forces up to which each is asked on its own."""

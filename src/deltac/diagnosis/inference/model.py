@@ -1,0 +1,199 @@
+"""The equations of motion with a log's forces, evaluated at arrays of its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.dynamics.forces import total_force
+from deltac.dynamics.recursions import aba, crba, rnea
+from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
+from deltac.kernels.rows import Expression
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
+from deltac.trajectories.columns import Kinematics
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows of a log, or states between them: free q (T, nq) and u (T, n), the logged forces F (T, m)."""
+
+    t: Array
+    q: Array
+    u: Array
+    F: Array
+
+    def take(self, rows: slice | NDArray[np.intp]) -> Rows:
+        """Some of them."""
+        return Rows(self.t[rows], self.q[rows], self.u[rows], self.F[rows])
+
+    @staticmethod
+    def join(parts: Sequence[Rows]) -> Rows:
+        """Rows of several, one after the other."""
+        columns = zip(*((r.t, r.q, r.u, r.F) for r in parts), strict=True)
+        return Rows(*(np.concatenate(x) for x in columns))
+
+
+class _Expressions:
+    """What is evaluated of a mechanism with a log's forces: made once for logs of the same columns."""
+
+    def __init__(self, mechanism: Mechanism, log: LoggedForces, symbols: LedgerSymbols) -> None:
+        s, at = symbols.system, symbols.system.free_u
+        bound, terms = symbols.constrained, symbols.computed
+        force = total_force(s, symbols.parts)
+        if bound is None:
+            a = aba(s, force)[0][at]
+            G = ca.SX(0, len(at))
+        else:
+            still = ca.SX(s.udot_all)
+            still[at] = 0
+            r = (force - rnea(s, still))[at]
+            multipliers = bound.schur.multipliers(r, bound.rows.gamma)
+            a = bound.schur.free_response(r) + bound.schur.response(multipliers)
+            G = bound.rows.G
+        dampers = [
+            p.force[at]
+            for p in symbols.parts
+            if p.name.kind == "damper" and p.name not in log.places
+        ]
+        damping = ca.SX(sum(dampers, start=ca.SX.zeros(len(at))))
+        E = ca.SX(terms.K2 + terms.K1 + terms.K0 + terms.V)
+        along_q = ca.jtimes(s.qdot, s.u, ca.gradient(E, s.q), True)
+        place = {"t": s.t, "q": s.q}
+        state = {**place, "u": s.u}
+        self.acceleration = Expression("a", {**state, "logged": symbols.logged}, a, often=True)
+        self.damping = Expression("d", {**state, "logged": symbols.logged}, damping)
+        self.matrices = Expression("m", place, crba(s)[at, at], G)
+        self.qdot = Expression("r", state, s.qdot)
+        self.energy = Expression("e", state, E, ca.vertcat(along_q, ca.gradient(E, s.u)))
+        self.rows_of_G, self.n = G.shape[0], len(at)
+        self.damped = bool(dampers) and not damping.is_zero()
+
+
+class Model:
+    """A mechanism with a log's forces: accelerations, mass matrix, constraints and energy at rows.
+
+    Displacements and directions of the state have 2n components: along the n free speeds (of a quaternion,
+    the three of its rotation vector), then of the speeds themselves.
+    """
+
+    def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
+        self.mechanism, self.log = mechanism, LoggedForces.of(run)
+        free = mechanism.free
+        start = (float(run.t[0]), run.q[0, free.q])
+        self.symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
+        made = self.symbols.once(
+            "inference", lambda: _Expressions(mechanism, self.log, self.symbols)
+        )
+        self._expressions = made
+        self.rows_of_G, self.n, self.damped = made.rows_of_G, made.n, made.damped
+        self.cost = int(made.acceleration.function.n_instructions())
+        names = Kinematics.of(run.coordinates, run.speeds)
+        free_q = {int(k): i for i, k in enumerate(free.q)}
+        free_u = {int(k): i for i, k in enumerate(free.u)}
+        self.rates = [(free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u]
+        self.quaternions = [
+            (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
+        ]
+
+    def rows(self, run: Trajectory) -> Rows:
+        """All rows of a run: free coordinates and speeds, forces as logged."""
+        forces = [np.zeros((len(run), 0)), *self.log.values(run).values()]
+        free = self.mechanism.free
+        return Rows(run.t, run.q[:, free.q], run.u[:, free.u], np.concatenate(forces, axis=1))
+
+    def acceleration(self, t: Array, q: Array, u: Array, F: Array) -> Array:
+        """u̇ (T, n) of the free speeds."""
+        return self._expressions.acceleration(t, q, u, F)[0]
+
+    def at(self, rows: Rows) -> Array:
+        """The same at rows."""
+        return self.acceleration(rows.t, rows.q, rows.u, rows.F)
+
+    def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
+        """Generalized forces (T, n) of the model's own dampers."""
+        return self._expressions.damping(t, q, u, F)[0]
+
+    def rate(self, t: Array, q: Array, u: Array) -> Array:
+        """q̇ (T, nq) of the free coordinates."""
+        return self._expressions.qdot(t, q, u)[0]
+
+    def energy(self, rows: Rows) -> tuple[Array, Array]:
+        """E = K + V (T,), J, and its gradient ∂E/∂x (T, 2n)."""
+        value, gradient = self._expressions.energy(rows.t, rows.q, rows.u)
+        return value[:, 0], gradient
+
+    def response(self, t: Array, q: Array, force: Array) -> Array:
+        """What generalized forces (T, n) or (T, n, p) add to the accelerations."""
+        M, G = self.matrices(t, q)
+        columns = force if force.ndim == 3 else force[..., None]
+        a = self.compliance(M, G) @ columns if self.rows_of_G else np.linalg.solve(M, columns)
+        return np.asarray(a if force.ndim == 3 else a[..., 0])
+
+    def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
+        """Mass matrix M (T, n, n) and constraint Jacobian G (T, m, n)."""
+        flat, g = self._expressions.matrices(t, q)
+        G = g.reshape(len(t), self.n, self.rows_of_G).transpose(0, 2, 1)
+        return flat.reshape(len(t), self.n, self.n), G
+
+    def compliance(self, M: Array, G: Array) -> Array:
+        """Compliance C (T, n, n) of what constraints leave: M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
+        inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
+        response = inverse @ G.transpose(0, 2, 1)
+        # Redundant constraints leave G M⁻¹Gᵀ singular.
+        multipliers = np.linalg.pinv(G @ response, rcond=1e-10)
+        return np.asarray(inverse - response @ multipliers @ response.transpose(0, 2, 1))
+
+    def moved(self, q: Array, u: Array, h: Array) -> Array:
+        """Coordinates moved along constant speeds for a time h (T, 1), on the group of rotations."""
+        end = np.array(q)
+        for i, j in self.rates:
+            end[:, i] += h[:, 0] * u[:, j]
+        for i, j in self.quaternions:
+            turn = h * u[:, j : j + 3]
+            angle = np.linalg.norm(turn, axis=1, keepdims=True)
+            w, v = np.cos(angle / 2.0), 0.5 * np.sinc(angle / (2.0 * np.pi)) * turn
+            p = q[:, i : i + 4]
+            end[:, i : i + 1] = p[:, :1] * w - np.sum(p[:, 1:] * v, axis=1, keepdims=True)
+            end[:, i + 1 : i + 4] = p[:, :1] * v + w * p[:, 1:] + np.cross(p[:, 1:], v)
+        return end
+
+    def difference(self, start: Rows, end: Rows) -> Array:
+        """The displacement (T, 2n) that takes `start` to `end`."""
+        along = np.zeros_like(start.u)
+        for i, j in self.rates:
+            along[:, j] = end.q[:, i] - start.q[:, i]
+        for i, j in self.quaternions:
+            p, r = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (
+                start.q[:, i : i + 4], end.q[:, i : i + 4]))  # fmt: skip
+            w = np.sum(p * r, axis=1, keepdims=True)
+            v = p[:, :1] * r[:, 1:] - r[:, :1] * p[:, 1:] - np.cross(p[:, 1:], r[:, 1:])
+            along[:, j : j + 3] = 2.0 * np.where(w < 0.0, -v, v)
+        return np.concatenate([along, end.u - start.u], axis=1)
+
+    def jacobian(self, at: Rows) -> Array:
+        """∂ẋ/∂x (T, 2n, 2n) by differences, accurate to some 1e-8 of its size."""
+        n, count = self.n, len(at.t)
+        J = np.zeros((count, 2 * n, 2 * n))
+        J[:, np.arange(n), n + np.arange(n)] = 1.0
+        for _, j in self.quaternions:
+            w = at.u[:, j : j + 3]
+            J[:, j + 1, j + 2], J[:, j + 2, j], J[:, j, j + 1] = w[:, 0], w[:, 1], w[:, 2]
+            J[:, j + 2, j + 1], J[:, j, j + 2], J[:, j + 1, j] = -w[:, 0], -w[:, 1], -w[:, 2]
+        here, one = self.at(at), np.ones((count, 1))
+        for k, e in enumerate(np.eye(n)[:, None]):
+            d = JACOBIAN_DIFFERENCE
+            q = self.moved(at.q, np.broadcast_to(e, at.u.shape), d * one)
+            J[:, n:, k] = (self.acceleration(at.t, q, at.u, at.F) - here) / d
+            d *= 1.0 + float(np.nanmax(np.abs(at.u[:, k]), initial=0.0))
+            J[:, n:, n + k] = (self.acceleration(at.t, at.q, at.u + d * e, at.F) - here) / d
+        return J
+
+
+JACOBIAN_DIFFERENCE = 1e-7
+"""Length of one-sided differences of states of unit size: near √ε, where rounding and curvature balance."""

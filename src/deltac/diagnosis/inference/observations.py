@@ -1,0 +1,227 @@
+"""A log as observations: stretches of consecutive rows, the noise of each number, forces between rows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import EPS, Array
+from deltac.diagnosis.inference.flow import Intervals, LoggedForce, Prediction
+from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.measurements.digits import digits_of, white_noise
+from deltac.diagnosis.measurements.kinematics import stretches
+from deltac.trajectories import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Intervals between consecutive rows of a log, and what is known of their numbers.
+
+    pieces       first and last + 1 of the intervals of each stretch; `rows` the same of the rows of the log
+    noise        standard deviations (N, 2n) of the rows at the starts and at the ends of the intervals
+    digits       what of that comes from their digits
+    force_noise  of the forces (N, m)
+    """
+
+    intervals: Intervals
+    pieces: list[tuple[int, int]]
+    rows: list[tuple[int, int]]
+    noise: tuple[Array, Array]
+    digits: tuple[Array, Array]
+    force_noise: Array
+
+    def without(self, lost: NDArray[np.bool_]) -> Observations:
+        """Without some of the intervals; stretches are cut there."""
+        kept = np.flatnonzero(~lost)
+        pieces, at = [], 0
+        for first, last in self.pieces:
+            cuts = np.flatnonzero(np.diff(np.concatenate([[1], lost[first:last], [1]]).astype(int)))
+            for a, b in zip(cuts[::2], cuts[1::2], strict=True):
+                pieces.append((at, at + int(b - a)))
+                at += int(b - a)
+        starts = [np.arange(a, b - 1) for a, b in self.rows]
+        rows = np.concatenate(starts)[kept]
+        edges = [(int(rows[a]), int(rows[b - 1]) + 2) for a, b in pieces]
+        noise, digits = ((x[0][kept], x[1][kept]) for x in (self.noise, self.digits))
+        return Observations(
+            self.intervals.take(kept), pieces, edges, noise, digits, self.force_noise[kept]
+        )
+
+    @property
+    def rounding(self) -> float:
+        """Least variance that whitened prediction errors have from the digits of the rows."""
+        shares = np.mean((self.digits[1] / self.noise[1]) ** 2, axis=0)
+        return float(shares.min(initial=1.0))
+
+    def with_noise(self, w: Array) -> Observations:
+        """With the white noise that prediction errors w (N, 2n) show beside the digits.
+
+        Summed up they are the noise of the rows beside what is smooth, w_k ≈ e_{k+1} − e_k, however unevenly
+        or coarsely the motion is sampled.
+        """
+        first, last = max(self.pieces, key=lambda piece: piece[1] - piece[0])
+        noise = white_noise(np.cumsum(w[first:last], axis=0))
+        noise = np.maximum(noise, FINEST * np.sqrt(np.mean(w**2, axis=0)))
+        return replace(self, noise=tuple(np.maximum(d, noise) for d in self.digits))
+
+
+FINEST = 1e-6
+"""Least noise of a column as a share of its prediction errors: what is finer is not needed, and covariances
+keep their digits."""
+
+
+def observations(model: Model, run: Trajectory, most: int) -> Observations | None:
+    """Stretches of at most so many rows, evenly over the log; None for too short a log."""
+    edges = stretches(run)
+    total = sum(b - a for a, b in edges)
+    if total > most:
+        edges = _evenly(edges, most, total)
+    if sum(b - a - 1 for a, b in edges) < LEAST_INTERVALS:
+        return None
+    all_rows, digits = model.rows(run), digits_of(run)
+
+    def deviations(of: str) -> Array:
+        # Uniform within a digit; a double that was computed is off by some of its last.
+        values = run.q if of == "q" else run.u
+        size = np.abs(values).max(axis=0, initial=0.0)
+        variance = digits[of].half() ** 2 / 3.0 * _alike(values, digits[of].half())
+        return np.asarray(np.sqrt(variance + (4.0 * EPS * (1.0 + size)) ** 2))
+
+    free = model.mechanism.free
+    of_q, of_u = deviations("q")[:, free.q], deviations("u")[:, free.u]
+    along = np.zeros_like(of_u)
+    for i, j in model.rates:
+        along[:, j] = of_q[:, i]
+    for i, j in model.quaternions:
+        along[:, j : j + 3] = 2.0 * of_q[:, i : i + 4].mean(axis=1, keepdims=True)
+    noise = np.concatenate([along, of_u], axis=1)
+    if "u" in run.provenance.derived:
+        noise[:, model.n :] = _unknown_speeds(run, free.u)
+    of_F = [np.zeros((len(run), 0))] + [
+        np.sqrt(digits[f"force {n}"].half() ** 2 / 3.0 + digits[f"force {n}"].noise ** 2)
+        for n in model.log.values(run)
+    ]
+    starts = np.concatenate([np.arange(a, b - 1) for a, b in edges])
+    ends = np.cumsum([0, *(b - a - 1 for a, b in edges)]).tolist()
+    both = noise[starts], noise[starts + 1]
+    return Observations(
+        Intervals(all_rows.take(starts), all_rows.take(starts + 1)),
+        list(zip(ends, ends[1:], strict=False)),
+        edges,
+        both,
+        both,
+        np.concatenate(of_F, axis=1)[starts],
+    )
+
+
+def _alike(values: Array, half: Array) -> Array:
+    """How many rows (T, n) share their rounding: those in which a number stays within its last digit.
+
+    White noise of the variance times that has the spectrum of such errors where it is slow.
+    """
+    shared = np.ones_like(values)
+    for k, x in enumerate(values.T):
+        edges = np.flatnonzero(np.concatenate([[True], np.diff(x) != 0.0, [True]]))
+        runs = np.diff(edges)
+        shared[:, k] = np.where(half[:, k] > COARSE * np.abs(x), np.repeat(runs, runs), 1.0)
+    return shared
+
+
+COARSE = 1e-12
+"""Half of a last digit, as a share of the number, from which on it is one that was rounded."""
+
+LEAST_INTERVALS = 4
+"""Intervals from which on anything is inferred."""
+
+SHORTEST = 12
+"""Rows of a stretch at least."""
+
+STRETCHES = 4
+"""Stretches of a long log: slow fields show in long ones."""
+
+
+def _evenly(edges: list[tuple[int, int]], most: int, total: int) -> list[tuple[int, int]]:
+    """Stretches with so many rows in all, taken from those of a log in proportion to their lengths."""
+    chosen = list[tuple[int, int]]()
+    for a, b in edges:
+        share = max(SHORTEST, int(most * (b - a) / total))
+        parts = max(1, min(STRETCHES // len(edges), (b - a) // max(share, 1)))
+        size = min(share // parts, b - a)
+        chosen += [(int(s), int(s) + size) for s in np.linspace(a, b - size, parts).astype(int)]
+    while sum(b - a for a, b in chosen) > 1.2 * most and len(chosen) > 1:
+        chosen = chosen[::2]
+    return chosen
+
+
+def _unknown_speeds(run: Trajectory, which: NDArray[np.intp]) -> Array:
+    """Standard deviations (T, n) of speeds that were made of the coordinates: the change over a row."""
+    rate = np.gradient(run.u[:, which], axis=0)
+    return np.broadcast_to(np.sqrt(np.mean(rate**2, axis=0)) + EPS, rate.shape)
+
+
+# --- forces between rows -------------------------------------------------------------------------
+
+
+def unit_responses(model: Model, at: Rows) -> Iterator[Array]:
+    """What a unit of each logged force adds to the accelerations (N, n)."""
+    base = model.at(at)
+    for k in range(at.F.shape[1]):
+        d = 1e-3 * (1.0 + np.abs(at.F[:, k]).max())
+        F = at.F.copy()
+        F[:, k] += d
+        yield (model.acceleration(at.t, at.q, at.u, F) - base) / d
+
+
+def unknown(
+    model: Model, log: Observations, flow: Prediction, force: LoggedForce, w: Array, thinned: bool
+) -> tuple[Array, Array, Array]:
+    """Covariances (N, 2n, 2n) of what the flow does not know: own, between rows, across constraints.
+
+    Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep
+    them. Where steps were not all logged a force may have taken any way from one row to the next: by its
+    change, uniformly.
+    """
+    n, h, at = model.n, log.intervals.h, flow.nodes[0]
+    Q = np.zeros((len(h), 2 * n, 2 * n))
+    diagonal = np.arange(2 * n)
+    Q[:, diagonal, diagonal] = flow.error**2
+    coarse = np.any(log.force_noise > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
+    between = np.zeros_like(Q)
+    for k, response in enumerate(unit_responses(model, at) if coarse.any() or thinned else ()):
+        du = response * h * log.force_noise[:, k : k + 1]
+        both = np.concatenate([0.5 * h * du, du], axis=1)
+        Q += both[:, :, None] * both[:, None, :]
+        if thinned:
+            bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
+            size = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
+            du = response * (h[:, 0] * size)[:, None]
+            both = np.concatenate([0.5 * h * du, du], axis=1)
+            early = np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1)
+            between += both[:, :, None] * both[:, None, :] + early[:, :, None] * early[:, None, :]
+    across = np.zeros_like(Q)
+    if model.rows_of_G:
+        M, G = model.matrices(at.t, at.q)
+        directions, _ = np.linalg.qr(np.linalg.solve(M, G.transpose(0, 2, 1)))
+        size = ACROSS * np.sqrt(np.mean(w**2, axis=0) + np.mean(log.noise[0] ** 2, axis=0)).max()
+        across[:, :n, :n] = across[:, n:, n:] = size**2 * directions @ directions.transpose(0, 2, 1)
+    return Q, between, across
+
+
+def remainder(J: Array, first: Array, h: Array, step: Array) -> Array:
+    """Standard deviations (N, 2n) of what the series in the step leaves out, interval by interval.
+
+    Where ρ, the step times the spectral radius of ∂f/∂x, is not small the series does not converge, and the
+    fields of first order, (N, 2n, k), say ρ³ of themselves about what follows: an onset of friction or
+    contact tells little.
+    """
+    J2 = J @ J
+    rho = step * (np.linalg.norm(J2 @ J2, axis=(1, 2)) ** 0.25)[:, None]
+    return np.asarray(np.minimum(rho, 1.0) ** 3 * h * np.abs(first).max(axis=2))
+
+
+ACROSS = 1e3
+"""How much more than the prediction errors a solver may do across the constraints: nothing is told by
+these."""

@@ -1,0 +1,117 @@
+"""Maps of integrators against steps that are written by hand, and the integrators that logs tell.
+
+The oracle is a cart-pole with its own equations and integrators, which share no code with deltac.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.diagnosis.inference.flow import Intervals, LoggedForce
+from deltac.diagnosis.inference.integrators import maps, transition
+from deltac.diagnosis.inference.model import Model
+from tests.systems.cart_pole import SCHEMES, CartPole, log
+
+RIGHT = CartPole()
+MECHANISM = RIGHT.mechanism()
+STEP = 0.004
+
+Off = dict[str, float]
+
+
+def off_by(run: dc.Trajectory, kind: str, step: float = STEP) -> Off:
+    """How far the rows of each method's map are from the next rows of a log, the largest."""
+    model = Model(MECHANISM, run)
+    rows = model.rows(run)
+    intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
+    force = LoggedForce.of(intervals, [(0, len(intervals))])((kind,) * rows.F.shape[1])
+    gaps: Off = {}
+    for method, end in maps(model, intervals, force, step):
+        gap = float(np.abs(model.difference(end, intervals.end)).max())
+        gaps[method.name] = min(gap, gaps.get(method.name, np.inf))
+    return gaps
+
+
+@pytest.mark.parametrize(
+    ("scheme", "held", "kind"),
+    [
+        ("explicit-euler", True, "start"),
+        ("semi-implicit-euler", True, "start"),
+        ("heun", True, "start"),
+        ("heun", False, "ramp"),
+        ("rk4", True, "start"),
+        ("trapezoidal", False, "smooth"),
+        ("implicit-euler", False, "smooth"),
+    ],
+)
+def test_a_map_makes_the_rows_of_a_loop_written_by_hand(scheme: str, held: bool, kind: str) -> None:
+    """To rounding, or to what a fixed-point iteration leaves; all others miss by far."""
+    gaps = off_by(log(RIGHT, scheme, held=held, duration=0.8), kind)
+    assert gaps.pop(scheme) < 1e-12
+    gaps.pop("implicit-damping-euler", None)  # which differs by the dampers alone
+    assert min(gaps.values()) > 1e-9
+
+
+@pytest.mark.parametrize("scheme", ["explicit-euler", "semi-implicit-euler", "heun", "rk4"])
+def test_steps_between_two_rows_are_repeated(scheme: str) -> None:
+    """Two rows in three are left out of a motion without a motor."""
+    run = log(CartPole(drive=0.0), scheme, duration=0.8)
+    gaps = off_by(run.every(3), "smooth")
+    assert gaps.pop(scheme) < 1e-12
+    uneven = run.take(np.delete(np.arange(len(run)), [3, 4, 8, 20, 21, 22]))
+    assert off_by(uneven, "smooth")[scheme] < 1e-12
+
+
+def test_rows_between_the_steps_have_no_map() -> None:
+    run = log(CartPole(drive=0.0), "heun", duration=0.8)
+    assert not off_by(replace(run, t=1.37 * run.t), "smooth")
+
+
+def test_derivatives_of_a_map_are_those_of_steps_from_other_rows() -> None:
+    """Semi-implicit Euler written by hand, from states that are moved by central differences."""
+    system = CartPole(drive=0.0)
+    run = log(system, "semi-implicit-euler", duration=0.2)
+    model = Model(MECHANISM, run)
+    rows = model.rows(run)
+    intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
+    force = LoggedForce.of(intervals, [(0, len(intervals))])(())
+    (end,) = (x for x in maps(model, intervals, force, STEP) if x[0].name == "semi-implicit-euler")
+    Phi = transition(model, end, intervals, force, STEP)
+    assert Phi is not None
+    for k in (0, 20):
+        for i, e in enumerate(np.eye(4)):
+            moved = []
+            for d in (1e-5, -1e-5):
+                q, u = run.q[k] + d * e[:2], run.u[k] + d * e[2:]
+                moved.append(
+                    np.concatenate(
+                        SCHEMES["semi-implicit-euler"](
+                            lambda t, q, u: system.acceleration(t, q, u), 0.0, q, u, STEP
+                        )
+                    )
+                )
+            assert Phi[k, :, i] == pytest.approx((moved[0] - moved[1]) / 2e-5, abs=1e-6)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_log_tells_its_integrator(scheme: str) -> None:
+    audit = dc.audit(MECHANISM, log(RIGHT, scheme, accelerations=False))
+    assert audit.integrator is not None and scheme in audit.integrator.names
+    assert len(audit.integrator.names) <= 3  # what the rows do not tell apart
+    assert audit.verdict.kind in ("consistent", "integration-error")
+    assert not audit.causes
+
+
+@pytest.mark.parametrize("scheme", ["explicit-euler", "heun", "implicit-euler"])
+def test_a_log_that_lacks_rows_tells_its_integrator(scheme: str) -> None:
+    """Six rows in ten, at random."""
+    run = log(RIGHT, scheme, accelerations=False)
+    kept = np.sort(np.random.default_rng(1).choice(len(run), int(0.6 * len(run)), replace=False))
+    audit = dc.audit(MECHANISM, run.take(kept))
+    assert audit.integrator is not None and scheme in audit.integrator.names
+    assert audit.verdict.kind != "equation-error"
+    assert not [f for f in audit.findings if f.weight == "cause"]

@@ -33,6 +33,8 @@ from deltac.diagnosis.check.localise import Localisation as Localisation
 from deltac.diagnosis.check.localise import localise as localise
 from deltac.diagnosis.check.table import check_table as check_table
 from deltac.diagnosis.check.table import write_states as write_states
+from deltac.diagnosis.correct import Correction as Correction
+from deltac.diagnosis.correct import correct_trajectory as correct_trajectory
 from deltac.diagnosis.explain.explain import explain_residual as explain_residual
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation

@@ -152,13 +152,13 @@ def closest(name: str, options: Iterable[str]) -> str:
     >>> closest("x", ["elbow", "wrist"])
     '; known: elbow, wrist'
     """
-    known = [option for option in islice(options, _MANY) if len(option) <= _LONG]
-    match = difflib.get_close_matches(name[:_LONG], known, n=1, cutoff=0.6)
-    begun = [option for option in known if len(name) > 2 and option.startswith(name)]
+    candidates = [option for option in islice(options, _MANY) if len(option) <= _LONG]
+    match = difflib.get_close_matches(name[:_LONG], candidates, n=1, cutoff=0.6)
+    begun = [option for option in candidates if len(name) > 2 and option.startswith(name)]
     match = match or begun[: len(begun) == 1]  # 'pos' for 'position'
     if match:
         return f"; did you mean {match[0]!r}?"
-    return f"; known: {listed(known)}" if known else "; none are defined"
+    return f"; known: {listed(candidates)}" if candidates else "; none are defined"
 
 
 def listed(names: Iterable[str]) -> str:

@@ -261,10 +261,10 @@ def load_callable(text: str) -> Callable[..., Any]:
     file, colon, name = text.rpartition(":")
     if not (colon and file.endswith(SUFFIXES) and name):
         raise InputError(f"{text!r}: expected FILE.py:FUNCTION")
-    made = from_file(Path(file), name, "function")
-    if not callable(made):
-        raise WrongType(f"{text!r} is {type(made).__name__}; expected a function")
-    return cast(Callable[..., Any], made)
+    function = from_file(Path(file), name, "function")
+    if not callable(function):
+        raise WrongType(f"{text!r} is {type(function).__name__}; expected a function")
+    return cast(Callable[..., Any], function)
 
 
 def _described(source: object) -> str:
@@ -336,9 +336,9 @@ def _told(model: Model, text: str) -> State:
         if suffix in FORMATS:
             run = read_trajectory(path, None, model.mechanism)
             return Model(model.mechanism, {}).start(State(float(run.t[0]), run.q[0], run.u[0]))
-        known = f"; starts of this model: {', '.join(model.starts)}" if model.starts else ""
+        starts = f"; starts of this model: {', '.join(model.starts)}" if model.starts else ""
         raise InputError(
-            f"state {text!r}: expected name=value,… or a file (.json, .toml, or a log){known}"
+            f"state {text!r}: expected name=value,… or a file (.json, .toml, or a log){starts}"
         )
     values: dict[str, dict[str, float]] = {"q": {}, "u": {}}
     t, said = 0.0, set[str]()
@@ -372,14 +372,14 @@ def _written(mechanism: Mechanism, path: Path) -> State:
     """The state of a .json or .toml file: {"t": 0, "q": {"hip": 0.3}, "u": {…}}, or sequences."""
     try:
         text = read_bytes(path, "text").decode("utf-8")
-        found = WRITTEN_STATES[path.suffix.lower()](text)
+        values = WRITTEN_STATES[path.suffix.lower()](text)
     except (InputError, ValueError) as error:
         raise InputError(f"state {path}: {error}") from None
-    if not isinstance(found, dict) or not found.keys() <= {"t", "q", "u"}:
+    if not isinstance(values, dict) or not values.keys() <= {"t", "q", "u"}:
         raise FileError(
-            f"state {path}: expected tables q and u, and perhaps t, found {found!s:.80}"
+            f"state {path}: expected tables q and u, and perhaps t, found {values!s:.80}"
         )
-    return mechanism.state(found.get("q"), found.get("u"), found.get("t", 0.0))
+    return mechanism.state(values.get("q"), values.get("u"), values.get("t", 0.0))
 
 
 def from_file(path: Path, name: str, what: str = "model") -> Any:
@@ -389,8 +389,8 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
     """
     module = _run(path, what, name)
     if not hasattr(module, name):
-        known = [n for n, value in vars(module).items() if callable(value) and n[0] != "_"]
-        raise UnknownName(f"{what} {path}: no function {name!r}{closest(name, known)}")
+        names = [n for n, value in vars(module).items() if callable(value) and n[0] != "_"]
+        raise UnknownName(f"{what} {path}: no function {name!r}{closest(name, names)}")
     return getattr(module, name)
 
 
@@ -415,27 +415,27 @@ def _users(code: Callable[[], T], path: Path, said: str) -> T:
     except BaseException as error:  # a script may call sys.exit()
         frames = traceback.extract_tb(error.__traceback__)
         lines = [f.lineno for f in frames if Path(f.filename).resolve() == path.resolve()]
-        told = f"{said}, line {lines[-1]}" if lines else said
+        place = f"{said}, line {lines[-1]}" if lines else said
         if isinstance(error, InputError):
-            raise InputError(f"{told}: {error}") from error
-        raise SourceError(f"{told}: {type(error).__name__}: {error}") from error
+            raise InputError(f"{place}: {error}") from error
+        raise SourceError(f"{place}: {type(error).__name__}: {error}") from error
 
 
 def _only_model(path: Path) -> Model:
     """The model of a file of which no name is told: the one it holds, or what its one function makes."""
     module = _run(path, "model")
     public = {name: value for name, value in vars(module).items() if name[0] != "_"}
-    held = {name: value for name, value in public.items() if isinstance(value, Mechanism | Model)}
-    made = {
+    models = {name: value for name, value in public.items() if isinstance(value, Mechanism | Model)}
+    functions = {
         name: value
         for name, value in public.items()
         if isfunction(value) and value.__module__ == module.__name__ and _needs_nothing(value)
     }
-    found = held or made
-    if len({id(value) for value in found.values()}) == 1:
-        name, value = next(iter(found.items()))
+    candidates = models or functions
+    if len({id(value) for value in candidates.values()}) == 1:
+        name, value = next(iter(candidates.items()))
         return _made(value, path, name)
-    names = ", ".join(f"{path}:{name}" for name in found)
+    names = ", ".join(f"{path}:{name}" for name in candidates)
     raise InputError(
         f"model {path}: say which of its models is meant: {names}"
         if names
@@ -452,10 +452,10 @@ def _needs_nothing(function: Callable[..., Any]) -> bool:
 def _made(source: Any, path: Path, name: str) -> Model:
     """The model that a file calls `name`, or that its function of this name returns."""
     text = f"{path}:{name}"
-    made = _users(source, path, f"model {text}") if callable(source) else source
-    if isinstance(made, str) and ".py:" in made:
-        raise WrongType(f"model {text} returned {made!r}; name that function itself")
+    value = _users(source, path, f"model {text}") if callable(source) else source
+    if isinstance(value, str) and ".py:" in value:
+        raise WrongType(f"model {text} returned {value!r}; name that function itself")
     try:
-        return load_model(made)
+        return load_model(value)
     except InputError as error:
-        raise InputError(f"model {text} is {_described(made)}: {error}") from None
+        raise InputError(f"model {text} is {_described(value)}: {error}") from None

@@ -92,8 +92,8 @@ class Examination(
 
     @property
     def _codes(self) -> dict[str, int]:
-        found = {name: part.exit_code for name, part in self.results.items()}
-        return found | ({"recommend": 3} if found.get("recommend") else {})
+        codes = {name: part.exit_code for name, part in self.results.items()}
+        return codes | ({"recommend": 3} if codes.get("recommend") else {})
 
     def summary(self) -> str:
         """The outcome in one line."""
@@ -182,7 +182,7 @@ def examine(
     check = None
     if equations is not None:
         check = check_equations(model, equations, progress=parts.part("check"))
-    recommendation = found = None
+    recommendation = study_result = None
     if duration is None:
         skipped.append("solver, step and study, since no duration is given")
     else:
@@ -202,7 +202,7 @@ def examine(
                 f"the study, since there is no step to begin with: {recommendation.summary()}"
             )
         else:
-            found = _study(loaded, state, duration, tolerance, recommendation, options)
+            study_result = _study(loaded, state, duration, tolerance, recommendation, options)
     judged = None
     if log is not None:
         judged = audit(
@@ -214,7 +214,7 @@ def examine(
         classification=classify(loaded, state),
         check=check,
         recommendation=recommendation,
-        study=found,
+        study=study_result,
         audit=judged,
         skipped=tuple(skipped),
         missing=tuple(_not_simulated(loaded)) if log is None else (),

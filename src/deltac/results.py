@@ -53,8 +53,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, PurePath):
         return str(value)
     if is_dataclass(value):
-        kept = [f.name for f in fields(value) if f.metadata.get("json", True)]
-        return {name: plain(getattr(value, name)) for name in kept}
+        names = [f.name for f in fields(value) if f.metadata.get("json", True)]
+        return {name: plain(getattr(value, name)) for name in names}
     raise TypeError(f"{type(value).__name__} has no form in JSON; omit it from the record")
 
 
@@ -130,8 +130,8 @@ class Table:
             if blocks[-1] and sum(least[j] + 2 for j in blocks[-1]) + least[k] > width:
                 blocks.append([0] if least[0] + 2 + least[k] <= width else [])
             blocks[-1].append(k)
-        made = [self._block(columns, natural, least, right, width) for columns in blocks]
-        return "\n\n".join(made)
+        texts = [self._block(columns, natural, least, right, width) for columns in blocks]
+        return "\n\n".join(texts)
 
     def _block(
         self,
@@ -226,9 +226,9 @@ def _cells(tag: str, row: tuple[str, ...], right: tuple[bool, ...]) -> str:
 
 def paragraph(text: str, width: int = WIDTH) -> str:
     """A paragraph wrapped to a width, further lines indented; no word or number with its unit is broken."""
-    kept = _UNIT.sub("\u00a0", text)  # which textwrap takes for no space
+    joined = _UNIT.sub("\u00a0", text)  # which textwrap takes for no space
     lines = textwrap.fill(
-        kept, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
+        joined, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False
     )
     return lines.replace("\u00a0", " ")
 
@@ -493,8 +493,8 @@ class Report(Serialisable, Shown):
         return InFrame(self.summary(), page)
 
     def _repr_html_(self) -> str:
-        told = told_findings(f for f in self.findings if f.weight != "note")
-        return as_html(self.summary(), self.sections(), self.exit_code, told)
+        paragraphs = told_findings(f for f in self.findings if f.weight != "note")
+        return as_html(self.summary(), self.sections(), self.exit_code, paragraphs)
 
     def __str__(self) -> str:
         return self.summary()

@@ -44,13 +44,13 @@ def checked(
     return refusing
 
 
-def _refusing(made: Target, name: str, signature: inspect.Signature, skip: int = 0) -> Target:
+def _refusing(target: Target, name: str, signature: inspect.Signature, skip: int = 0) -> Target:
     """The function; where it raises no InputError, its arguments but the first `skip` are looked at."""
 
-    @wraps(made)
+    @wraps(target)
     def called(*args: Any, **kwargs: Any) -> Any:
         try:
-            return made(*args, **kwargs)
+            return target(*args, **kwargs)
         except InputError:
             raise
         except Exception as error:
@@ -69,37 +69,37 @@ def refuse_misfits(
 ) -> None:
     """InputError for arguments of `name`, if `error` may be theirs: of another signature, or another kind."""
     try:
-        given = signature.bind(*args, **kwargs).arguments
+        values = signature.bind(*args, **kwargs).arguments
     except TypeError as misfit:
         if isinstance(error, TypeError):
             _refuse(name, signature, kwargs, misfit)
         return
-    for argument, value in given.items():
+    for argument, value in values.items():
         parameter = signature.parameters[argument]
         annotation = str(parameter.annotation)
         if value is not parameter.default and not fits(value, annotation):
             expected = re.sub(r"\b\w+\.", "", annotation).replace(" | ", " or ")
             expected = re.sub(r"\bProgress\b", "Callable[[float], None]", expected)
-            found = f"{shown(value)} ({type(value).__name__})"
-            raise WrongType(f"{name}: {argument} is {found}, expected {expected}") from error
-    if isinstance(error, OverflowError) and not _in_own_code(error, given.values()):
+            description = f"{shown(value)} ({type(value).__name__})"
+            raise WrongType(f"{name}: {argument} is {description}, expected {expected}") from error
+    if isinstance(error, OverflowError) and not _in_own_code(error, values.values()):
         raise InputError(f"{name}: numbers are beyond double precision; see their units") from error
 
 
 def _in_own_code(error: Exception, arguments: Iterable[Any]) -> bool:
     """Whether an error was raised in a function that the user gave: it says itself what is wrong."""
-    given = [inspect.unwrap(getattr(a, "rhs", a)) for a in arguments if callable(a)]
-    own = {function.__code__ for function in given if inspect.isfunction(function)}
+    functions = [inspect.unwrap(getattr(a, "rhs", a)) for a in arguments if callable(a)]
+    own = {function.__code__ for function in functions if inspect.isfunction(function)}
     return any(frame.f_code in own for frame, _ in traceback.walk_tb(error.__traceback__))
 
 
 def _refuse(
     name: str, signature: inspect.Signature, kwargs: Mapping[str, Any], error: TypeError
 ) -> NoReturn:
-    taken = named(signature)
-    for given in kwargs:
-        if given not in taken:
-            raise unknown_argument(name, given, taken) from None
+    names = named(signature)
+    for argument in kwargs:
+        if argument not in names:
+            raise unknown_argument(name, argument, names) from None
     raise WrongType(f"{name}: {error}; write {name}{_short(signature)}") from None
 
 
@@ -157,8 +157,8 @@ def _is(value: Any, kind: str) -> bool:
 def _class(name: str) -> type | None:
     """The public class of that name."""
     public = import_module("deltac")
-    found = getattr(public, name, None) if name in public.__all__ else None
-    return found if isinstance(found, type) else None
+    public_name = getattr(public, name, None) if name in public.__all__ else None
+    return public_name if isinstance(public_name, type) else None
 
 
 def _dimensions(value: Any) -> int | None:
@@ -186,17 +186,17 @@ def named(signature: inspect.Signature) -> list[str]:
 def unknown_argument(name: str, given: str, taken: Sequence[str]) -> UnknownName:
     """The error that `name` takes no such argument; it tells all that it takes."""
     hint = closest(given, taken)
-    known = ", ".join(taken) or "no arguments"
-    tail = f"{hint} It takes {known}" if "did you mean" in hint else f"; it takes {known}"
+    names = ", ".join(taken) or "no arguments"
+    tail = f"{hint} It takes {names}" if "did you mean" in hint else f"; it takes {names}"
     return UnknownName(f"{name}: unknown argument {given!r}{tail}")
 
 
 def _short(signature: inspect.Signature) -> str:
     """A signature without annotations: ``(name, mass, length, along='x', …)``."""
-    told = []
+    parts = []
     for p in signature.parameters.values():
         if p.kind is p.KEYWORD_ONLY:
-            told.append("…")
+            parts.append("…")
             break
-        told.append(p.name if p.default is p.empty else f"{p.name}={p.default!r}")
-    return f"({', '.join(told)})"
+        parts.append(p.name if p.default is p.empty else f"{p.name}={p.default!r}")
+    return f"({', '.join(parts)})"

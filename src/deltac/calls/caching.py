@@ -37,9 +37,9 @@ class LRUCache(Generic[T]):
             if key in self._kept:
                 self._kept.move_to_end(key)
                 return self._kept[key]
-        made = make()  # may take seconds, for which threads with other keys need not wait
+        value_made = make()  # may take seconds, for which threads with other keys need not wait
         with self._lock:
-            value = self._kept.setdefault(key, made)
+            value = self._kept.setdefault(key, value_made)
             self._kept.move_to_end(key)
             while len(self._kept) > self._most:
                 self._kept.popitem(last=False)
@@ -63,10 +63,10 @@ class Once:
         `make` may use nothing but this object, the key, and what cannot change. Threads that ask at once may
         each make it; all get the same one.
         """
-        made: dict[Hashable, Any] = self.__dict__.setdefault("_derived", {})
-        if key not in made:
-            made.setdefault(key, make())
-        value: T = made[key]
+        values: dict[Hashable, Any] = self.__dict__.setdefault("_derived", {})
+        if key not in values:
+            values.setdefault(key, make())
+        value: T = values[key]
         return value
 
 
@@ -77,8 +77,8 @@ def derived(make: Callable[Concatenate[Owner, Key], T]) -> Callable[Concatenate[
     """
 
     def kept(owner: Owner, /, *key: Key.args, **named: Key.kwargs) -> T:
-        told = (make, key, tuple(sorted(named.items())))
-        return owner.once(told, lambda: make(owner, *key, **named))
+        place = (make, key, tuple(sorted(named.items())))
+        return owner.once(place, lambda: make(owner, *key, **named))
 
     return update_wrapper(kept, make)
 

@@ -75,12 +75,12 @@ def waiting(make: Callable[[], T]) -> T:
     """
     if threading.current_thread() is not threading.main_thread():
         return make()
-    found: list[T] = []
+    results: list[T] = []
     errors: list[BaseException] = []
 
     def work() -> None:
         try:
-            found.append(make())
+            results.append(make())
         except BaseException as error:
             errors.append(error)
 
@@ -89,7 +89,7 @@ def waiting(make: Callable[[], T]) -> T:
     thread.join()
     if errors:
         raise errors[0]
-    return found[0]
+    return results[0]
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -22,8 +22,8 @@ def listed(package: str) -> dict[str, str]:
 
 def registered(group: str, name: str) -> Any:
     """What another package registers under a name, by an entry point of that group; None where none does."""
-    found = entry_points(group=group, name=name)
-    return next(iter(found)).load() if found else None
+    points = entry_points(group=group, name=name)
+    return next(iter(points)).load() if points else None
 
 
 def on_first_use(

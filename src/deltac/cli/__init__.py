@@ -135,8 +135,8 @@ COMMANDS = {
 """The commands, in the order of the list."""
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(show: bool) -> None:
+    if show:
         from deltac import __version__
 
         typer.echo(f"deltac {__version__}")
@@ -171,7 +171,7 @@ def application(complete: Collection[str] = tuple(COMMANDS)) -> typer.Typer:
 
     A command takes its options from the verbs that it calls, whose modules take a while to load.
     """
-    made = typer.Typer(
+    app = typer.Typer(
         name="deltac",
         help="Energy testing functions: can this multibody simulation be trusted?",
         epilog="Completion for bash, zsh and fish: deltac --install-completion",
@@ -186,9 +186,9 @@ def application(complete: Collection[str] = tuple(COMMANDS)) -> typer.Typer:
         if name in complete:
             module = import_module(f"deltac.cli.{about.module}")
             command = options.complete(getattr(module, name))
-        made.command(name, cls=_Command, short_help=about.short, epilog=epilog)(command)
-    made.callback()(_options)
-    return made
+        app.command(name, cls=_Command, short_help=about.short, epilog=epilog)(command)
+    app.callback()(_options)
+    return app
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -196,16 +196,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
-    given = sys.argv[1:] if arguments is None else list(arguments)
+    words_given = sys.argv[1:] if arguments is None else list(arguments)
     if arguments is None:  # a process of our own
         gc.set_threshold(SELDOM, *gc.get_threshold()[1:])
     try:
-        options.COMMAND.set(shlex.join(["deltac", *given]))
+        options.COMMAND.set(shlex.join(["deltac", *words_given]))
         with interruptible():
             # What the shell hands over to be completed stands in its variables.
             words = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
-            wanted = given[:1] or words.split()[1:2]
-            code = application(wanted)(given, prog_name="deltac", standalone_mode=False)
+            command_name = words_given[:1] or words.split()[1:2]
+            code = application(command_name)(words_given, prog_name="deltac", standalone_mode=False)
         if sys.stdout is not None:
             sys.stdout.flush()  # what a closed pipe or a full disk has against it is said here
         sys.exit(code)
@@ -218,17 +218,17 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(CLOSED)
     except ClickException as error:
         error.show()
-        _as_json(given, USAGE, error.format_message(), error.exit_code)
+        _as_json(words_given, USAGE, error.format_message(), error.exit_code)
     except InputError as error:
         _complain(f"{error} [{error.code}]")
-        _as_json(given, error.code, str(error), BAD_INPUT)
+        _as_json(words_given, error.code, str(error), BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(INTERRUPTED)
     except OSError as error:  # a full disk, a name too long for it, a folder without rights
         _traceback()
         where = f"{error.filename}: " if error.filename is not None else ""
         _complain(f"{where}{error.strerror or error} [{'E-FILE'}]")
-        _as_json(given, "E-FILE", f"{where}{error.strerror or error}", BAD_INPUT)
+        _as_json(words_given, "E-FILE", f"{where}{error.strerror or error}", BAD_INPUT)
     except Exception as error:
         _traceback()
         message = f"{type(error).__name__}: {error}"
@@ -237,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             "This should not happen. Please report it, with the command and the traceback that "
             "DELTAC_DEBUG=1 shows."
         )
-        _as_json(given, INTERNAL, message, INTERNAL_ERROR)
+        _as_json(words_given, INTERNAL, message, INTERNAL_ERROR)
 
 
 def _traceback() -> None:
@@ -247,9 +247,9 @@ def _traceback() -> None:
         traceback.print_exc()
 
 
-def _as_json(given: Sequence[str], code: str, message: str, exit_code: int) -> NoReturn:
+def _as_json(arguments: Sequence[str], code: str, message: str, exit_code: int) -> NoReturn:
     """End with an exit code; where JSON was asked for, with the error on standard output."""
-    if "--json" in given:
+    if "--json" in arguments:
         from deltac.cli.output import print_json
 
         print_json("Error", {"exit_code": exit_code, "error": {"code": code, "message": message}})

@@ -122,8 +122,8 @@ def audit(
         from deltac.fleets.spec import Execution
 
         of_logs = ("tolerance", "work", "mapping", "strict")
-        given = {name: audit.keywords[name] for name in of_logs if name in audit.keywords}
-        plan = plan_audits(model, logs, **given)
+        options_of_logs = {name: audit.keywords[name] for name in of_logs if name in audit.keywords}
+        plan = plan_audits(model, logs, **options_of_logs)
         run(plan, out, Execution(), audit_many.keywords, form, page)
     if len(logs) > 1 and page is not None:
         raise ArgumentsError("--report of several logs is of their table: add --out DIR")
@@ -152,8 +152,8 @@ def audit(
         judged = read_episode(logs[0], episode, mapping, load_model(varied))
         audit = partial(audit, mapping=None)
     with progress_bar(f"auditing {log.name}") as progress:
-        found = audit(varied, judged, progress=progress)
-    if form in READ_BY_PEOPLE and (reading := found.run.provenance.reading):
+        report = audit(varied, judged, progress=progress)
+    if form in READ_BY_PEOPLE and (reading := report.run.provenance.reading):
         print(f"{reading}\n")
     explanations = []
     if explain:
@@ -161,7 +161,7 @@ def audit(
 
         with progress_bar("seeking causes") as progress:
             explanations.append(explain_residual(varied, log, mapping=mapping, progress=progress))
-    deliver(found, *explanations, form=form, name=str(log), figure=figure, page=page)
+    deliver(report, *explanations, form=form, name=str(log), figure=figure, page=page)
 
 
 def _case(log: str, model: Any, audit: Verb) -> Case:
@@ -175,9 +175,9 @@ def _case(log: str, model: Any, audit: Verb) -> Case:
 def _print_several(cases: Sequence[Case], form: options.Form) -> None:
     """The outcome of each log in a line, then at length where it is not consistent."""
     if form is options.Form.json:
-        told = [{"log": case.name, **_contents(case)} for case in cases]
+        entries = [{"log": case.name, **_contents(case)} for case in cases]
         print_json(
-            "Audits", {"exit_code": worst_code(case.exit_code for case in cases), "audits": told}
+            "Audits", {"exit_code": worst_code(case.exit_code for case in cases), "audits": entries}
         )
     elif form in (options.Form.text, options.Form.github):
         rows = tuple((case.name, case.summary()) for case in cases)

@@ -73,8 +73,8 @@ def check(
             )
         from deltac.diagnosis.check.table import check_table
 
-        found = check_table(model, equations, coordinates=coordinates, tolerance=tolerance)
-        deliver(found, name=equations, model=model)
+        report = check_table(model, equations, coordinates=coordinates, tolerance=tolerance)
+        deliver(report, name=equations, model=model)
     from deltac.diagnosis.inputs.equations import load_equations
 
     names = _names(model, coordinates) if equations.endswith(".fmu") else ()
@@ -86,7 +86,7 @@ def check(
             time_limit(limit, equations),
         ):
             accepted = {} if tolerance is None else {"tolerance": tolerance}
-            found = check_equations(model, rhs, **accepted, progress=progress)
+            report = check_equations(model, rhs, **accepted, progress=progress)
     except LimitError:
         raise
     except InputError as error:  # an edit may mend what the function cannot do
@@ -108,7 +108,7 @@ def check(
 
         write_text(fixes[0].diff, write)
     more = [] if repaired is None else [repaired]
-    deliver(found, *more, name=equations, model=model, rhs=rhs)
+    deliver(report, *more, name=equations, model=model, rhs=rhs)
 
 
 def _names(model: str, coordinates: Any) -> tuple[str, ...]:

@@ -30,8 +30,8 @@ class Case:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What explains that it fails."""
-        found = () if isinstance(self.report, InputError) else self.report.findings
-        return tuple(f for f in found if f.weight != "note")
+        findings = () if isinstance(self.report, InputError) else self.report.findings
+        return tuple(f for f in findings if f.weight != "note")
 
     def summary(self) -> str:
         """The outcome in a line."""
@@ -79,11 +79,11 @@ def _markdown(case: Case) -> str:
 def _annotations(cases: Sequence[Case]) -> Iterator[str]:
     for case in cases:
         level = {0: "notice", 3: "warning"}.get(case.exit_code, "error")
-        told = [case.summary(), *(f"{f.code}: {f}" for f in case.findings)]
+        lines = [case.summary(), *(f"{f.code}: {f}" for f in case.findings)]
         file, line = _place(case.file, case.findings)
         where = f"file={_escaped(file, ',:')}" + (f",line={line}" if line else "")
         title = _escaped(f"deltac: {case.name}", ",:")
-        yield f"::{level} {where},title={title}::{_escaped(chr(10).join(told))}"
+        yield f"::{level} {where},title={title}::{_escaped(chr(10).join(lines))}"
 
 
 def _escaped(text: str, more: str = "") -> str:
@@ -107,10 +107,10 @@ def junit(suite: str, cases: Sequence[Case]) -> str:
         "errors": str(sum(case.exit_code == 2 for case in cases)),
     }
     root = ElementTree.Element("testsuites", counts)
-    made = ElementTree.SubElement(root, "testsuite", {"name": suite, **counts})
+    suite_element = ElementTree.SubElement(root, "testsuite", {"name": suite, **counts})
     for case in cases:
         names = {"classname": suite, "name": case.name, "file": case.file}
-        node = ElementTree.SubElement(made, "testcase", names)
+        node = ElementTree.SubElement(suite_element, "testcase", names)
         if case.exit_code:
             report = case.report
             codes = [finding.code for finding in case.findings]

@@ -53,17 +53,17 @@ def problems(
             print(f"left out: {reason}")
         print(f"gallery: {gallery / 'index.html'}")
     elif name is None:
-        _list([library.load(known) for known in library.names()], as_json)
+        _list([library.load(problem_name) for problem_name in library.names()], as_json)
     else:
         _compared(library.load(name, **_options(given or [])), as_json)
 
 
-def _options(given: list[str]) -> dict[str, Any]:
+def _options(texts: list[str]) -> dict[str, Any]:
     """Options of a problem: numbers, true and false, else text."""
     from deltac.errors import InputError
 
-    found: dict[str, Any] = {}
-    for text in given:
+    values: dict[str, Any] = {}
+    for text in texts:
         key, equals, value = text.partition("=")
         if not (key and equals):
             raise InputError(f"--set {text!r}: expected OPTION=VALUE, for example --set n=40")
@@ -71,8 +71,8 @@ def _options(given: list[str]) -> dict[str, Any]:
             read = json.loads(value.lower())
         except ValueError:
             read = None
-        found[key] = read if isinstance(read, int | float) else value
-    return found
+        values[key] = read if isinstance(read, int | float) else value
+    return values
 
 
 def _list(library: list[Problem], as_json: bool) -> None:
@@ -105,10 +105,10 @@ def _compared(problem: Problem, as_json: bool) -> None:
     from deltac.analysis.classify import classify
     from deltac.studies.references import compare
 
-    found, kind = compare(problem), classify(problem).kind
+    comparisons, kind = compare(problem), classify(problem).kind
     if as_json:
         description = _description(problem)
-        for entry, row in zip(description["reference"], found, strict=True):
+        for entry, row in zip(description["reference"], comparisons, strict=True):
             entry |= {"measured": row.value, "tolerance": row.tolerance, "agrees": row.agrees}
         print_json("Problem", description | {"class": kind})
     else:
@@ -124,7 +124,7 @@ def _compared(problem: Problem, as_json: bool) -> None:
                 row.reference.kind,
                 "yes" if row.agrees else "NO",
             )
-            for row in found
+            for row in comparisons
         )
         print_sections(
             [
@@ -134,7 +134,7 @@ def _compared(problem: Problem, as_json: bool) -> None:
                 Table(heads, tuple(rows)),
             ]
         )
-    raise typer.Exit(0 if all(row.agrees for row in found) else 1)
+    raise typer.Exit(0 if all(row.agrees for row in comparisons) else 1)
 
 
 def reproduce(
@@ -168,22 +168,22 @@ def reproduce(
         figures = [part.strip() for entry in only for part in entry.split(",") if part.strip()]
     output_folder(out)
     with progress_bar() as progress:
-        found = thesis.reproduce(figures, lambda done: progress(RUNS * done))
+        study = thesis.reproduce(figures, lambda done: progress(RUNS * done))
         written = thesis.write(
-            found, out, lambda done: progress(RUNS + (1 - RUNS) * done), thesis_axes=thesis_axes
+            study, out, lambda done: progress(RUNS + (1 - RUNS) * done), thesis_axes=thesis_axes
         )
     if as_json:
-        told = {"figures": plain(written.figures), "results_file": str(written.results)}
-        deliver(found, form=Form.json, page=page, **told)
+        contents = {"figures": plain(written.figures), "results_file": str(written.results)}
+        deliver(study, form=Form.json, page=page, **contents)
     if page is not None:
-        found.report(page, command=COMMAND.get())
-    print_sections(found.sections())
+        study.report(page, command=COMMAND.get())
+    print_sections(study.sections())
     if written.figures:
         print(f"figures: {written.results.parent / 'figure_*.png'} ({len(written.figures)})")
     if page is not None:
         print(f"report: {page}")
-    print(f"results: {written.results} ({len(found.results)} numbers)")
-    raise typer.Exit(found.exit_code)
+    print(f"results: {written.results} ({len(study.results)} numbers)")
+    raise typer.Exit(study.exit_code)
 
 
 def cache(

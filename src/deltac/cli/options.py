@@ -85,15 +85,15 @@ Parameters = Annotated[
 """Values of parameters for this call."""
 
 
-def with_parameters(model: str, given: list[str] | None) -> Any:
+def with_parameters(model: str, texts: list[str] | None) -> Any:
     """The model of that name, with the values that ``--set`` gives."""
-    if not given:
+    if not texts:
         return model
     from deltac.errors import InputError
     from deltac.models import load_model
 
     values = {}
-    for text in given:
+    for text in texts:
         name, equals, value = text.partition("=")
         try:
             values[name.strip()] = float(value)
@@ -265,12 +265,16 @@ def complete(command: Command) -> Command:
     left_out = {*own, *without}
     offered = {name: {p.name: p for p in _offered(verb, left_out)} for name, verb in verbs.items()}
 
-    def run(**given: Any) -> None:
+    def run(**values: Any) -> None:
         def bound(name: str) -> Verb:
-            said = ((n, p, given[n]) for n, p in offered[name].items() if given[n] is not None)
-            return functools.partial(verbs[name], **{n: _read(p, value) for n, p, value in said})
+            settings = (
+                (n, p, values[n]) for n, p in offered[name].items() if values[n] is not None
+            )
+            return functools.partial(
+                verbs[name], **{n: _read(p, value) for n, p, value in settings}
+            )
 
-        command(**{name: bound(name) for name in verbs}, **{name: given[name] for name in own})
+        command(**{name: bound(name) for name in verbs}, **{name: values[name] for name in own})
 
     every = dict(own)
     for name, p in (entry for each in offered.values() for entry in each.items()):
@@ -288,36 +292,42 @@ def _read(option: inspect.Parameter, value: Any) -> Any:
 
 def _offered(verb: Callable[..., Any], left_out: Collection[str]) -> Iterator[inspect.Parameter]:
     """The arguments of a verb that may be left out and that text can give, as options for typer."""
-    told = described(verb)
-    given = list(inspect.signature(verb).parameters.values())
-    if given[-1].name == "simulation":  # what it hands on to `simulate`
-        given[-1:] = [
-            given[-1].replace(name=n, kind=inspect.Parameter.KEYWORD_ONLY, default=None)
+    descriptions = described(verb)
+    parameters = list(inspect.signature(verb).parameters.values())
+    if parameters[-1].name == "simulation":  # what it hands on to `simulate`
+        parameters[-1:] = [
+            parameters[-1].replace(name=n, kind=inspect.Parameter.KEYWORD_ONLY, default=None)
             for n in HANDED_ON
         ]
-    for p in given:
+    for p in parameters:
         if p.default is not p.empty and p.name not in left_out:
-            annotation = SHARED.get(p.name) or _option(p, told.get(p.name, ""))
+            annotation = SHARED.get(p.name) or _option(p, descriptions.get(p.name, ""))
             default = None if isinstance(p.default, tuple) else p.default
             if annotation is not None:
                 yield p.replace(annotation=annotation, kind=p.KEYWORD_ONLY, default=default)
 
 
-def _option(p: inspect.Parameter, told: str) -> Any:
+def _option(p: inspect.Parameter, description: str) -> Any:
     """The option of an argument by its annotation and description; None where text cannot give it."""
     kind, _, rest = str(p.annotation).partition(" | ")
-    if not told or kind not in KINDS or rest not in ("", "None"):
+    if not description or kind not in KINDS or rest not in ("", "None"):
         return None
-    made, value, read = KINDS[kind]
-    value = "SECONDS" if told.startswith("seconds") else value
+    option_type, value, read = KINDS[kind]
+    value = "SECONDS" if description.startswith("seconds") else value
     name = p.name.replace("_", "-")
-    names = [f"--{name}" if p.default is False else f"--{name}/--no-{name}"] if made is bool else []
-    option = typer.Option(*names, metavar=value, help=f"{told[:1].upper()}{told[1:]}")
-    return Annotated[made if p.default is not None and read is None else made | None, option, read]
+    names = (
+        [f"--{name}" if p.default is False else f"--{name}/--no-{name}"]
+        if option_type is bool
+        else []
+    )
+    option = typer.Option(*names, metavar=value, help=f"{description[:1].upper()}{description[1:]}")
+    return Annotated[
+        option_type if p.default is not None and read is None else option_type | None, option, read
+    ]
 
 
 def described(verb: Callable[..., Any]) -> dict[str, str]:
     """What a verb's docstring says of each argument, without marks."""
     text = inspect.cleandoc(verb.__doc__ or "").partition("\nArgs:\n")[2].partition("\n\n")[0]
     entries = re.findall(r"^    (\w+): (.*(?:\n     .*)*)", text, re.MULTILINE)
-    return {name: " ".join(told.replace("`", "").split()) for name, told in entries}
+    return {name: " ".join(description.replace("`", "").split()) for name, description in entries}

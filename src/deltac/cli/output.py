@@ -34,7 +34,7 @@ def displayed(text: str) -> str:
     Control characters and those that turn the direction of writing are written out; lines that a workflow of
     GitHub would obey (``::set-output``, ``##[group]``) are broken.
     """
-    text = _CONTROL.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    text = _CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
     return _WORKFLOW.sub(r"\1: :", text).replace("##[", "## [")
 
 
@@ -86,7 +86,7 @@ def deliver(
     else:
         # What has a line and an edit says more to a program than what the check found without them.
         fixed = [part for part in more if getattr(part, "fixes", ())]
-        found = [part for part in (*fixed, report, *more) if part.findings]
+        with_findings = [part for part in (*fixed, report, *more) if part.findings]
         if form in READ_BY_PEOPLE:
             for k, part in enumerate((report, *more)):
                 print("\n" * bool(k), end="")
@@ -95,7 +95,7 @@ def deliver(
                 print(f"figure: {figure}")
             if page is not None:
                 print(f"report: {page}")
-        case = Case(name, name.rpartition(":")[0] or name, next(iter(found), report))
+        case = Case(name, name.rpartition(":")[0] or name, next(iter(with_findings), report))
         print_cases([case], form)
     raise typer.Exit(report.exit_code)
 

@@ -71,44 +71,44 @@ def sweep(
         )
     from deltac.fleets.sweep import plan_sweep
 
-    made = plan_sweep(str(plan))
+    fleet_plan = plan_sweep(str(plan))
     if only is not None:
         import io
 
         import polars
 
-        (row,) = polars.read_parquet(io.BytesIO(made.piece_at(only)())).to_dicts()
+        (row,) = polars.read_parquet(io.BytesIO(fleet_plan.piece_at(only)())).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
-    run(made, out, made.spec.execution, sweep.keywords, form, page)
+    run(fleet_plan, out, fleet_plan.spec.execution, sweep.keywords, form, page)
 
 
 def run(
     plan: Plan,
     out: Path | None,
     execution: Execution,
-    given: Mapping[str, Any],
+    keywords: Mapping[str, Any],
     form: options.Form,
     page: Path | None,
 ) -> NoReturn:
     """Do what a plan lacks, as the options that are given say, and end the command with its results."""
-    own = {name: given[name] for name in type(execution).model_fields if name in given}
+    own = {name: keywords[name] for name in type(execution).model_fields if name in keywords}
     with fleet_progress(
         {"sweep": "runs", "audit": "audits"}[plan.kind], len(plan.addresses)
     ) as progress:
         fleet = plan.run(
             out,
             execution.overridden(**own),
-            retry_failed=given["retry_failed"],
+            retry_failed=keywords["retry_failed"],
             progress=progress,
             notice=tell,
         )
     deliver_fleet(fleet, form, page, plan.write_case)
 
 
-def tell(told: str) -> None:
+def tell(line: str) -> None:
     """Say on standard error what should be known before the work is done."""
-    print(f"deltac: {told}", file=sys.stderr, flush=True)
+    print(f"deltac: {line}", file=sys.stderr, flush=True)
 
 
 @contextmanager

@@ -30,8 +30,8 @@ def examine(
     Exit code 0 if all parts hold, 1 if something is wrong, 3 if unresolved.
     """
     with progress_bar() as progress:
-        found = examine(with_parameters(model, values), log=log, progress=progress)
-    deliver(found, name=model, model=model)
+        report = examine(with_parameters(model, values), log=log, progress=progress)
+    deliver(report, name=model, model=model)
 
 
 @of(classify="deltac.analysis.classify", deliver=PRINTED, without="figure")
@@ -50,10 +50,10 @@ def describe(
     chosen = with_parameters(model, values)
     if not numbers:
         deliver(classify(chosen), name=model)
-    found = dict(load_model(chosen).mechanism.numbers)
-    wide = max(map(len, found), default=0)
-    lines = (f"{name:{wide}}  {value:.9g}" for name, value in found.items())
-    typer.echo(json.dumps(found) if deliver.keywords["as_json"] else "\n".join(lines))
+    numbers_by_name = dict(load_model(chosen).mechanism.numbers)
+    wide = max(map(len, numbers_by_name), default=0)
+    lines = (f"{name:{wide}}  {value:.9g}" for name, value in numbers_by_name.items())
+    typer.echo(json.dumps(numbers_by_name) if deliver.keywords["as_json"] else "\n".join(lines))
 
 
 @of(study="deltac.diagnosis.study.study", deliver=PRINTED)
@@ -95,18 +95,18 @@ def study(
     source = with_parameters(model, values)
     by: Any = solver
     if tolerances is not None:
-        wanted = _numbers(tolerances, "--tolerances")
-        by = [solver_options(solver or "DOP853", tolerance) for tolerance in wanted]
-    told: dict[str, Any] = {} if steps is None else {"steps": _numbers(steps, "--steps")}
+        values_of_tolerance = _numbers(tolerances, "--tolerances")
+        by = [solver_options(solver or "DOP853", tolerance) for tolerance in values_of_tolerance]
+    keywords: dict[str, Any] = {} if steps is None else {"steps": _numbers(steps, "--steps")}
     with progress_bar() as progress:
         if logs:
             from deltac.models import load_model
             from deltac.trajectories import read_trajectory
 
             mechanism = load_model(source).mechanism
-            told["runs"] = [read_trajectory(log, mapping, mechanism) for log in logs]
-        found = study(source, solver=by, **told, progress=progress)
-    deliver(found, name=model)
+            keywords["runs"] = [read_trajectory(log, mapping, mechanism) for log in logs]
+        report = study(source, solver=by, **keywords, progress=progress)
+    deliver(report, name=model)
 
 
 def _numbers(text: str, option: str) -> tuple[float, ...]:
@@ -125,8 +125,8 @@ def recommend(recommend: Verb, deliver: Verb, model: Model, values: Parameters =
     Exit code 0 if the recommendation is verified, 1 if no trial keeps the tolerance, 3 if nothing moves.
     """
     with progress_bar() as progress:
-        found = recommend(with_parameters(model, values), progress=progress)
-    deliver(found, name=model, model=model)
+        report = recommend(with_parameters(model, values), progress=progress)
+    deliver(report, name=model, model=model)
 
 
 @of(mutate_equations="deltac.repair.mutate.report", deliver=PRINTED)
@@ -143,8 +143,8 @@ def mutate(
     Exit code 1 if the equations are wrong as they are, or your tests (--tests) miss a mistake; else 0.
     """
     with progress_bar() as progress:
-        found = mutate_equations(model, equations, progress=progress)
-    deliver(found, name=equations)
+        report = mutate_equations(model, equations, progress=progress)
+    deliver(report, name=equations)
 
 
 @of(compare="deltac.fleets.compare", deliver=PRINTED, without="figure")

@@ -88,7 +88,7 @@ class Store:
             versions_of = head.get("versions")
             maker = "a later version"
             if isinstance(versions_of, dict):
-                maker = versions_of.get("deltac")
+                maker = str(versions_of.get("deltac"))
             raise FileError(
                 f"{folder}: its format is {head['format']}, of deltac {maker}; this one reads up to "
                 f"{FORMAT}. "

@@ -209,9 +209,9 @@ def _memory(more: float) -> Iterator[None]:
         return
     pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    wanted = pages * resource.getpagesize() + int(more)
+    limit = pages * resource.getpagesize() + int(more)
     others = [n for n in (soft, hard) if n != resource.RLIM_INFINITY]
-    resource.setrlimit(resource.RLIMIT_AS, (min([wanted, *others]), hard))
+    resource.setrlimit(resource.RLIMIT_AS, (min([limit, *others]), hard))
     try:
         yield
     finally:

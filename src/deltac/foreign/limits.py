@@ -120,19 +120,19 @@ _applied: ContextVar[Limits | None] = ContextVar("deltac_limits", default=None)
 @lru_cache(maxsize=8)
 def _of_environment(text: str) -> Limits:
     """The limits that ``name=number`` says, separated by blanks or commas."""
-    known = [field.name for field in fields(Limits)]
-    found: dict[str, float] = {}
+    names = [field.name for field in fields(Limits)]
+    limits: dict[str, float] = {}
     for entry in text.replace(",", " ").split():
         name, _, value = entry.partition("=")
-        if name not in known:
-            raise UnknownName(f"{VARIABLE}: unknown limit {shown(name)}{closest(name, known)}")
+        if name not in names:
+            raise UnknownName(f"{VARIABLE}: unknown limit {shown(name)}{closest(name, names)}")
         try:
-            found[name] = int(float(value))
+            limits[name] = int(float(value))
         except (ValueError, OverflowError):
             raise LimitError(
                 f"{VARIABLE}: {name} is {shown(value)}, expected a whole number"
             ) from None
-    return Limits(**found)  # type: ignore[arg-type]
+    return Limits(**limits)  # type: ignore[arg-type]
 
 
 def _amount(value: float, name: str) -> str:
@@ -167,20 +167,20 @@ def require_memory(needed: float, size: str) -> None:
 
 def free_memory() -> float | None:
     """Bytes that can be had without swapping, within the limits of this process and its container."""
-    found = []
+    sizes = []
     with suppress(OSError, ValueError):
         for line in Path("/proc/meminfo").read_text("ascii").splitlines():
             if line.startswith("MemAvailable:"):
-                found.append(float(line.split()[1]) * 1024.0)
+                sizes.append(float(line.split()[1]) * 1024.0)
     with suppress(OSError, ValueError):  # cgroup 2
         limit = float(Path("/sys/fs/cgroup/memory.max").read_text("ascii"))
-        found.append(limit - float(Path("/sys/fs/cgroup/memory.current").read_text("ascii")))
+        sizes.append(limit - float(Path("/sys/fs/cgroup/memory.current").read_text("ascii")))
     with suppress(OSError, ValueError, AttributeError):
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
         if limit != resource.RLIM_INFINITY:
             pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
-            found.append(limit - float(pages * resource.getpagesize()))
-    return max(0.0, min(found)) if found else None
+            sizes.append(limit - float(pages * resource.getpagesize()))
+    return max(0.0, min(sizes)) if sizes else None
 
 
 # -- JSON ----------------------------------------------------------------------------------------

@@ -216,8 +216,8 @@ def _further(call: ast.Call, name: str, parameters: Sequence[str]) -> Iterator[a
         inner = function.body
         if isinstance(inner, ast.Call) and ast.unparse(inner.func) == name:
             own = {a.arg for a in function.args.args}
-            given = [*zip(parameters, inner.args), *((k.arg, k.value) for k in inner.keywords)]
-            more = {n: value for n, value in given if not _is_one_of(value, own)}
+            arguments = [*zip(parameters, inner.args), *((k.arg, k.value) for k in inner.keywords)]
+            more = {n: value for n, value in arguments if not _is_one_of(value, own)}
             if not any(
                 _is_one_of(node, own) for value in more.values() for node in ast.walk(value)
             ):
@@ -236,12 +236,12 @@ def _defaults(function: ast.FunctionDef) -> list[ast.stmt]:
         *zip(arguments.args[::-1], arguments.defaults[::-1]),
         *zip(arguments.kwonlyargs, arguments.kw_defaults),
     ]
-    made = [
+    values = [
         ast.Assign([ast.Name(a.arg, ast.Store())], default)
         for a, default in pairs
         if default is not None
     ]
-    return [ast.fix_missing_locations(ast.copy_location(node, function)) for node in made]
+    return [ast.fix_missing_locations(ast.copy_location(node, function)) for node in values]
 
 
 def statements_of(
@@ -249,11 +249,11 @@ def statements_of(
 ) -> tuple[Statement, ...]:
     """The statements of a module, each on its own, and `more` of its functions, but their returns."""
     flags = compile(module, path, "exec", dont_inherit=True).co_flags & FUTURE
-    found = [_statement(node, path, flags) for node in module.body]
+    statements = [_statement(node, path, flags) for node in module.body]
     for node in more:
         with suppress(SyntaxError):
-            found.append(_statement(node, path, flags))
-    return tuple(found)
+            statements.append(_statement(node, path, flags))
+    return tuple(statements)
 
 
 def needed(statements: Sequence[Statement], names: Collection[str]) -> list[Statement] | None:
@@ -267,14 +267,16 @@ def needed(statements: Sequence[Statement], names: Collection[str]) -> list[Stat
 
     def altered(s: Statement) -> set[str]:
         """Names whose values a statement may alter, by the file's functions that it calls, too."""
-        found, reached, waiting = set[str](), set[str](), [s]
+        names_altered, reached, waiting = set[str](), set[str](), [s]
         while waiting:
             one = waiting.pop()
-            found |= one.alters | one.passes & variable | one.calls & (variable - defined.keys())
+            names_altered |= (
+                one.alters | one.passes & variable | one.calls & (variable - defined.keys())
+            )
             more = one.reads & (defined.keys() - reached)
             reached |= more
             waiting += [defined[name] for name in more]
-        return found
+        return names_altered
 
     def effects(s: Statement) -> set[str]:
         """Names that mean something else after a statement."""
@@ -295,21 +297,21 @@ def needed(statements: Sequence[Statement], names: Collection[str]) -> list[Stat
     changes = [effects(s) for s in statements]
     roots = set[str]()
     chosen = {k for k, s in enumerate(statements) if _always(s)}
-    wanted = set(names).union(*(statements[k].binds for k in chosen))
+    required = set(names).union(*(statements[k].binds for k in chosen))
     while True:
         more = {
             k
             for k, s in enumerate(statements)
-            if k not in chosen and ((s.binds | changes[k]) & wanted or sets_up(s))
+            if k not in chosen and ((s.binds | changes[k]) & required or sets_up(s))
         }
-        if not more and not wanted <= bound | BUILTIN | {EVERYTHING}:
-            bound |= wanted  # only an import of all names can bring the others
-            wanted.add(EVERYTHING)
+        if not more and not required <= bound | BUILTIN | {EVERYTHING}:
+            bound |= required  # only an import of all names can bring the others
+            required.add(EVERYTHING)
         elif not more:
             return [statements[k] for k in sorted(chosen)]
         chosen |= more
         for s in (statements[k] for k in more):
-            wanted |= s.reads | s.binds
+            required |= s.reads | s.binds
             roots |= s.roots
 
 

@@ -18,19 +18,19 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent's affair
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what models print goes where messages go
-    given: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    messages: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def read() -> None:
         # Its end tells that the parent is gone, also when that was killed: nobody waits for an answer.
         while (message := receive(sys.stdin.buffer)) is not None:
-            given.put(message)
+            messages.put(message)
         os._exit(0)
 
     threading.Thread(target=read, daemon=True).start()
     warnings.simplefilter("ignore")
     INSIDE.append(True)
     while True:
-        message = given.get()
+        message = messages.get()
         answer: Any = answered(lambda message=message: loaded(message)())  # type: ignore[misc]
         try:
             send(answers, answer)

@@ -146,23 +146,23 @@ def compiled(source: str, make: Callable[[], T], folder: Path | None = None) -> 
     key = hashlib.blake2b(repr((source, processor())).encode(), digest_size=20).hexdigest()
     file = folder / f"{key}.kernel"
     try:
-        found: T | None = _read(file, secret)
+        code: T | None = _read(file, secret)
     except _Unsealed as problem:
         _warn(f"{file}: {problem}; it is compiled anew")
         _removed(file)
-        found = None
-    if found is None:
-        found = make()
-        _write(file, found, secret)
-    return found
+        code = None
+    if code is None:
+        code = make()
+        _write(file, code, secret)
+    return code
 
 
 def verify_cache() -> dict[str, str]:
     """Files of the cache that would not be used -> what is wrong with them; runs nothing."""
     folder = cache_folder()
-    found = {}
+    states = {}
     if folder is not None and folder.exists() and (problem := _open_to_others(folder)):
-        found[str(folder)] = problem
+        states[str(folder)] = problem
     secret = _secret()
     for file, _, _ in _files(folder, FINISHED):
         try:
@@ -170,8 +170,8 @@ def verify_cache() -> dict[str, str]:
                 raise _Unsealed("there is no key that it could be sealed with")
             _content(file, secret)
         except _Unsealed as problem:
-            found[str(file)] = str(problem)
-    return found
+            states[str(file)] = str(problem)
+    return states
 
 
 MEMORY = 64 << 20
@@ -209,12 +209,12 @@ def _read(file: Path, secret: bytes) -> Any:
     if content is None:
         return None
     try:
-        found = _unpacked(content)
+        value = _unpacked(content)
     except Exception as error:  # another version's
         raise _Unsealed(f"cannot be read ({type(error).__name__}: {error})") from None
     with suppress(OSError):
         os.utime(file)  # last used now
-    return found
+    return value
 
 
 def _content(file: Path, secret: bytes) -> bytes | None:
@@ -240,9 +240,9 @@ def _content(file: Path, secret: bytes) -> bytes | None:
     return content
 
 
-def _write(file: Path, made: Any, secret: bytes) -> None:
+def _write(file: Path, value: Any, secret: bytes) -> None:
     """Put it in the file, then make room; a folder that is full or cannot be written stays as it is."""
-    content = _packed(made)
+    content = _packed(value)
     with suppress(OSError, InputError):
         file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with appearing(file, mode=0o600, durable=False) as stream:  # the seal tells what was lost
@@ -257,15 +257,15 @@ def _seal(name: str, content: bytes, secret: bytes) -> bytes:
     return digest.digest()
 
 
-def _packed(made: Any) -> bytes:
+def _packed(value: Any) -> bytes:
     """A compiled object as the name of its class and heyoka's archive of it; bytes; else JSON."""
-    if type(made).__module__.startswith("heyoka."):
-        archive, attributes = made.__getstate__()
+    if type(value).__module__.startswith("heyoka."):
+        archive, attributes = value.__getstate__()
         assert not attributes, "heyoka's objects have no attributes of their own"
-        return f"heyoka {type(made).__name__}\n".encode() + bytes(archive)
-    if isinstance(made, bytes):
-        return b"bytes\n" + made
-    return b"json\n" + json.dumps(made).encode()
+        return f"heyoka {type(value).__name__}\n".encode() + bytes(archive)
+    if isinstance(value, bytes):
+        return b"bytes\n" + value
+    return b"json\n" + json.dumps(value).encode()
 
 
 def _unpacked(content: bytes) -> Any:
@@ -278,9 +278,9 @@ def _unpacked(content: bytes) -> Any:
     if not _COMPILED.fullmatch(name):
         raise ValueError(f"no class of compiled objects: {name!r}")
     made = getattr(importlib.import_module("heyoka._core"), name)
-    found = made.__new__(made)
-    found.__setstate__((rest, {}))
-    return found
+    value = made.__new__(made)
+    value.__setstate__((rest, {}))
+    return value
 
 
 # -- whose they are ------------------------------------------------------------------------------
@@ -408,14 +408,14 @@ def _removed(file: Path) -> OSError | None:
 
 def _files(folder: Path | None, name: re.Pattern[str]) -> list[tuple[Path, int, float]]:
     """Our files of that name: (file, bytes, last used)."""
-    found = []
+    files = []
     with suppress(OSError):
         for entry in os.scandir(folder) if folder is not None else ():
             if name.fullmatch(entry.name):
                 with suppress(OSError):  # another process may have removed it
                     about = entry.stat()
-                    found.append((Path(entry.path), about.st_size, about.st_mtime))
-    return found
+                    files.append((Path(entry.path), about.st_size, about.st_mtime))
+    return files
 
 
 def _writable(folder: Path) -> bool:

@@ -29,11 +29,11 @@ def in_turn(calls: Sequence[Call]) -> Call:
             row[0], row[1] = call.address, call.step
             row[2 : 2 + len(call.arguments)] = call.arguments
         walk = ctypes.CFUNCTYPE(None, *(ctypes.c_int64,) * 3)(code["walk"])
-        start, count, kept = table.ctypes.data, len(table), (table, code, native)
+        start, count, references = table.ctypes.data, len(table), (table, code, native)
 
         def at_once(first: int) -> object:
             walk(start, count, first)
-            return kept
+            return references
 
         return at_once
 

@@ -18,7 +18,7 @@ _COLUMNS = 256
 
 
 def on_arrays(
-    function: Any, given: Sequence[Array], made: Sequence[Array]
+    function: Any, inputs: Sequence[Array], outputs: Sequence[Array]
 ) -> tuple[object, Callable[[], object]]:
     """What has to be kept, and a call that reads the arrays `given` and writes those `made`.
 
@@ -26,11 +26,11 @@ def on_arrays(
     with arrays, which CasADi copies number by number.
     """
     buffer, evaluate = function.buffer()
-    for place, arrays in ((buffer.set_arg, given), (buffer.set_res, made)):
+    for place, arrays in ((buffer.set_arg, inputs), (buffer.set_res, outputs)):
         for k, array in enumerate(arrays):
             if array.size:
                 place(k, array.data)
-    return (buffer, given, made), evaluate
+    return (buffer, inputs, outputs), evaluate
 
 
 class CasadiEvaluator:
@@ -108,8 +108,8 @@ class _Block:
         self._x = np.zeros((columns, function.size1_in(0)))
         self._parameters = np.zeros((columns, function.size1_in(1)))
         self._y = np.zeros((columns, function.size1_out(0)))
-        given = (self._x, self._parameters)
-        self._kept, self._evaluate = on_arrays(function, given, (self._y,))
+        inputs = (self._x, self._parameters)
+        self._kept, self._evaluate = on_arrays(function, inputs, (self._y,))
 
     def run(self, columns: slice, x: Array, out: Array, parameters: Array | None) -> None:
         self._x[...] = x[:, columns].T

@@ -84,8 +84,8 @@ def compile_function(function: Any, batches: bool = True) -> Evaluator:
     Raises:
         InputError: as `evaluator_name`; an operation that machine code does not have.
     """
-    if (made := _machine_code(function, batches)) is not None:
-        return made
+    if (native := _machine_code(function, batches)) is not None:
+        return native
     from deltac.kernels.casadi_evaluator import CasadiEvaluator
 
     return CasadiEvaluator(function)
@@ -93,8 +93,8 @@ def compile_function(function: Any, batches: bool = True) -> Evaluator:
 
 def compile_loop(function: Any) -> Loop:
     """Compile a CasADi function (x, p) -> x to be applied over and over; errors as `compile_function`."""
-    if (made := _machine_code(function, batches=False)) is not None:
-        return made
+    if (native := _machine_code(function, batches=False)) is not None:
+        return native
     from deltac.kernels.casadi_evaluator import CasadiLoop
 
     return CasadiLoop(function)

@@ -279,17 +279,17 @@ class Kernel:
                 f"{self.name}: parameters have shape {p.shape}, expected ({self.n_parameters},) or "
                 f"({times}, {self.n_parameters})"
             )
-        found = {key: np.empty((times, *self._shape(key))) for key in self.output_slices}
+        results = {key: np.empty((times, *self._shape(key))) for key in self.output_slices}
         for start in range(0, times, AT_ONCE):
-            here = slice(start, min(start + AT_ONCE, times))
-            x = np.empty((self.n_in, here.stop - start))
+            block = slice(start, min(start + AT_ONCE, times))
+            x = np.empty((self.n_in, block.stop - start))
             for key, where in self.input_slices.items():
-                x[where] = (rows[key] if len(rows[key]) == 1 else rows[key][here]).T
-            y = self.flat(x, p[here].T if varying and p is not None else p)
+                x[where] = (rows[key] if len(rows[key]) == 1 else rows[key][block]).T
+            y = self.flat(x, p[block].T if varying and p is not None else p)
             for key, where in self.output_slices.items():
                 shape = self._shape(key)[::-1]  # of a matrix (T, rows, columns): column by column
-                found[key][here] = y[where].reshape(*shape, y.shape[1]).T
-        return found
+                results[key][block] = y[where].reshape(*shape, y.shape[1]).T
+        return results
 
     def _rows(self, key: str, value: ArrayLike) -> Array:
         """The values of an input as `(T, n)`, with T = 1 for one that stays the same."""
@@ -332,14 +332,14 @@ def _slices(sizes: Mapping[str, int]) -> dict[str, slice]:
     }
 
 
-def _check_symbols(name: str, known: SX, outputs: Mapping[str, SX]) -> None:
+def _check_symbols(name: str, symbols: SX, outputs: Mapping[str, SX]) -> None:
     """Each output is an expression of `known` alone, and no symbol in `known` stands twice."""
-    seen: dict[int, SX] = {}
-    for symbol in known.elements():
-        if seen.setdefault(symbol.element_hash(), symbol) is not symbol:
+    by_hash: dict[int, SX] = {}
+    for symbol in symbols.elements():
+        if by_hash.setdefault(symbol.element_hash(), symbol) is not symbol:
             raise InputError(f"{name}: the symbol {symbol} occurs twice in the inputs")
     for key, output in outputs.items():
-        free = [s for s in casadi.symvar(output) if s.element_hash() not in seen]
+        free = [s for s in casadi.symvar(output) if s.element_hash() not in by_hash]
         if free:
             raise InputError(
                 f"{name}: output {key!r} depends on {', '.join(map(str, free))}, "

@@ -141,10 +141,10 @@ def _linker(generation: int) -> Any:
 def _called() -> dict[str, int]:
     """Addresses of the C library's functions that code may call, by the names that it calls them."""
     library = _c_library()
-    found = {PREFIX + name: _address(library, name) for name in (*LIBRARY, "malloc", "free")}
+    addresses = {PREFIX + name: _address(library, name) for name in (*LIBRARY, "malloc", "free")}
     if os.name == "nt":  # called by functions whose variables take more than a page of the stack
-        found["__chkstk"] = _address(ctypes.CDLL("ntdll"), "__chkstk")
-    return found
+        addresses["__chkstk"] = _address(ctypes.CDLL("ntdll"), "__chkstk")
+    return addresses
 
 
 def _address(library: Any, name: str) -> int:

@@ -244,14 +244,14 @@ def _read(node: Node) -> tuple[int, ...]:
 
 def _needed(nodes: Sequence[Node], outputs: Iterable[int]) -> list[int]:
     """The places of the instructions that the outputs need, in order; inputs and constants are none."""
-    wanted = bytearray(len(nodes))
+    marks = bytearray(len(nodes))
     for place in outputs:
-        wanted[place] = 1
+        marks[place] = 1
     for place in range(len(nodes) - 1, -1, -1):
-        if wanted[place]:
+        if marks[place]:
             for operand in _read(nodes[place]):
-                wanted[operand] = 1
-    return [k for k, node in enumerate(nodes) if wanted[k] and node[0] not in ("x", "p", "const")]
+                marks[operand] = 1
+    return [k for k, node in enumerate(nodes) if marks[k] and node[0] not in ("x", "p", "const")]
 
 
 def _type(width: int) -> str:
@@ -454,8 +454,8 @@ def _lanes(name: str, width: int) -> str:
     before = "zeroinitializer"
     for k in range(width if width > 1 else 0):
         lines += [f"%{a}{k} = extractelement {kind} %{a}, i64 {k}" for a in letters]
-        given = ", ".join(f"double %{a}{k}" for a in letters)
-        lines.append(f"%f{k} = call double @{PREFIX}{name}({given})")
+        parameters = ", ".join(f"double %{a}{k}" for a in letters)
+        lines.append(f"%f{k} = call double @{PREFIX}{name}({parameters})")
         lines.append(f"%v{k} = insertelement {kind} {before}, double %f{k}, i64 {k}")
         before = f"%v{k}"
     return "\n".join([*lines, f"ret {kind} %v{width - 1}", "}"])

@@ -145,8 +145,8 @@ def to_mpmath(function: Function, arguments: Sequence[Any]) -> list[Any]:
     """
     import mpmath as mp
 
-    given = [[mp.mpf(float(v)) for v in np.ravel(a, order="F")] for a in arguments]
-    return [np.array(out, dtype=object) for out in lower(function, given, _mpmath())]
+    numbers = [[mp.mpf(float(v)) for v in np.ravel(a, order="F")] for a in arguments]
+    return [np.array(out, dtype=object) for out in lower(function, numbers, _mpmath())]
 
 
 def lower(
@@ -190,23 +190,23 @@ def _shared_divisors(function: Function) -> dict[int, int]:
     They become products with its reciprocal: a division takes as long as ten products. (CasADi makes a
     division of x·(1/d), so that expressions cannot say it.)
     """
-    found: dict[int, int] = {}  # place in the work vector -> the instruction that wrote there last
+    writer: dict[int, int] = {}  # place in the work vector -> the instruction that wrote there last
     divided: dict[int, list[int]] = {}
     for k in range(function.n_instructions()):
         op, writes = function.instruction_id(k), function.instruction_output(k)
         if op in (casadi.OP_DIV, casadi.OP_INV):
-            divided.setdefault(found[function.instruction_input(k)[-1]], []).append(k)
+            divided.setdefault(writer[function.instruction_input(k)[-1]], []).append(k)
         if op != casadi.OP_OUTPUT:
-            found[writes[0]] = k
+            writer[writes[0]] = k
     return {k: by for by, these in divided.items() if len(these) > 1 for k in these}
 
 
 def _check_arguments(function: Function, arguments: Sequence[Sequence[Scalar]]) -> None:
     expected = [function.nnz_in(i) for i in range(function.n_in())]
-    found = [len(argument) for argument in arguments]
-    if found != expected:
+    sizes = [len(argument) for argument in arguments]
+    if sizes != expected:
         raise InputError(
-            f"{function.name()}: arguments of sizes {found}, its inputs have sizes {expected}"
+            f"{function.name()}: arguments of sizes {sizes}, its inputs have sizes {expected}"
         )
 
 

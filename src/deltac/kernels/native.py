@@ -112,11 +112,11 @@ class NativeEvaluator:
 
     def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> NativeCall:
         """`batch` of these arrays, whatever row of a log it is called for."""
-        given = [a for a in (x, out, parameters) if a is not None]
+        arrays = [a for a in (x, out, parameters) if a is not None]
         places = [0 if a is None else a.ctypes.data for a in (x, out, parameters)]
-        stride = max(a.strides[0] for a in given) // out.itemsize
+        stride = max(a.strides[0] for a in arrays) // out.itemsize
         arguments = (*places, stride, out.shape[1] - out.shape[1] % self.width)
-        return NativeCall(self._code["evaluate"], arguments, (self, *given))
+        return NativeCall(self._code["evaluate"], arguments, (self, *arrays))
 
     def iterate(self, rows: Array, parameters: Array) -> None:
         """rows[k + 1] = f(rows[k], parameters[k modulo their number]), from the first row on."""

@@ -55,9 +55,9 @@ class Expression:
         """Its values at rows, (T, size) each."""
         if not (self._worth_it or _COMPILED.get()):
             return at_rows(self.function, columns)
-        given = [np.atleast_2d(c.T) for c in columns]
-        found = self.kernel.flat(np.concatenate(given))
-        return list(np.split(found.T, np.cumsum(self.sizes)[:-1], axis=1))
+        inputs = [np.atleast_2d(c.T) for c in columns]
+        outputs = self.kernel.flat(np.concatenate(inputs))
+        return list(np.split(outputs.T, np.cumsum(self.sizes)[:-1], axis=1))
 
 
 _COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_expressions", default=False)
@@ -80,17 +80,17 @@ def at_rows(function: ca.Function, columns: Sequence[Array]) -> list[Array]:
     arrays of its own would be copied number by number, which takes ten times as long.
     """
     count = len(columns[0])
-    given = [np.asarray(c, dtype=np.float64).reshape(count, -1) for c in columns]
-    made = [np.empty((count, function.numel_out(k))) for k in range(function.n_out())]
-    read = [np.zeros(c.shape[1]) for c in given]
-    written = [np.zeros(m.shape[1]) for m in made]
+    inputs = [np.asarray(c, dtype=np.float64).reshape(count, -1) for c in columns]
+    outputs = [np.empty((count, function.numel_out(k))) for k in range(function.n_out())]
+    read = [np.zeros(c.shape[1]) for c in inputs]
+    written = [np.zeros(m.shape[1]) for m in outputs]
     _kept, evaluate = on_arrays(function, read, written)
-    arguments = [(row, c) for row, c in zip(read, given) if row.size]
-    results = [(m, row) for m, row in zip(made, written) if row.size]
+    arguments = [(row, c) for row, c in zip(read, inputs) if row.size]
+    results = [(m, row) for m, row in zip(outputs, written) if row.size]
     for t in range(count):
         for row, c in arguments:
             row[:] = c[t]
         evaluate()
         for m, row in results:
             m[t] = row
-    return made
+    return outputs

@@ -25,11 +25,11 @@ def processor() -> tuple[tuple[str, str], ...]:
         text = ""
     first = text.partition("\n\n")[0]  # processors of a machine are told one after the other
     pairs = (line.partition(":") for line in first.splitlines())
-    told = tuple((what.strip(), which.strip()) for what, _, which in pairs)
+    versions = tuple((what.strip(), which.strip()) for what, _, which in pairs)
     return (
         ("machine", platform.machine()),
         ("processor", platform.processor()),
-        *(pair for pair in told if pair[0] in _TELLING),
+        *(pair for pair in versions if pair[0] in _TELLING),
     )
 
 
@@ -61,12 +61,12 @@ def simd_width() -> int:
 
 @cache
 def _suited() -> int:
-    found = features()
-    return AVX512_WIDTH if found >= _AVX512 else 4 if "avx" in found else 2
+    features_here = features()
+    return AVX512_WIDTH if features_here >= _AVX512 else 4 if "avx" in features_here else 2
 
 
 def features() -> set[str]:
     """The instruction sets of this processor, by LLVM's names."""
     import llvmlite.binding as llvm
 
-    return {name for name, there in llvm.get_host_cpu_features().items() if there}
+    return {name for name, supported in llvm.get_host_cpu_features().items() if supported}

@@ -43,8 +43,8 @@ def transposing(source: Array, target: Array, *, moving: bool = False) -> Call:
         return plain  # LLVM does not fit the platform, which kernels tell
     over = source.strides[0]
     arguments = (source.ctypes.data, over // each, target.ctypes.data, target.strides[0] // each)
-    kept = (code, source, target)
-    return NativeCall(code["transpose"], (*arguments, count, n), kept, over * moving)
+    references = (code, source, target)
+    return NativeCall(code["transpose"], (*arguments, count, n), references, over * moving)
 
 
 @cache

@@ -87,18 +87,18 @@ class BatchRecorder:
 
     def episodes(self) -> list[Trajectory]:
         """The trajectories, world by world; a world that was reset has one for each episode."""
-        found: list[Trajectory] = []
+        runs: list[Trajectory] = []
         for k in range(len(self._worlds)):
             rows: list[int] = []
             for row, (before, _, t, _) in enumerate(self._rows):
                 if t[k] > before[0][k]:
                     rows.append(row)
                 elif t[k] < before[0][k] and rows:
-                    found.append(self._episode(k, rows))
+                    runs.append(self._episode(k, rows))
                     rows = []
             if rows:
-                found.append(self._episode(k, rows))
-        return [run for run in found if len(run) > 1]
+                runs.append(self._episode(k, rows))
+        return [run for run in runs if len(run) > 1]
 
     def _episode(self, k: int, rows: Sequence[int]) -> Trajectory:
         model = self._model
@@ -150,9 +150,9 @@ class BatchRecorder:
     def _step_of(self, k: int, rows: Sequence[int]) -> float:
         """The step of an episode: the model's, unless its times say another one, as Newton's solvers take."""
         start, end = (float(self._rows[row][2][k]) for row in (rows[0], rows[-1]))
-        told = float(self._model.opt.timestep)
-        found = (end - start) / (len(rows) - 1) if len(rows) > 1 else told
-        return told if abs(found - told) < SAME_STEP * told else found
+        model_step = float(self._model.opt.timestep)
+        step = (end - start) / (len(rows) - 1) if len(rows) > 1 else model_step
+        return model_step if abs(step - model_step) < SAME_STEP * model_step else step
 
     def _mass_times(self, data: Any, q: Array, a: Array) -> Array:
         """M(q) a, by MuJoCo in double precision."""

@@ -244,8 +244,8 @@ class DrakeRecorder(Recorder):
         vdot = np.array(plant.get_generalized_acceleration_output_port().Eval(context))
         forces = {**self._actuators_of(context), **self._contacts(context)}
         plant.SetPositionsAndVelocities(self._here, np.concatenate([q, v]))
-        known, rest = self._known(vdot, v, forces)
-        if np.abs(rest).max(initial=0.0) > SUM_OF_FORCES * known:
+        applied, rest = self._known(vdot, v, forces)
+        if np.abs(rest).max(initial=0.0) > SUM_OF_FORCES * applied:
             forces["applied external"] = rest
         return q, v, vdot, forces
 
@@ -265,8 +265,8 @@ class DrakeRecorder(Recorder):
             before, q0, v0 = self._before[0], self._before[1], self._before[2]
             plant.SetPositionsAndVelocities(self._here, np.concatenate([q0, v0]))
             forces = dict(forces)
-            known, rest = self._known((v - v0) / h, v0, forces)
-            forces |= dict(self._of_the_step(rest, v - v0, known))
+            applied, rest = self._known((v - v0) / h, v0, forces)
+            forces |= dict(self._of_the_step(rest, v - v0, applied))
             ours = {name: self._turned(f, q0) for name, f in forces.items()}
             self._step((before, *self._converted(q0, v0)), (t, *self._converted(q, v)), ours)
         if not plant.has_sampled_output_ports():
@@ -275,13 +275,13 @@ class DrakeRecorder(Recorder):
 
     def _known(self, vdot: Array, v: Array, forces: Forces) -> tuple[float, Array]:
         """Add springs and dampers; the size of the forces and what is left of their sum, M v̇ + C v."""
-        plant, here = self._plant, self._here
-        total = np.array(plant.CalcInverseDynamics(here, vdot, self._none))
-        gravity = np.array(plant.CalcGravityGeneralizedForces(here))
-        plant.CalcForceElementsContribution(here, self._forces)
-        elements = np.array(plant.CalcGeneralizedForces(here, self._forces)) - gravity
+        plant, context = self._plant, self._here
+        total = np.array(plant.CalcInverseDynamics(context, vdot, self._none))
+        gravity = np.array(plant.CalcGravityGeneralizedForces(context))
+        plant.CalcForceElementsContribution(context, self._forces)
+        elements = np.array(plant.CalcGeneralizedForces(context, self._forces)) - gravity
         for joint, place in self._dampers:
-            c = np.array(joint.GetDampingVector(here))
+            c = np.array(joint.GetDampingVector(context))
             if c.any():
                 damping = np.zeros_like(v)
                 damping[place] = -c * v[place]
@@ -303,20 +303,20 @@ class DrakeRecorder(Recorder):
                 implicit[place] -= np.array(joint.GetDampingVector(self._here)) * change[place]
             if np.abs(implicit).max(initial=0.0) > least:
                 yield "correction implicit", implicit
-        left = rest - implicit
+        residual = rest - implicit
         for joint in self._columns.joints:
-            own = np.zeros_like(left)
-            own[joint.v] = np.where(self._limited[joint.v], left[joint.v], 0.0)
+            own = np.zeros_like(residual)
+            own[joint.v] = np.where(self._limited[joint.v], residual[joint.v], 0.0)
             if np.abs(own).max(initial=0.0) > least:
                 yield f"limit {joint.name}", own
-                left = left - own
-        found = np.abs(left).max(initial=0.0)
-        if self._plant.num_constraints() and found > least:
-            yield "constraint all", left
-        elif found > SOLVED * size:
-            yield "applied external", left
-        elif found > least:
-            yield "correction solver", left
+                residual = residual - own
+        largest = np.abs(residual).max(initial=0.0)
+        if self._plant.num_constraints() and largest > least:
+            yield "constraint all", residual
+        elif largest > SOLVED * size:
+            yield "applied external", residual
+        elif largest > least:
+            yield "correction solver", residual
 
     def _actuators_of(self, context: Context) -> Forces:
         if not self._actuators:

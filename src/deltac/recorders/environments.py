@@ -31,17 +31,17 @@ class _Recording:
         if self._recorder is not None and len(self._recorder):
             self.episodes.append(self._recorder.trajectory())
         self._recorder = None
-        found = self.env.reset(*arguments, **keywords)
+        result = self.env.reset(*arguments, **keywords)
         self._recorder = record_mujoco(*self._simulation(), self._channels)
-        return found
+        return result
 
     def step(self, action: Any) -> Any:
         """Step the environment, and record every step of MuJoCo in it."""
         if self._recorder is None:
             raise RecordingError("step() before reset(): reset the environment first")
-        found = self.env.step(action)
+        result = self.env.step(action)
         self._recorder.sample()
-        return found
+        return result
 
     def trajectory(self) -> Trajectory:
         """What was recorded since the last reset, at the rate of MuJoCo's steps."""

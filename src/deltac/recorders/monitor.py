@@ -204,10 +204,10 @@ class Monitor:
             InputError: the row does not fit the mechanism or the rows before.
         """
         forces, held = forces or {}, held or {}
-        for name, given in (("forces", forces), ("held", held)):
-            if not isinstance(given, Mapping):
+        for name, entries in (("forces", forces), ("held", held)):
+            if not isinstance(entries, Mapping):
                 raise WrongType(
-                    f"{name}: found {type(given).__name__}, expected a dictionary: channel -> force (nu,)"
+                    f"{name}: found {type(entries).__name__}, expected a dictionary: channel -> force (nu,)"
                 )
         mechanism, rated = self.mechanism, udot is not None
         nu = len(mechanism.speeds)
@@ -305,28 +305,28 @@ class Monitor:
 
     # --- rows, for simulators' loops ------------------------------------------------------------------
 
-    def follow(self, t: float, given: Given, memory: Array) -> None:
+    def follow(self, t: float, inputs: Given, memory: Array) -> None:
         """Begin a motion whose rows are found in `memory`, laid out as `given` says, from the present one on.
 
         It is read at each `take`; nothing is checked there.
         """
         nq, nu = len(self.mechanism.coordinates), len(self.mechanism.speeds)
-        q = memory[given.place(nq, nu).q :][:nq]
+        q = memory[inputs.place(nq, nu).q :][:nq]
         self._origin = (float(t), q[self.mechanism.free.q])
-        self._set_up(given, memory)
+        self._set_up(inputs, memory)
         self._first(t)
 
     def take(self, t: float) -> bool:
         """The next row, at a later time t; whether it is within the bounds. `on_exceed` is not asked."""
-        here = self._here
+        side = self._here
         if self._pending:
-            self._here = here = here.other
-        here.t.value = self.t = t
-        if here.skipped is not None:
-            here.skipped()
-        here.step()
+            self._here = side = side.other
+        side.t.value = self.t = t
+        if side.skipped is not None:
+            side.skipped()
+        side.step()
         self._pending = True
-        return here.other.within.value == 1.0
+        return side.other.within.value == 1.0
 
     def jump(self) -> None:
         """The row in memory takes the place of the last one, as the start of what follows."""
@@ -347,9 +347,9 @@ class Monitor:
         side = self._standing
         return before if side is None else side.results.item(RESULTS.index(name))
 
-    def _set_up(self, given: Given, memory: Array | None) -> None:
+    def _set_up(self, inputs: Given, memory: Array | None) -> None:
         """Kernels and empty sides for rows that bring this."""
-        self._kernels = kernels = live_kernels(self.mechanism, given, self._testing, self._origin)
+        self._kernels = kernels = live_kernels(self.mechanism, inputs, self._testing, self._origin)
         self._new = np.zeros(kernels.step.n_parameters) if memory is None else memory
         even, odd = _Side(kernels), _Side(kernels)
         even.bind(kernels, odd, self._new)
@@ -364,19 +364,19 @@ class Monitor:
 
     def _first(self, t: float) -> None:
         """The first row: nothing was done yet."""
-        here, kernels = self._even, self._kernels
+        side, kernels = self._even, self._kernels
         self._again(t)
         self.take(np.nextafter(t, np.inf))  # an interval of no length has no chord
-        there = here.other
-        E, K, V = there.results[RESULTS.index("E") :]
+        other_side = side.other
+        E, K, V = other_side.results[RESULTS.index("E") :]
         if not (isfinite(t) and isfinite(E)):
             self.reset()
             raise StateError(f"t = {t:g} s: the energy of the first row is {E}")
         sources = len(SUMS) + len(kernels.channels)
-        here.sums[sources:] = there.sums[sources:]
-        self._start = here.sums[sources:].copy()
-        here.sums[: len(SUMS)] = E, 0, 0, 0, 0, K, K, V, V, 0
-        here.results[:] = 0.0, 0.0, 0.0, 0.0, self.bound, 1.0, 1.0, E, K, V
+        side.sums[sources:] = other_side.sums[sources:]
+        self._start = side.sums[sources:].copy()
+        side.sums[: len(SUMS)] = E, 0, 0, 0, 0, K, K, V, V, 0
+        side.results[:] = 0.0, 0.0, 0.0, 0.0, self.bound, 1.0, 1.0, E, K, V
         self._pending, self.t = False, t
 
     def _again(self, t: float) -> bool:
@@ -395,10 +395,10 @@ class Monitor:
 
     def _begin_pair(self) -> None:
         """A pair of intervals begins at the last row; one that was without its second has the other bar."""
-        here, even = self._here, self._even
-        if here is not even:
-            here.pair[_JUMPED] += here.sums[_APART] - here.pair[_APART_BEFORE]
-            even.memory[:] = here.memory
+        side, even = self._here, self._even
+        if side is not even:
+            side.pair[_JUMPED] += side.sums[_APART] - side.pair[_APART_BEFORE]
+            even.memory[:] = side.memory
             self._here = even
 
     def _extend(self, forces: Iterable[str], held: Iterable[str]) -> None:
@@ -416,23 +416,23 @@ class Monitor:
                 )
         self._commit()
         self._begin_pair()
-        given = replace(
+        inputs = replace(
             old.given, forces=old.given.forces + added[0], held=old.given.held + added[1]
         )
         before, nu = self._even, len(self.mechanism.speeds)
-        self._set_up(given, None)
-        here, kernels = self._even, self._kernels
-        here.pair[:], here.results[:] = before.pair, before.results
+        self._set_up(inputs, None)
+        side, kernels = self._even, self._kernels
+        side.pair[:], side.results[:] = before.pair, before.results
         common = len(before.row) - nu * len(old.given.channels)
-        here.row[:common] = before.row[:common]
+        side.row[:common] = before.row[:common]
         acted = dict(zip(old.given.channels, before.row[common:].reshape(-1, nu)))
-        for name, place in zip(given.channels, here.row[common:].reshape(-1, nu)):
+        for name, place in zip(inputs.channels, side.row[common:].reshape(-1, nu)):
             place[:] = acted.get(name, 0.0)
         works = dict(zip(old.channels, before.sums[len(SUMS) :]))
         last = len(SUMS) + len(kernels.channels)
-        here.sums[: len(SUMS)] = before.sums[: len(SUMS)]
-        here.sums[len(SUMS) : last] = [works.get(name, 0.0) for name in kernels.channels]
-        here.sums[last:] = before.sums[len(SUMS) + len(old.channels) :]
+        side.sums[: len(SUMS)] = before.sums[: len(SUMS)]
+        side.sums[len(SUMS) : last] = [works.get(name, 0.0) for name in kernels.channels]
+        side.sums[last:] = before.sums[len(SUMS) + len(old.channels) :]
 
 
 class _Side:

@@ -233,11 +233,11 @@ def _passive(
     if data.qfrc_adhesion.any():
         yield "contact adhesion", data.qfrc_adhesion.copy()
     gravcomp = np.where(elements.as_actuator, 0.0, data.qfrc_gravcomp)
-    known = np.array(
+    passive_sum = np.array(
         [data.qfrc_spring, data.qfrc_damper, data.qfrc_fluid, data.qfrc_adhesion, gravcomp]
     )
-    further = data.qfrc_passive - known.sum(axis=0)
-    if np.abs(further).max(initial=0.0) > SUM_OF_FORCES * np.abs(known).max(initial=0.0):
+    further = data.qfrc_passive - passive_sum.sum(axis=0)
+    if np.abs(further).max(initial=0.0) > SUM_OF_FORCES * np.abs(passive_sum).max(initial=0.0):
         yield "applied passive", further  # of plugins, and of the callback for passive forces
 
 
@@ -369,14 +369,14 @@ class _Remainders:
 
         `scale` is the size of what cancelled in the sum, if anything did.
         """
-        left = total - parts.sum(axis=0)
+        residual = total - parts.sum(axis=0)
         scale += np.abs(parts).sum(axis=0).max(initial=0.0) + np.abs(total).max(initial=0.0)
-        if np.abs(left).max(initial=0.0) <= SUM_OF_FORCES * scale:
+        if np.abs(residual).max(initial=0.0) <= SUM_OF_FORCES * scale:
             return
-        dof = int(np.abs(left).argmax())
+        dof = int(np.abs(residual).argmax())
         joint = self.elements.joints[self.model.dof_jntid[dof]]
         raise RecordingError(
-            f"the {group} forces of MuJoCo do not add up: {left[dof]:.6g} is left over on joint "
+            f"the {group} forces of MuJoCo do not add up: {residual[dof]:.6g} is left over on joint "
             f"{joint!r} (dof {dof}), of {total[dof]:.6g}. Some element of the model acts in a way that "
             "the recorder does not know; record it without (disable flags), or report the model."
         )

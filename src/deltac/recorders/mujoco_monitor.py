@@ -47,10 +47,10 @@ class MujocoMonitor:
 
     def __init__(self, monitor: Monitor, model: Model, data: Data) -> None:
         self._mujoco = simulator("mujoco", "mujoco")
-        for name, given, kind in (("model", model, "MjModel"), ("data", data, "MjData")):
-            if not isinstance(given, getattr(self._mujoco, kind)):
+        for name, value, kind in (("model", model, "MjModel"), ("data", data, "MjData")):
+            if not isinstance(value, getattr(self._mujoco, kind)):
                 raise WrongType(
-                    f"{name}: found {type(given).__name__}, expected a mujoco.{kind}; it is "
+                    f"{name}: found {type(value).__name__}, expected a mujoco.{kind}; it is "
                     "monitor.mujoco(model, data)"
                 )
         self.monitor, self._model, self._data = monitor, model, data
@@ -62,10 +62,10 @@ class MujocoMonitor:
                 f"{mechanism.name!r} has {', '.join(mechanism.speeds.names)}; make the monitor of the same "
                 "model: Monitor(model)"
             )
-        known = {part.name for part in equations_of_motion(mechanism).channels}
+        channels = {part.name for part in equations_of_motion(mechanism).channels}
         self._elements = Elements.of(model, grouped=True)
-        self._compensated = any(name.element == "gravcomp" for name in known)
-        self._missing = self._not_imported(known)
+        self._compensated = any(name.element == "gravcomp" for name in channels)
+        self._missing = self._not_imported(channels)
         self._names = tuple(map(ChannelName.parse, (*GROUPS, PASSIVE) if self._missing else GROUPS))
         self._stages = model.opt.integrator == self._mujoco.mjtIntegrator.mjINT_RK4
         self._state = int(self._mujoco.mjtState.mjSTATE_INTEGRATION)
@@ -151,18 +151,18 @@ class MujocoMonitor:
 
     def _jump(self) -> None:
         """Where inputs changed at the row before, that row again with the inputs which then acted."""
-        model, data, here = self._model, self._data, self._at_row
+        model, data, row_data = self._model, self._data, self._at_row
         self._mujoco.mj_getState(model, data, self._present, self._user)
         if self._present.tobytes() != self._inputs.tobytes():
-            self._mujoco.mj_copyState(model, data, here, self._user)
-            self._mujoco.mj_forward(model, here)
+            self._mujoco.mj_copyState(model, data, row_data, self._user)
+            self._mujoco.mj_forward(model, row_data)
             self._read()
             self.monitor.jump()
 
     def _layout(self, data: Data) -> tuple[Given, Array]:
         """What a row brings, and where it is found: in mjData itself, if nothing is to be computed."""
-        held, forces = ((), self._names) if self._stages else (self._names, ())
-        given = Given(forces, held, rated=self._stages)
+        held_forces, forces = ((), self._names) if self._stages else (self._names, ())
+        inputs = Given(forces, held_forces, rated=self._stages)
         named = {name: getattr(data, f"qfrc_{name}") for group in SUMS for name in group}
         arrays = {"q": data.qpos, "u": data.qvel, "udot": data.qacc, **named}
         places = {name: array.ctypes.data for name, array in arrays.items()}
@@ -171,14 +171,14 @@ class MujocoMonitor:
         size = (max(ends) - places[first]) // 8
         if self._compensated or self._missing or size > WITHIN_REACH:
             nq, nu = len(data.qpos), len(data.qvel)
-            return given, np.zeros(given.place(nq, nu).size)
+            return inputs, np.zeros(inputs.place(nq, nu).size)
         at = {name: (place - places[first]) // 8 for name, place in places.items()}
         blocks = tuple(tuple((at[name], sign) for name, sign in group.items()) for group in SUMS)
         memory = Memory(size, at["q"], at["u"], at["udot"], blocks)
         # One allocation, mjData's buffer, holds all arrays but those of contacts and constraint rows
         # (mjdata.h), and lives as long as any of them.
         row = np.lib.stride_tricks.as_strided(arrays[first], (size,), (8,), writeable=False)
-        return replace(given, memory=memory), row
+        return replace(inputs, memory=memory), row
 
     def _read(self) -> None:
         """Copy the row of the forward pass that mjData holds, with groups that are not there as such."""
@@ -194,19 +194,23 @@ class MujocoMonitor:
         groups = [actuator, data.qfrc_constraint, other - actuator]
         if self._missing:
             forces = passive_forces(self._model, data, self._elements, self._plastic)
-            lacking = [force for name, force in forces.items() if name in self._missing]
+            unmodelled = [force for name, force in forces.items() if name in self._missing]
             self._plastic = plastic_state(data)  # as it is in the next pass
-            groups.append(np.sum([*lacking, np.zeros(self._model.nv)], axis=0))
+            groups.append(np.sum([*unmodelled, np.zeros(self._model.nv)], axis=0))
         rates = [data.qacc] if self._stages else []
         np.concatenate((data.qpos, data.qvel, *rates, *groups), out=self._row)
 
-    def _not_imported(self, known: set[ChannelName]) -> frozenset[str]:
+    def _not_imported(self, channels: set[ChannelName]) -> frozenset[str]:
         """Channels of springs and dampers that MuJoCo has and the mechanism does not."""
-        found, joints, tendons = self._elements, joint_names(self._model), tendon_names(self._model)
-        names = {f"spring {joints[k]}" for k in found.springs}
-        names |= {f"damper {joints[k]}" for k in found.dampers}
-        names |= {f"spring {tendons[k]}" for k in found.tendon_springs}
-        names |= {f"damper {tendons[k]}" for k in found.tendon_dampers}
+        elements, joints, tendons = (
+            self._elements,
+            joint_names(self._model),
+            tendon_names(self._model),
+        )
+        names = {f"spring {joints[k]}" for k in elements.springs}
+        names |= {f"damper {joints[k]}" for k in elements.dampers}
+        names |= {f"spring {tendons[k]}" for k in elements.tendon_springs}
+        names |= {f"damper {tendons[k]}" for k in elements.tendon_dampers}
         if self._model.nflex:
             names |= {"spring flex", "damper flex"}
-        return frozenset(names - known)
+        return frozenset(names - channels)

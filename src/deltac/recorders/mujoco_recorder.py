@@ -164,15 +164,15 @@ class MujocoRecorder(Recorder):
         if trouble:
             raise RecordingError(f"{trouble}; the samples before that are kept: use trajectory()")
         h = float(model.opt.timestep)
-        taken = (data.time - before.time) / h
-        if not 0.5 < taken < MOST_SKIPPED or abs(taken - round(taken)) > 1e-6:
+        steps = (data.time - before.time) / h
+        if not 0.5 < steps < MOST_SKIPPED or abs(steps - round(steps)) > 1e-6:
             raise RecordingError(
-                f"sample() at t = {data.time:g} s: {taken:g} steps were taken since the sample at "
+                f"sample() at t = {data.time:g} s: {steps:g} steps were taken since the sample at "
                 f"{before.time:g} s, expected a whole number from 1 on; call it after mj_step (thin out "
                 "later, with run.every), and make a new recorder after a reset"
             )
         self._set_inputs(before)
-        rows = [self._replay(before) for _ in range(round(taken))]
+        rows = [self._replay(before) for _ in range(round(steps))]
         self._check_replay()
         self._rows += rows
         self._steps.add(h)
@@ -276,8 +276,8 @@ class MujocoRecorder(Recorder):
             corrected = bool(np.abs(a - qacc).max(initial=0.0) > rounding)
         # Forces and accelerations are held, so speeds are linear in time.
         moved = 0.5 * h * (u + data.qvel)
-        held = {**forces, IMPLICIT: correction}
-        works = {name: float(force @ moved) for name, force in held.items()}
+        forces_of_step = {**forces, IMPLICIT: correction}
+        works = {name: float(force @ moved) for name, force in forces_of_step.items()}
         return _Row(t, q, u, qacc, forces, a, works, correction=correction, corrected=corrected)
 
     def _stages(
@@ -316,13 +316,13 @@ class MujocoRecorder(Recorder):
         """InputError unless the replayed step ended where MuJoCo's did."""
         for name in ("qpos", "qvel"):
             replayed, reached = getattr(self._before, name), getattr(self._data, name)
-            off = float(np.abs(replayed - reached).max(initial=0.0))
+            difference = float(np.abs(replayed - reached).max(initial=0.0))
             scale = max(1.0, float(np.abs(reached).max(initial=0.0)))
-            self._off = max(self._off, off)
-            if not off <= REPLAY * scale:
+            self._off = max(self._off, difference)
+            if not difference <= REPLAY * scale:
                 raise RecordingError(
                     f"sample() at t = {self._data.time:g} s: the step taken again from the last sample "
-                    f"ends with a {name} that is off by {off:.3g}. Between the samples the state, the "
+                    f"ends with a {name} that is off by {difference:.3g}. Between the samples the state, the "
                     "model or (after the step) the inputs were changed: sample right after mj_step, and "
                     "make a new recorder where you set the state"
                 )
@@ -445,22 +445,24 @@ def run_mujoco(
     if step is not None:
         own.opt.timestep = _positive("step", step)
     if integrator is not None:
-        known = integrator_names()
-        if integrator not in known:
-            raise UnknownName(f"unknown integrator {integrator!r}{closest(str(integrator), known)}")
-        own.opt.integrator = known[integrator]
+        integrators = integrator_names()
+        if integrator not in integrators:
+            raise UnknownName(
+                f"unknown integrator {integrator!r}{closest(str(integrator), integrators)}"
+            )
+        own.opt.integrator = integrators[integrator]
     # A reset to the initial state in the middle of a run would hide that it blew up.
     own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     h = float(own.opt.timestep)
     steps = math.ceil(_positive("duration", duration) / h * (1.0 - SAME_DURATION))
-    moving = mujoco.MjData(own)
+    state = mujoco.MjData(own)
     if data is not None:
-        mujoco.mj_copyData(moving, own, data)
-    with record_mujoco(own, moving, channels) as recorder:
+        mujoco.mj_copyData(state, own, data)
+    with record_mujoco(own, state, channels) as recorder:
         for k in range(steps):
             if controller is not None:
-                controller(own, moving)
-            mujoco.mj_step(own, moving)
+                controller(own, state)
+            mujoco.mj_step(own, state)
             trouble = recorder.trouble()
             if trouble:
                 return recorder.trajectory(trouble)
@@ -468,7 +470,7 @@ def run_mujoco(
             if progress is not None:
                 progress((k + 1) / steps)
         if controller is not None:
-            controller(own, moving)
+            controller(own, state)
     run = recorder.trajectory()
     if _divides(h, duration):
         return run
@@ -573,10 +575,10 @@ def mujoco_simulator(
         InputError: MuJoCo is missing, the integrator is unknown, or model or state cannot be used.
     """
     mujoco = simulator("mujoco", "mujoco")
-    known = integrator_names()
+    integrators = integrator_names()
     name = integrator.lower()
-    if name not in known:
-        raise UnknownName(f"unknown integrator {integrator!r}{closest(name, known)}")
+    if name not in integrators:
+        raise UnknownName(f"unknown integrator {integrator!r}{closest(name, integrators)}")
     own = copy.copy(compiled_model(model))
     data = mujoco.MjData(own)
     if isinstance(state, State):

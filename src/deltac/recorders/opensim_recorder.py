@@ -110,32 +110,32 @@ class OpensimRecorder(Recorder):
         """Record a state: what `manager.integrate` returns, or one of a StatesTrajectory."""
         opensim, model = self._opensim, self._model
         model.realizeAcceleration(state)
-        udot, here = state.getUDot(), opensim.State(state)
+        udot, copy = state.getUDot(), opensim.State(state)
         for force in self._forces:
-            force.setAppliesForce(here, False)
+            force.setAppliesForce(copy, False)
 
         def lacking(rates: Any) -> Array:
             """M u̇ + c less gravity and the forces that are on."""
-            return np.array(self._inverse.solve(here, rates).to_numpy())
+            return np.array(self._inverse.solve(copy, rates).to_numpy())
 
         rest = total = lacking(udot)
-        weight = lacking(opensim.Vector(here.getNU(), 0.0))
-        found: Forces = {}
+        weight = lacking(opensim.Vector(copy.getNU(), 0.0))
+        forces: Forces = {}
         for force in self._forces:
-            force.setAppliesForce(here, True)
-            found[self._channel(force)] = total - lacking(udot)
-            force.setAppliesForce(here, False)
-            rest = rest - found[self._channel(force)]
-        size = sum(np.abs(f).max(initial=0.0) for f in (total, weight, *found.values()))
+            force.setAppliesForce(copy, True)
+            forces[self._channel(force)] = total - lacking(udot)
+            force.setAppliesForce(copy, False)
+            rest = rest - forces[self._channel(force)]
+        size = sum(np.abs(f).max(initial=0.0) for f in (total, weight, *forces.values()))
         if np.abs(rest).max(initial=0.0) > SUM_OF_FORCES * size:
-            found["constraint all"] = rest
+            forces["constraint all"] = rest
         rows: list[tuple[Array, Array, Array]] = []
         turns = []
         for column in self._columns.joints:
             joint = self._joints[column.name]
             if column.kind == "free":
                 rows.append(_motion(joint, state))
-                turns.append(np.linalg.inv(self._jacobian(column.name, here)).T)
+                turns.append(np.linalg.inv(self._jacobian(column.name, copy)).T)
             else:
                 rows.append(_value(joint.get_coordinates(0), state))
                 turns.append(np.eye(1))
@@ -143,16 +143,16 @@ class OpensimRecorder(Recorder):
             name: np.concatenate(
                 [T @ f[self._places[c.name]] for T, c in zip(turns, self._columns.joints)]
             )
-            for name, f in found.items()
+            for name, f in forces.items()
         }
         q, u, udot = (np.concatenate(parts) for parts in zip(*rows))
         self._instant(state.getTime(), q, u, udot, ours)
 
     def states(self, table: Any) -> None:
         """Record all states of a table; `manager.getStatesTable()` has the integrator's own steps."""
-        found = self._opensim.StatesTrajectory.createFromStatesTable(self._model, table)
-        for k in range(found.getSize()):
-            self.sample(found.get(k))
+        trajectory = self._opensim.StatesTrajectory.createFromStatesTable(self._model, table)
+        for k in range(trajectory.getSize()):
+            self.sample(trajectory.get(k))
 
     def trajectory(self, solver: str | None = None, step: float | None = None) -> Trajectory:
         """The samples so far, with what the caller says of the integrator and of its step."""
@@ -192,23 +192,23 @@ class OpensimRecorder(Recorder):
 
     def _speeds_of(self, joint: Joint, state: State) -> list[int]:
         """Where the speeds of a joint are in Simbody's u: those that change with its coordinates' speeds."""
-        here = self._opensim.State(state)
+        copy = self._opensim.State(state)
         places = []
         for k in range(joint.numCoordinates()):
-            here.setU(self._opensim.Vector(here.getNU(), 0.0))
-            joint.get_coordinates(k).setSpeedValue(here, 1.0)
-            places.append(int(np.flatnonzero(here.getU().to_numpy())[0]))
+            copy.setU(self._opensim.Vector(copy.getNU(), 0.0))
+            joint.get_coordinates(k).setSpeedValue(copy, 1.0)
+            places.append(int(np.flatnonzero(copy.getU().to_numpy())[0]))
         return places
 
-    def _jacobian(self, name: str, here: State) -> Array:
+    def _jacobian(self, name: str, state: State) -> Array:
         """A free body's speeds by those of Simbody's joint (6, 6); the speeds of the state are lost."""
         columns = []
         for place in self._places[name]:
-            u = self._opensim.Vector(here.getNU(), 0.0)
+            u = self._opensim.Vector(state.getNU(), 0.0)
             u.set(place, 1.0)
-            here.setU(u)
-            self._model.realizeAcceleration(here)
-            columns.append(_motion(self._joints[name], here)[1])
+            state.setU(u)
+            self._model.realizeAcceleration(state)
+            columns.append(_motion(self._joints[name], state)[1])
         return np.column_stack(columns)
 
 

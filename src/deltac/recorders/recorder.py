@@ -233,15 +233,17 @@ class Columns:
         if model is None:
             return Columns(tuple(renamed.values()))
         mechanism = load_model(model).mechanism
-        wanted = {joint.name: joint.kind for joint in mechanism.joints if joint.speeds}
-        found = {joint.name: joint.kind for joint in renamed.values()}
-        if wanted != found:
-            ours, theirs = (", ".join(f"{n} ({k})" for n, k in s.items()) for s in (wanted, found))
+        model_kinds = {joint.name: joint.kind for joint in mechanism.joints if joint.speeds}
+        kinds = {joint.name: joint.kind for joint in renamed.values()}
+        if model_kinds != kinds:
+            ours, theirs = (
+                ", ".join(f"{n} ({k})" for n, k in s.items()) for s in (model_kinds, kinds)
+            )
             raise LogError(
                 f"the joints of mechanism {mechanism.name!r} are {ours}; the simulator has {theirs}: give "
                 "names={their name: your name}"
             )
-        return Columns(tuple(renamed[name] for name in wanted))
+        return Columns(tuple(renamed[name] for name in model_kinds))
 
     def joined(self, part: Callable[[JointColumns], Array]) -> Array:
         """What each joint contributes, one after the other."""

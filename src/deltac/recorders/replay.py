@@ -116,10 +116,10 @@ def replay_mujoco(
         )
     rows = range(min(len(t) - 1, TRIED))
     shifts = (0, 1) if own.nu else (0,)
-    tried = [
+    misses = [
         _missed(_stepped(own, t, q, u, ctrl, act, steps, rows, shift)[1], q, u) for shift in shifts
     ]
-    late = len(tried) > 1 and float(np.median(tried[1])) < 0.1 * float(np.median(tried[0]))
+    late = len(misses) > 1 and float(np.median(misses[1])) < 0.1 * float(np.median(misses[0]))
     run, ends = _stepped(own, t, q, u, ctrl, act, steps, range(len(t) - 1), int(late))
     missed = _missed(ends, q, u)
     digits = DIGITS * max(_resolution(q) / _change(q), _resolution(u) / _change(u))
@@ -151,10 +151,10 @@ def _stepped(
 
 def _missed(ends: list[tuple[Array, Array]], q: Array, u: Array) -> Array:
     """By how much each next row is missed, as a share of what changes from row to row."""
-    found = np.array([np.concatenate(end) for end in ends])
-    rows = np.hstack([q, u])[1 : len(found) + 1]
+    arrivals = np.array([np.concatenate(end) for end in ends])
+    rows = np.hstack([q, u])[1 : len(arrivals) + 1]
     scale = np.concatenate([np.full(q.shape[1], _change(q)), np.full(u.shape[1], _change(u))])
-    missed: Array = np.abs((found - rows) / scale).max(axis=1)
+    missed: Array = np.abs((arrivals - rows) / scale).max(axis=1)
     return np.where(np.isfinite(missed), missed, np.inf)
 
 

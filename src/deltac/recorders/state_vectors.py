@@ -54,10 +54,10 @@ def trajectory_of_states(
     """The trajectory of a solver's states, see `Trajectory.from_scipy`."""
     loaded = load_model(model)
     mechanism = loaded.mechanism
-    given = None if equations is None else as_equations(equations)
-    chosen = chosen_map(loaded, coordinates, given)
-    if given is not None and order is None:
-        order = given.order
+    own_equations = None if equations is None else as_equations(equations)
+    chosen = chosen_map(loaded, coordinates, own_equations)
+    if own_equations is not None and order is None:
+        order = own_equations.order
     system = trace(mechanism)
     symbols = state_symbols(system, chosen)
     if symbols.own is not None and symbols.own.told is not None:
@@ -67,7 +67,7 @@ def trajectory_of_states(
             "integrate these equations, or give a map with laws for all joints"
         )
     names = state_names(symbols.coordinates, symbols.speeds)
-    t, y, told = _states(source, len(names))
+    t, y, source_facts = _states(source, len(names))
     if y.shape != (len(t), len(names)):
         raise LogError(
             f"the result has {len(t)} times and states of shape {y.shape}; mechanism {mechanism.name!r} has "
@@ -81,12 +81,15 @@ def trajectory_of_states(
     state[:, list(places)] = y
     q, u = np.split(state, [len(symbols.coordinates)], axis=1)
     udot = None
-    if given is not None:
+    if own_equations is not None:
         rhs = explicit(
-            system, Equations(given.rhs, chosen, given.name, form=given.form, order=order)
+            system,
+            Equations(
+                own_equations.rhs, chosen, own_equations.name, form=own_equations.form, order=order
+            ),
         )
         udot = np.array([rhs(time, *(x.copy() for x in at)) for time, *at in zip(t, q, u)])
-        told = replace(told, equations=given.name, stage=AT_ROWS)
+        source_facts = replace(source_facts, equations=own_equations.name, stage=AT_ROWS)
     full = _full(system, symbols)(t, q, u, np.zeros_like(u) if udot is None else udot)
     return Trajectory(
         t=t,
@@ -95,7 +98,7 @@ def trajectory_of_states(
         udot=None if udot is None else full[2],
         coordinates=mechanism.coordinates.names,
         speeds=mechanism.speeds.names,
-        provenance=provenance or told,
+        provenance=provenance or source_facts,
     )
 
 
@@ -109,27 +112,27 @@ def _states(source: Any, width: int) -> tuple[Array, Array, Provenance]:
         )
     if isinstance(source, tuple | list):
         t, y = source
-        told = Provenance("unknown")
+        source_facts = Provenance("unknown")
     elif hasattr(source, "ts"):
-        t, y, told = source.ts, source.ys, Provenance("diffrax")
+        t, y, source_facts = source.ts, source.ys, Provenance("diffrax")
     else:
         t, y = source.t, np.asarray(source.y, dtype=np.float64).T
         completed = bool(getattr(source, "success", True))
         message = "" if completed else str(getattr(source, "message", ""))
-        told = Provenance("SciPy", completed=completed, message=message)
+        source_facts = Provenance("SciPy", completed=completed, message=message)
         dense = getattr(source, "sol", None)
         if dense is not None and not np.array_equal(
             t, dense.ts
         ):  # its own steps say more than t_eval's rows
             t = dense.ts
             y = dense(t).T
-        told = replace(told, notes=_between(np.asarray(t, dtype=np.float64)))
+        source_facts = replace(source_facts, notes=_between(np.asarray(t, dtype=np.float64)))
     t, y = np.asarray(t, dtype=np.float64), np.asarray(y, dtype=np.float64)
     if t.ndim == 1 and y.shape == (width, len(t)) and width != len(t):
         y = y.T  # as solve_ivp has it
     if len(t) > 1 and t[-1] < t[0]:  # integrated backwards
         t, y = t[::-1], y[::-1]
-    return t, y, told
+    return t, y, source_facts
 
 
 def _between(t: Array) -> dict[str, str]:
@@ -141,20 +144,20 @@ def _between(t: Array) -> dict[str, str]:
 
 def _full(system: System, symbols: StateSymbols) -> Callable[..., Sequence[Array]]:
     """From rows of (t, q, u, u̇) of the state to q, u, u̇ of all joints."""
-    given = ca.SX.sym("udot", symbols.u.shape[0])
+    accelerations = ca.SX.sym("udot", symbols.u.shape[0])
     outputs = [ca.SX(x) for x in (system.q_all, system.u_all, system.udot_all)]
     own = symbols.own
     outputs = ca.substitute(
-        outputs, [system.udot], [given if own is None else own.udot(system, given)]
+        outputs, [system.udot], [accelerations if own is None else own.udot(system, accelerations)]
     )
     if own is not None:
         outputs = ca.substitute(outputs, [system.q, system.u], [own.q, own.u])
-    inputs = [system.t, symbols.q, symbols.u, given]
+    inputs = [system.t, symbols.q, symbols.u, accelerations]
     function = ca.Function("full", inputs, [ca.densify(x) for x in outputs])
 
     def rows(*columns: Array) -> list[Array]:
-        found = function.map(len(columns[0]))(*(np.atleast_2d(x.T) for x in columns))
-        return [np.array(x).T for x in found]
+        values = function.map(len(columns[0]))(*(np.atleast_2d(x.T) for x in columns))
+        return [np.array(x).T for x in values]
 
     return rows
 
@@ -172,9 +175,9 @@ def _likely_order(system: System, symbols: StateSymbols, t: Array, y: Array) -> 
         state = np.empty_like(y)
         state[:, list(order)] = y
         q, u = np.split(state, [nq], axis=1)
-        found = np.array(rates.map(len(t))(t[None], q.T, u.T)).T
+        rates_by_order = np.array(rates.map(len(t))(t[None], q.T, u.T)).T
         change = np.diff(q, axis=0)
-        integral = 0.5 * np.diff(t)[:, None] * (found[1:] + found[:-1])
+        integral = 0.5 * np.diff(t)[:, None] * (rates_by_order[1:] + rates_by_order[:-1])
         size = float(np.abs(change).sum() + np.abs(integral).sum())
         misfits.append((float(np.abs(change - integral).sum()) / size if size else 0.0, order))
     best = min(misfits, key=lambda item: item[0])

@@ -315,10 +315,10 @@ def flows_of(ledger: Ledger, function: str, energy_error: Array | None = None) -
     shown, stored = _largest(flows, 12, "channels"), _largest(stored, 5, "stores")
     error = ledger.delta_c[function] if energy_error is None else energy_error
     bar = float(ledger.error_bar[function].max())
-    left = Flow("ΔC, what is left", float(error[-1]), bar, "left")
+    remainder = Flow("ΔC, what is left", float(error[-1]), bar, "left")
     return Flows(
         "Energy from the start to the end of the run",
-        (*shown, *stored, left),
+        (*shown, *stored, remainder),
         "Works that flowed in, what is stored of it, and what the balance cannot place.",
     )
 
@@ -369,8 +369,8 @@ def resampled(t: Array, y: Array, at: Array) -> Array:
     """A curve at other times: as it is where they are its own, else between its rows; none beyond its end."""
     if len(t) == len(at) and np.array_equal(t, at):
         return y
-    found: Array = np.interp(at, t, y, right=np.nan)
-    return found
+    curve: Array = np.interp(at, t, y, right=np.nan)
+    return curve
 
 
 SEEN = 0.02
@@ -384,17 +384,17 @@ def orders(report: Study) -> LogPlot:
     """
     energy_scale = report.reference_energy or 1.0
     steps = np.asarray(report.measures.steps)
-    left = np.asarray(report.measures.left) / energy_scale
+    errors = np.asarray(report.measures.left) / energy_scale
     energy, state = report.observed_order[report.function], report.observed_order["state"]
     fitted = np.asarray(energy.sizes) / energy_scale
     common = steps[len(steps) - len(fitted) :]
     limited = energy.trend == "tends to a limit"
-    whole = bool((np.abs(fitted - left[len(steps) - len(fitted) :]) <= SEEN * fitted).all())
+    whole = bool((np.abs(fitted - errors[len(steps) - len(fitted) :]) <= SEEN * fitted).all())
     part = report.horizon < report.comparison.t[-1]
     same = f"the same, {'before the motions part' if part else 'at times that all steps share'}"
     moved = np.asarray(state.sizes)
     clouds = [
-        _cloud(f"|ΔC| {report.function}", steps, left, energy if whole and not limited else None),
+        _cloud(f"|ΔC| {report.function}", steps, errors, energy if whole and not limited else None),
         None if whole else _cloud(same, common, fitted, None if limited else energy),
         _cloud(
             "motion, to the next finer run",
@@ -414,20 +414,26 @@ def orders(report: Study) -> LogPlot:
     )
 
 
-def _cloud(name: str, h: Array, sizes: Array, found: Convergence | None) -> Cloud | None:
+def _cloud(name: str, h: Array, sizes: Array, convergence: Convergence | None) -> Cloud | None:
     """Positive sizes over the step, and the observed order through the finest of the points that gave it."""
-    seen = np.isfinite(sizes) & (sizes > 0.0)
-    if not seen.any():
+    positive = np.isfinite(sizes) & (sizes > 0.0)
+    if not positive.any():
         return None
-    h, sizes = h[seen], sizes[seen]
-    fit, said = None, ""
-    if found and found.order is not None and found.steps and found.trend != "does not settle":
-        near = int(np.argmin(np.abs(h - found.steps[-1])))
+    h, sizes = h[positive], sizes[positive]
+    fit, fit_name = None, ""
+    if (
+        convergence
+        and convergence.order is not None
+        and convergence.steps
+        and convergence.trend != "does not settle"
+    ):
+        near = int(np.argmin(np.abs(h - convergence.steps[-1])))
         ends = [
-            (float(x), float(sizes[near] * (x / h[near]) ** found.order)) for x in (h[-1], h[0])
+            (float(x), float(sizes[near] * (x / h[near]) ** convergence.order))
+            for x in (h[-1], h[0])
         ]
-        fit, said = (ends[0], ends[1]), f"order {order_text(found)}"
-    return Cloud(name, tuple(h), tuple(sizes), joined=fit is None, fit=fit, fit_name=said)
+        fit, fit_name = (ends[0], ends[1]), f"order {order_text(convergence)}"
+    return Cloud(name, tuple(h), tuple(sizes), joined=fit is None, fit=fit, fit_name=fit_name)
 
 
 def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimePlot]:
@@ -435,20 +441,20 @@ def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimeP
     for k, entry in enumerate(entries):
         units.setdefault(entry.unit, []).append(k)
     for unit, places in units.items():
-        said = "quaternions" if unit == "1" else unit
+        label = "quaternions" if unit == "1" else unit
         columns = [(entries[k].name, values[:, k]) for k in places]
-        yield by_name(f"{what} ({said})", t, columns, "" if unit == "1" else unit)
+        yield by_name(f"{what} ({label})", t, columns, "" if unit == "1" else unit)
 
 
 def by_name(title: str, t: Array, columns: Sequence[tuple[str, Array]], unit: str = "") -> TimePlot:
     """Columns with their names; those that move most are shown at first."""
     ranges = [float(np.ptp(values)) for _, values in columns]
     least = min(sorted(ranges, reverse=True)[:MOST_LINES], default=0.0)
-    left = MOST_LINES
+    vacancies = MOST_LINES
     lines = []
     for (name, values), size in zip(columns, ranges):
-        shown = size >= least and left > 0
-        left -= shown
+        shown = size >= least and vacancies > 0
+        vacancies -= shown
         lines.append(Line(name, values, shown=shown))
     return TimePlot(title, t, tuple(lines), unit)
 
@@ -465,7 +471,7 @@ def residuals(report: EquationCheck) -> Bars:
     return Bars(
         "Residual of each equation, as a share of its terms",
         tuple(
-            (f"equation {k} ({speed})", value, k in {found.number for found in report.blame})
+            (f"equation {k} ({speed})", value, k in {blame.number for blame in report.blame})
             for k, (speed, value) in enumerate(rows, 1)
         ),
         report.tolerance,

@@ -87,12 +87,12 @@ def figure(result: Any, *, title: str | None = None, **options: Any) -> Figure:
             f"{type(result).__name__} has no picture; those of {', '.join(sorted(DRAWN))} have one. "
             "explain() tells it in words"
         )
-    taken = list(inspect.signature(draw).parameters)[1:]
+    parameters = list(inspect.signature(draw).parameters)[1:]
     for option in options:
-        if option not in taken:
+        if option not in parameters:
             raise UnknownName(
                 f"plot of {type(result).__name__}: there is no option {option!r}"
-                f"{closest(option, taken)}"
+                f"{closest(option, parameters)}"
             )
     with styled():
         drawn = draw(result, **options)
@@ -117,19 +117,19 @@ def _trajectory(run: Trajectory, names: Sequence[str] | str | None = None) -> Fi
     def columns(entries: Sequence[str], values: Array) -> list[tuple[str, Array]]:
         return [(n, values[:, k]) for k, n in enumerate(entries) if chosen is None or n in chosen]
 
-    made = _drawn(
+    drawing = _drawn(
         run.provenance.model or run.provenance.simulator,
         by_name("Coordinates", run.t, columns(run.coordinates, run.q), "m, rad"),
         by_name("Speeds", run.t, columns(run.speeds, run.u), "m/s, rad/s"),
     )
-    for panel in made.axes:
+    for panel in drawing.axes:
         for k, event in enumerate(run.events):
             label = "_" if k else "impacts, switches, events"
             panel.axvline(
                 event.t, color=GREY, linewidth=0.5, linestyle=DOTTED, label=label, zorder=1
             )
         legend_beside(panel)
-    return made
+    return drawing
 
 
 # --- panels ----------------------------------------------------------------------------------------
@@ -156,16 +156,16 @@ def _drawn(title: str, *panels: Panel) -> Figure:
     ratios = [heights[0]]
     for height in heights[1:]:
         ratios += [GAP, height]
-    made = blank(sum(ratios) + 1.12, title, beside=BESIDE)
-    grid = made.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.0)
+    drawing = blank(sum(ratios) + 1.12, title, beside=BESIDE)
+    grid = drawing.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.0)
     for k, panel in enumerate(shown):
-        _DRAWERS[type(panel)](made.add_subplot(grid[2 * k, 0]), panel)
-    align_labels(made)
+        _DRAWERS[type(panel)](drawing.add_subplot(grid[2 * k, 0]), panel)
+    align_labels(drawing)
     for panel in shown:
         if isinstance(panel, Bars):  # names stand where the label would
             letters = max(len(fitted(name, 18).splitlines()[0]) for name, *_ in panel.bars)
-            made.subplots_adjust(left=(0.5 + 0.08 * letters) / made.get_figwidth())
-    return made
+            drawing.subplots_adjust(left=(0.5 + 0.08 * letters) / drawing.get_figwidth())
+    return drawing
 
 
 def _time(panel: Axes, plot: TimePlot) -> None:
@@ -318,9 +318,9 @@ def _ledger(ledger: Ledger) -> Figure:
 
 def _audit(audit: Audit) -> Figure:
     run = audit.run.provenance
-    made = " ".join(filter(None, (run.simulator, run.solver)))
+    source = " ".join(filter(None, (run.simulator, run.solver)))
     return _drawn(
-        f"{audit.mechanism.name}, by {made}: {audit.verdict.kind}",
+        f"{audit.mechanism.name}, by {source}: {audit.verdict.kind}",
         *energy_plots(audit.ledger),
         audit_errors(audit),
         flows_of(audit.ledger, audit.function, audit.energy_error),
@@ -341,23 +341,26 @@ def _recommendation(advice: Recommendation) -> Figure:
     return _drawn(title, *fronts(advice))
 
 
-def _localisation(found: Localisation) -> Figure:
+def _localisation(report: Localisation) -> Figure:
     """What is left of each equation over time, and the power that each joint takes beyond the model's."""
-    left = [(name, found.residual[:, k]) for k, name in enumerate(found.speeds)]
+    residuals = [(name, report.residual[:, k]) for k, name in enumerate(report.speeds)]
     return _drawn(
         "Where the motion departs from the model",
-        by_name("Residual of each equation, F + F*", found.t, left, "N, N·m"),
+        by_name("Residual of each equation, F + F*", report.t, residuals, "N, N·m"),
         by_name(
-            "Power beyond what the model supplies, by joint", found.t, [*found.joints.items()], "W"
+            "Power beyond what the model supplies, by joint",
+            report.t,
+            [*report.joints.items()],
+            "W",
         ),
     )
 
 
-def _explanation(found: Explanation) -> Figure:
+def _explanation(report: Explanation) -> Figure:
     """What each cause explains of the residual of the equations."""
-    causes = found.causes
-    made = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {found.kind}", beside=BESIDE)
-    panel = made.subplots()
+    causes = report.causes
+    drawing = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {report.kind}", beside=BESIDE)
+    panel = drawing.subplots()
     places = np.arange(len(causes))
     panel.barh(places, [100.0 * c.share for c in causes], color=BLUE, height=0.6)
     panel.set_yticks(places, [str(k + 1) for k in places])
@@ -372,81 +375,85 @@ def _explanation(found: Explanation) -> Figure:
             fontsize=SMALL,
             annotation_clip=False,
         )
-    panel.set_title(f"Together they explain {percent(found.explained)} of the squared residual")
+    panel.set_title(f"Together they explain {percent(report.explained)} of the squared residual")
     panel.set_xlabel("share that the cause alone explains of what the others leave (%)")
     panel.set_ylabel("cause")
-    align_labels(made)
-    return made
+    align_labels(drawing)
+    return drawing
 
 
-def _mutants(found: MutationReport) -> Figure:
+def _mutants(report: MutationReport) -> Figure:
     """Of the mistakes made on purpose, the share that each test sees, by kind."""
-    counts = found.counts()
+    counts = report.counts()
     kinds = list(counts)
-    made = blank(
-        1.4 + 0.34 * max(len(kinds), 3), f"{found.function}: who sees a mistake?", beside=0.9
+    drawing = blank(
+        1.4 + 0.34 * max(len(kinds), 3), f"{report.function}: who sees a mistake?", beside=0.9
     )
-    panel = made.subplots()
+    panel = drawing.subplots()
     mistakes = [row["mutants"] - row["equivalent"] for row in counts.values()]
     share = np.array(
         [
-            [row[test] / most if most else math.nan for test in found.tests]
+            [row[test] / most if most else math.nan for test in report.tests]
             for row, most in zip(counts.values(), mistakes)
         ]
-    ).reshape(len(kinds), len(found.tests))
-    made.subplots_adjust(left=1.5 / made.get_figwidth(), top=1.0 - 0.95 / made.get_figheight())
+    ).reshape(len(kinds), len(report.tests))
+    drawing.subplots_adjust(
+        left=1.5 / drawing.get_figwidth(), top=1.0 - 0.95 / drawing.get_figheight()
+    )
     panel.imshow(share, cmap="viridis", vmin=0.0, vmax=1.0, aspect="auto")
     for (row, column), value in np.ndenumerate(share):
         text = "–" if math.isnan(value) else f"{100 * value:.0f} %"
         look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": SMALL}
         panel.text(column, row, text, color="black" if value > 0.55 else "white", **look)
-    panel.set_xticks(range(len(found.tests)), [fitted(t, 14) for t in found.tests], fontsize=SMALL)
+    panel.set_xticks(
+        range(len(report.tests)), [fitted(t, 14) for t in report.tests], fontsize=SMALL
+    )
     panel.set_yticks(range(len(kinds)), [f"{k} ({m})" for k, m in zip(kinds, mistakes)])
     panel.xaxis.tick_top()
     panel.grid(visible=False)
     panel.tick_params(length=0)
     for side in panel.spines.values():
         side.set_visible(False)
-    return made
+    return drawing
 
 
 # --- other results -------------------------------------------------------------------------------
 
 
-def _examination(found: Examination) -> Figure:
+def _examination(report: Examination) -> Figure:
     """The picture of the part that decides: the last of those with the exit code of the whole."""
-    deciding = [part for part in found.results.values() if part.exit_code == found.exit_code]
+    deciding = [part for part in report.results.values() if part.exit_code == report.exit_code]
     if not deciding:
         raise InputError("nothing was examined, so there is nothing to draw")
-    made = figure(deciding[-1])
-    entitle(made, found.summary())
-    return made
+    drawing = figure(deciding[-1])
+    entitle(drawing, report.summary())
+    return drawing
 
 
-def _linearisation(found: Linearisation) -> Figure:
+def _linearisation(report: Linearisation) -> Figure:
     """The eigenvalues in the complex plane; what grows is right of the line."""
-    made = blank(4.4, "Eigenvalues", beside=BESIDE)
-    panel = made.subplots()
-    values = found.eigenvalues
+    drawing = blank(4.4, "Eigenvalues", beside=BESIDE)
+    panel = drawing.subplots()
+    values = report.eigenvalues
     size = 1e-9 * float(np.abs(values).max(initial=0.0))
-    for label, colour, kept in (
+    for label, colour, subset in (
         ("decaying", BLUE, values.real < -size),
         ("neither", BLACK, np.abs(values.real) <= size),
         ("growing", VERMILION, values.real > size),
     ):
-        if kept.any():
-            panel.plot(values.real[kept], values.imag[kept], "o", color=colour, label=label)
+        if subset.any():
+            panel.plot(values.real[subset], values.imag[subset], "o", color=colour, label=label)
     panel.axvline(0.0, color=GREY, linewidth=0.8)
     panel.axhline(0.0, color=GREY, linewidth=0.8)
     reach = 1.15 * float(np.abs(values).max(initial=0.0)) or 1.0
     panel.set_xlim(-reach, reach)
     panel.set_ylim(-reach, reach)
-    panel.set_title(f"About the state at t = {found.state.t:g} s")
+    panel.set_title(f"About the state at t = {report.state.t:g} s")
     panel.set_xlabel("Re λ (1/s)")
     panel.set_ylabel("Im λ (1/s)")
     legend_beside(panel)
-    align_labels(made)
-    return made
+    align_labels(drawing)
+    return drawing
 
 
 def _mechanism(mechanism: Mechanism, state: Any = None) -> Figure:

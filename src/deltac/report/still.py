@@ -52,8 +52,8 @@ def still(
     """
     if not isinstance(motion, Trajectory):
         motion = _standing(mechanism, mechanism.state() if motion is None else motion)
-    found = scene(mechanism, [("", motion)])
-    if found is None:
+    drawing = scene(mechanism, [("", motion)])
+    if drawing is None:
         raise ModelError(f"mechanism {mechanism.name!r} has no bodies to draw")
     with styled():
         figure = blank(size[1], title, width=size[0])
@@ -61,10 +61,10 @@ def still(
             left=0.0, right=1.0, bottom=0.0, top=1.0 - 0.42 * bool(title) / size[1]
         )
         panel = figure.subplots()
-        frames = len(found.runs[0].t.values)
+        frames = len(drawing.runs[0].t.values)
         draw(
             panel,
-            found,
+            drawing,
             [round(k * (frames - 1) / max(places - 1, 1)) for k in range(places)]
             if places > 1
             else [frames - 1],
@@ -82,13 +82,13 @@ def _standing(mechanism: Mechanism, state: State) -> Trajectory:
     )
 
 
-def draw(panel: Axes, found: Scene, frames: Sequence[int], trail: bool = True) -> None:
+def draw(panel: Axes, drawing: Scene, frames: Sequence[int], trail: bool = True) -> None:
     """Draw a scene at some of its frames, the last one full, into axes that fit it."""
-    eye, up, seen = np.array(found.view), np.array(found.up), _seen(found)
-    run = found.runs[0]
+    eye, up, axes = np.array(drawing.view), np.array(drawing.up), _seen(drawing)
+    run = drawing.runs[0]
     poses = np.asarray(run.poses.values)
-    centre = np.array(found.centre) @ seen
-    half = np.array(found.half)[:2] * 1.14
+    centre = np.array(drawing.centre) @ axes
+    half = np.array(drawing.half)[:2] * 1.14
     box = panel.get_window_extent()
     width, height = box.width / panel.figure.dpi, box.height / panel.figure.dpi
     if half[0] * height > half[1] * width:
@@ -99,24 +99,24 @@ def draw(panel: Axes, found: Scene, frames: Sequence[int], trail: bool = True) -
     panel.set_ylim(centre[1] - half[1], centre[1] + half[1])
     panel.set_aspect("equal")
     panel.axis("off")
-    if found.floor is not None:
-        level = float((up * found.floor) @ seen[:, 1])
+    if drawing.floor is not None:
+        level = float((up * drawing.floor) @ axes[:, 1])
         panel.axhline(level, color="#cccccc", linewidth=1.0, zorder=0)
     if trail:
-        for body, point in found.trails:
-            path = turned(poses[: int(frames[-1]) + 1, body], np.array(point)) @ seen
+        for body, point in drawing.trails:
+            path = turned(poses[: int(frames[-1]) + 1, body], np.array(point)) @ axes
             panel.plot(*path.T, color="#9a9a9a", linewidth=0.6, zorder=1)
     per_point = 72.0 * width / (2.0 * half[0])
     for k, frame in enumerate(map(int, frames)):
         share = (k + 1) / len(frames)
         opacity = 1.0 if k == len(frames) - 1 else PALEST + 0.35 * share**2
-        _frame(panel, found, poses[frame], seen, eye, opacity, 2.0 + k, per_point)
+        _frame(panel, drawing, poses[frame], axes, eye, opacity, 2.0 + k, per_point)
 
 
-def _seen(found: Scene) -> Array:
+def _seen(drawing: Scene) -> Array:
     """The directions (3, 2) to the right and upward, as the eye sees the scene."""
-    eye = np.array(found.view)
-    right = np.cross(found.up, eye)
+    eye = np.array(drawing.view)
+    right = np.cross(drawing.up, eye)
     right = unit(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
     return np.column_stack([right, np.cross(eye, right)])
 
@@ -125,27 +125,27 @@ SKETCH, MARGIN = np.array([230.0, 130.0]), 12.0
 """Width and height of a sketch, and what stays free at its sides."""
 
 
-def sketch(found: Scene, at: float = 0.35) -> tuple[str, str]:
+def sketch(drawing: Scene, at: float = 0.35) -> tuple[str, str]:
     """The outlines of the bodies at a share `at` of the run, and the paths of their ends: SVG path data."""
-    poses = np.asarray(found.runs[0].poses.values)
+    poses = np.asarray(drawing.runs[0].poses.values)
     frame = int(at * (len(poses) - 1))
-    now, seen = poses[frame], _seen(found) * [1.0, -1.0]  # upward is less in SVG
+    now, axes = poses[frame], _seen(drawing) * [1.0, -1.0]  # upward is less in SVG
     lines = []
-    for i, body in enumerate(found.bodies):
+    for i, body in enumerate(drawing.bodies):
         shapes = (corners for form in body.forms if len(corners := _corners(form)))
-        hulls = (_hull(turned(now[i], corners) @ seen) for corners in shapes)
+        hulls = (_hull(turned(now[i], corners) @ axes) for corners in shapes)
         lines += [np.concatenate([hull, hull[:1]]) for hull in hulls]
-    bodies = [tie for tie in found.ties if tie.kind != "loop"]
+    bodies = [tie for tie in drawing.ties if tie.kind != "loop"]
     lines += [
-        np.array([turned(now[i], np.array(p)) for i, p in tie.points]) @ seen for tie in bodies
+        np.array([turned(now[i], np.array(p)) for i, p in tie.points]) @ axes for tie in bodies
     ]
     before = poses[max(0, frame - len(poses) // 4) : frame + 1 : max(1, len(poses) // 200)]
-    trails = [turned(before[:, i], np.array(point)) @ seen for i, point in found.trails]
+    trails = [turned(before[:, i], np.array(point)) @ axes for i, point in drawing.trails]
     if not lines + trails:
         return "", ""
     every = np.concatenate(lines + trails)
     low, high = every.min(axis=0), every.max(axis=0)
-    scale = ((SKETCH - 2 * MARGIN) / np.maximum(high - low, 1e-9 + 0.05 * found.size)).min()
+    scale = ((SKETCH - 2 * MARGIN) / np.maximum(high - low, 1e-9 + 0.05 * drawing.size)).min()
 
     def path(some: Sequence[Array]) -> str:
         placed = ((line - (low + high) / 2) * scale + SKETCH / 2 for line in some if len(line) > 1)
@@ -156,9 +156,9 @@ def sketch(found: Scene, at: float = 0.35) -> tuple[str, str]:
 
 def _frame(
     panel: Axes,
-    found: Scene,
+    drawing: Scene,
     poses: Array,
-    seen: Array,
+    axes: Array,
     eye: Array,
     opacity: float,
     order: float,
@@ -166,26 +166,26 @@ def _frame(
 ) -> None:
     """All bodies at one instant, those farther from the eye first, then joints and ties."""
     outlines = []
-    for i, body in enumerate(found.bodies):
+    for i, body in enumerate(drawing.bodies):
         for form in body.forms:
             corners = _corners(form)
             if len(corners):
                 placed = turned(poses[i], corners)
-                outlines.append((float((placed @ eye).mean()), i, form, placed @ seen))
+                outlines.append((float((placed @ eye).mean()), i, form, placed @ axes))
     for _, i, form, points in sorted(outlines, key=lambda entry: entry[0]):
         colour: Any = BODIES[(i - 1) % len(BODIES)] if i else "#bbbbbb"
         if form.colour is not None and i:
             colour = form.colour[:3]
         hull = _hull(points)
         # What only its inertia is known of may be large and in front of others.
-        veiled = found.bodies[i].inferred and form.kind != "capsule" and len(found.bodies) > 4
+        veiled = drawing.bodies[i].inferred and form.kind != "capsule" and len(drawing.bodies) > 4
         look: dict[str, Any] = {"alpha": opacity * (0.45 if veiled else 1.0), "zorder": order}
         panel.fill(*hull.T, facecolor=colour, edgecolor="white", linewidth=0.8, **look)
         if float(np.ptp(hull, axis=0).max()) * per_point < SMALLEST:
             place = hull.mean(axis=0)
             panel.plot(*place, "o", color=colour, markersize=SMALLEST, markeredgewidth=0, **look)
-    for tie in found.ties:
-        ends = np.array([turned(poses[i], np.array(p)) for i, p in tie.points]) @ seen
+    for tie in drawing.ties:
+        ends = np.array([turned(poses[i], np.array(p)) for i, p in tie.points]) @ axes
         if tie.kind == "loop":
             panel.plot(
                 *ends.T, "o", color="#333333", markersize=3, alpha=opacity, zorder=order + 0.6
@@ -194,16 +194,16 @@ def _frame(
             style = {"spring": (0, (1, 0.8)), "tendon": "-", "rod": "-"}[tie.kind]
             line: dict[str, Any] = {"color": "#555555", "alpha": opacity, "zorder": order + 0.5}
             panel.plot(*ends.T, linestyle=style, linewidth=1.6, **line)
-    for i, body in enumerate(found.bodies):
+    for i, body in enumerate(drawing.bodies):
         if body.carried is not None and body.carried["kind"] != "free":
-            at = turned(poses[i], np.array(body.carried["position"])) @ seen
+            at = turned(poses[i], np.array(body.carried["position"])) @ axes
             panel.plot(
                 *at,
                 "o",
                 color="white",
                 markeredgecolor="#333333",
                 markeredgewidth=0.8,
-                markersize=min(4.0, max(2.0, 0.012 * found.size * per_point)),
+                markersize=min(4.0, max(2.0, 0.012 * drawing.size * per_point)),
                 alpha=opacity,
                 zorder=order + 0.7,
             )

@@ -144,5 +144,5 @@ def thinned(t: Array, y: Array, points: int = POINTS) -> tuple[Array, Array]:
     rows = [0, len(t) - 1]
     for start, end in zip(edges, edges[1:]):
         rows += [start + int(np.argmin(y[start:end])), start + int(np.argmax(y[start:end]))]
-    kept = np.unique(rows)
-    return t[kept], y[kept]
+    distinct_rows = np.unique(rows)
+    return t[distinct_rows], y[distinct_rows]

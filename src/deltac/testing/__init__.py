@@ -108,19 +108,19 @@ def assert_converges(
     __tracebackhide__ = True
     from deltac.diagnosis.study.study import study
 
-    found = _passing(study(model, steps=steps, tolerance=tolerance, **options))
+    report = _passing(study(model, steps=steps, tolerance=tolerance, **options))
     if order is not None:
-        observed = found.observed_order["state"]
+        observed = report.observed_order["state"]
         if observed.order is None or observed.order + (observed.order_error or 0.0) < order - 0.5:
             raise AssertionError(
-                f"the motion converges at {observed}, expected order {order:g}\n\n{found.explain()}"
+                f"the motion converges at {observed}, expected order {order:g}\n\n{report.explain()}"
             )
-    return found
+    return report
 
 
-def _passing(found: Found) -> Found:
+def _passing(report: Found) -> Found:
     """The report, if its exit code is 0."""
     __tracebackhide__ = True
-    if found.exit_code:
-        raise AssertionError(f"{found.summary()}\n\n{found.explain()}")
-    return found
+    if report.exit_code:
+        raise AssertionError(f"{report.summary()}\n\n{report.explain()}")
+    return report

@@ -34,10 +34,10 @@ def balanced(request: pytest.FixtureRequest) -> Callable[..., Audit]:
 
     def check(*args: object, **options: object) -> Audit:
         __tracebackhide__ = True
-        found = assert_balanced(*args, **options)  # type: ignore[arg-type]
-        properties.append(("deltac_relative_energy_error", found.relative))
-        properties.append(("deltac_verdict", found.verdict.kind))
-        return found
+        report = assert_balanced(*args, **options)  # type: ignore[arg-type]
+        properties.append(("deltac_relative_energy_error", report.relative))
+        properties.append(("deltac_verdict", report.verdict.kind))
+        return report
 
     return check
 

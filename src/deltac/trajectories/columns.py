@@ -93,9 +93,9 @@ def _laws(mechanism: Mechanism) -> Iterator[tuple[str, Law]]:
         q = mechanism.coordinates.of(joint.name).start
         u = mechanism.speeds.of(joint.name).start
         for k, law in enumerate(joint.motion):
-            known = with_values(law, mechanism.parameters)
-            yield f"q.{mechanism.coordinates[q + k].name}", known
-            yield f"u.{mechanism.speeds[u + k].name}", rate(known)
+            explicit_law = with_values(law, mechanism.parameters)
+            yield f"q.{mechanism.coordinates[q + k].name}", explicit_law
+            yield f"u.{mechanism.speeds[u + k].name}", rate(explicit_law)
 
 
 @dataclass(frozen=True)
@@ -192,8 +192,8 @@ def _speed_unit(name: str, names: MechanismNames | None) -> str | None:
 
 def speed_of_force(force: str, names: MechanismNames | None) -> str:
     """The speed at the end of ``<channel>.<speed>``."""
-    known = names.speeds if names is not None else ()
-    fitting = [speed for speed in known if force.endswith(f".{speed}")]
+    speeds = names.speeds if names is not None else ()
+    fitting = [speed for speed in speeds if force.endswith(f".{speed}")]
     if fitting:
         return max(fitting, key=len)
     channel, _, part = force.rpartition(".")

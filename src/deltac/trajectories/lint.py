@@ -83,9 +83,9 @@ def suspicions(run: Trajectory, model: Any = None) -> list[Suspicion]:
             f"run: found {type(run).__name__}, expected a Trajectory; deltac.read_trajectory(…) reads a file"
         )
     names = None if model is None else MechanismNames.of(model)
-    found = list(_gaps(run.t))
+    result = list(_gaps(run.t))
     if len(run) < 4 or "u" in run.provenance.derived:
-        return found  # u was derived from q: they agree by construction
+        return result  # u was derived from q: they agree by construction
     kinematics = Kinematics.of(run.coordinates, run.speeds)
     reach = np.ptp(run.q, axis=0)
     run = _some(run)
@@ -94,17 +94,17 @@ def suspicions(run: Trajectory, model: Any = None) -> list[Suspicion]:
     ratios = [fit for fit in (*fits.values(), *(t.fit for t in turns)) if fit.good]
     for value, unit in _TIMES.items():
         if ratios and all(fit.near(value) for fit in ratios):
-            return [*found, _time(run, names, fits, value, unit, bool(turns))]
+            return [*result, _time(run, names, fits, value, unit, bool(turns))]
     explained: set[str] = set()
     for turn in turns:
-        found += turn.suspicions
+        result += turn.suspicions
         if frame := list(_velocity_frame(run, turn)):
-            found += frame
+            result += frame
             explained |= {f"{turn.joint}.{axis}" for axis in "xyz"}
     for (i, j), fit in fits.items():
         if run.coordinates[i] not in explained:
-            found += _of_rate(run, names, i, j, fit)
-    return found + _wide_swings(run, names, kinematics, fits, reach, bool(found))
+            result += _of_rate(run, names, i, j, fit)
+    return result + _wide_swings(run, names, kinematics, fits, reach, bool(result))
 
 
 def _some(run: Trajectory) -> Trajectory:
@@ -171,8 +171,8 @@ def _of_rate(
         )
         return
     unit = si_unit(columns["q"], names)
-    known = (_ANGLES if unit != "m" else {}) | (_LENGTHS if unit != "rad" else {})
-    for ratio, (kind, which, factor, text) in known.items():
+    ratios = (_ANGLES if unit != "m" else {}) | (_LENGTHS if unit != "rad" else {})
+    for ratio, (kind, which, factor, text) in ratios.items():
         if fit.near(ratio):
             remedy = (
                 f"{text}: give its unit in a mapping, or multiply {columns[which]} by {factor:.6g}"
@@ -262,8 +262,8 @@ def _turning(run: Trajectory, joint: str, i: int, j: int) -> _Turning:
     ]
     better = (reading for reading in readings if reading[0].beats(readings[0][0]))
     fit, order, frame, p = next(better, readings[0])
-    found = tuple(_of_turning(joint, fit, order, frame)) if fit.good else ()
-    return _Turning(joint, fit, rotations.matrices(p), found)
+    slips = tuple(_of_turning(joint, fit, order, frame)) if fit.good else ()
+    return _Turning(joint, fit, rotations.matrices(p), slips)
 
 
 def _of_turning(joint: str, fit: Fit, order: str, frame: str) -> Iterator[Suspicion]:
@@ -290,17 +290,17 @@ def _of_turning(joint: str, fit: Fit, order: str, frame: str) -> Iterator[Suspic
         )
     speeds = [f"u.{joint}.w{axis}" for axis in "xyz"]
     size = Fit(abs(fit.ratio), fit.correlation)
-    told = f"{joint!r} turns by {fit.ratio:.4g} times what its angular velocity says"
-    known = [item for ratio, item in _ANGLES.items() if item[1] == "u" and size.near(ratio)]
-    for kind, _, factor, text in known:
+    evidence = f"{joint!r} turns by {fit.ratio:.4g} times what its angular velocity says"
+    units = [item for ratio, item in _ANGLES.items() if item[1] == "u" and size.near(ratio)]
+    for kind, _, factor, text in units:
         remedy = f"{text}: give its unit in a mapping, or multiply it by {factor:.6g}"
-        yield Suspicion(kind, told, remedy, factors=dict.fromkeys(speeds, factor))
+        yield Suspicion(kind, evidence, remedy, factors=dict.fromkeys(speeds, factor))
     if frame == "body" and fit.near(-1.0):
         yield Suspicion(
-            "sign", told, "the angular velocity has the wrong sign: correct it (sign = -1)"
+            "sign", evidence, "the angular velocity has the wrong sign: correct it (sign = -1)"
         )
-    elif not known and not size.near(1.0) and abs(fit.correlation) >= _SURE:
-        yield Suspicion("rate", told, "check the unit of the angular velocity")
+    elif not units and not size.near(1.0) and abs(fit.correlation) >= _SURE:
+        yield Suspicion("rate", evidence, "check the unit of the angular velocity")
 
 
 def _velocity_frame(run: Trajectory, turn: _Turning) -> Iterator[Suspicion]:

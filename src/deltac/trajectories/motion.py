@@ -129,8 +129,8 @@ def integral(t: FloatArray, u: FloatArray) -> FloatArray:
     return result
 
 
-def _worst(moved: FloatArray, told: FloatArray) -> float:
-    size = np.abs(moved).sum(axis=0) + np.abs(told).sum(axis=0)
-    difference = np.abs(moved - told).sum(axis=0)
+def _worst(moved: FloatArray, integrated: FloatArray) -> float:
+    size = np.abs(moved).sum(axis=0) + np.abs(integrated).sum(axis=0)
+    difference = np.abs(moved - integrated).sum(axis=0)
     telling = size > LEAST * size.sum()
     return float(np.max(difference[telling] / size[telling])) if telling.any() else np.inf

@@ -70,16 +70,16 @@ class Occurrence:
             if value is not None or name.startswith("u_"):
                 object.__setattr__(self, name, _array(value, nu, f"{name} of {where}"))
         for name in ("forces_before", "forces_after", "impulses"):
-            found, values = {}, getattr(self, name)
+            arrays, values = {}, getattr(self, name)
             if not isinstance(values, Mapping):
                 raise LogError(f"{where}: {name} is {shown(values)}, expected arrays by channel")
             for channel, value in values.items():
                 if not isinstance(channel, str):
                     raise LogError(f"{where}: {name} has the channel {shown(channel)}, no text")
-                found[ChannelName.parse(channel)] = _array(
+                arrays[ChannelName.parse(channel)] = _array(
                     value, nu, f"{name} of {channel!r} of {where}"
                 )
-            object.__setattr__(self, name, MappingProxyType(found))
+            object.__setattr__(self, name, MappingProxyType(arrays))
 
     @property
     def work(self) -> dict[ChannelName, float]:
@@ -119,17 +119,17 @@ class Occurrence:
     @staticmethod
     def from_dict(values: Mapping[str, Any]) -> Occurrence:
         """The occurrence that `to_dict` wrote; InputError for entries that are missing or unknown."""
-        known = ("t", "names", *_ARRAYS, *_MAPPINGS)
+        keys = ("t", "names", *_ARRAYS, *_MAPPINGS)
         if not isinstance(values, Mapping):
             raise LogError(
                 f"metadata: an event is {shown(values)}, expected a mapping of its entries"
             )
         for name in values:
-            if name not in known:
+            if name not in keys:
                 raise UnknownName(
-                    f"metadata: unknown entry {shown(name)} of an event{closest(name, known)}"
+                    f"metadata: unknown entry {shown(name)} of an event{closest(name, keys)}"
                 )
-        for name in known:
+        for name in keys:
             if name not in values:
                 raise LogError(f"metadata: an event has no entry {name!r}")
         return Occurrence(**values)

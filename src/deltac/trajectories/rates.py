@@ -37,8 +37,8 @@ def derived_speeds(
     kinematics = _complete(coordinates, speeds)
     u = _speeds(t, q, kinematics, len(speeds))
     error = _error(t, u, lambda s: _speeds(t[s], q[s], kinematics, len(speeds)))
-    found = {f"u.{name}": u[:, index] for index, name in enumerate(speeds)}
-    return found, {name: float(e) for name, e in zip(speeds, error, strict=True)}
+    speed_columns = {f"u.{name}": u[:, index] for index, name in enumerate(speeds)}
+    return speed_columns, {name: float(e) for name, e in zip(speeds, error, strict=True)}
 
 
 def with_accelerations(run: Trajectory) -> Trajectory:
@@ -137,10 +137,10 @@ def _error(t: FloatArray, fine: FloatArray, derive: Callable[[slice], FloatArray
 
 def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
     kinematics = Kinematics.of(coordinates, speeds)
-    found = {j for _, j in kinematics.rates}
-    found |= {j + k for _, _, j in kinematics.quaternions for k in range(3)}
+    covered = {j for _, j in kinematics.rates}
+    covered |= {j + k for _, _, j in kinematics.quaternions for k in range(3)}
     for index, name in enumerate(speeds):
-        if index not in found:
+        if index not in covered:
             raise LogError(
                 f"no column 'u.{name}', and it cannot be derived: no logged coordinate changes with it. "
                 "Log the speed."

@@ -199,15 +199,15 @@ class Trajectory(Shown, Once):
         _set(self, "coordinates", _names("coordinates", self.coordinates))
         _set(self, "speeds", _names("speeds", self.speeds))
         for name in ("forces", "works", "integrals"):
-            given = getattr(self, name)
-            if not isinstance(given, Mapping):
+            value = getattr(self, name)
+            if not isinstance(value, Mapping):
                 raise WrongType(
-                    f"{name}: found {shown(given)}, expected a mapping of names to values"
+                    f"{name}: found {shown(value)}, expected a mapping of names to values"
                 )
         for name in ("forces", "works"):
-            given = getattr(self, name)
-            _names(name, given)
-            _set(self, name, {ChannelName.parse(channel): given[channel] for channel in given})
+            value = getattr(self, name)
+            _names(name, value)
+            _set(self, name, {ChannelName.parse(channel): value[channel] for channel in value})
         _names("integrals", self.integrals)
         if not isinstance(self.provenance, Provenance):
             raise _unfit("provenance", self.provenance, "a Provenance")
@@ -302,8 +302,8 @@ class Trajectory(Shown, Once):
         """Tables of coordinates and speeds with their ranges, of channels, and of what happened."""
 
         def row(name: str, values: FloatArray) -> tuple[str, ...]:
-            told = (values[0], values[-1], values.min(), values.max())
-            return (name, *(number(float(x)) for x in told))
+            statistics = (values[0], values[-1], values.min(), values.max())
+            return (name, *(number(float(x)) for x in statistics))
 
         rows = [row(f"q {name}", values) for name, values in zip(self.coordinates, self.q.T)]
         rows += [row(f"u {name}", values) for name, values in zip(self.speeds, self.u.T)]
@@ -326,28 +326,28 @@ class Trajectory(Shown, Once):
 
     def position(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
         """Where a point of a body, in the body's frame, is (T, 3), m, world components."""
-        found: FloatArray = self._kinematics().position(body, point)
-        return found
+        place: FloatArray = self._kinematics().position(body, point)
+        return place
 
     def velocity(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
         """Velocity of a body's material point (T, 3), m/s, world components."""
-        found: FloatArray = self._kinematics().velocity(body, point)
-        return found
+        vector: FloatArray = self._kinematics().velocity(body, point)
+        return vector
 
     def orientation(self, body: str) -> FloatArray:
         """Rotation matrices (T, 3, 3): columns are the body's axes in the world."""
-        found: FloatArray = self._kinematics().orientation(body)
-        return found
+        matrix: FloatArray = self._kinematics().orientation(body)
+        return matrix
 
     def angular_velocity(self, body: str) -> FloatArray:
         """Angular velocity of a body (T, 3), rad/s, world components."""
-        found: FloatArray = self._kinematics().angular_velocity(body)
-        return found
+        vector: FloatArray = self._kinematics().angular_velocity(body)
+        return vector
 
     def contact_point(self, constraint: str) -> FloatArray:
         """Where a wheel, disc or sphere that rolls touches its plane (T, 3), m."""
-        found: FloatArray = self._kinematics().contact_point(constraint)
-        return found
+        place: FloatArray = self._kinematics().contact_point(constraint)
+        return place
 
     @functools.cached_property
     def multipliers(self) -> Mapping[str, FloatArray]:
@@ -356,11 +356,13 @@ class Trajectory(Shown, Once):
         The sign is that of M u̇ + h = f + Gᵀλ; rows that follow from others have none. Gᵀλ itself is in
         `forces`, as ``constraint <name>``.
         """
-        found = service("evaluate")(self._known("multipliers"), self)
-        names = dict.fromkeys(found.rows)
+        evaluation = service("evaluate")(self._known("multipliers"), self)
+        names = dict.fromkeys(evaluation.rows)
         return MappingProxyType(
             {
-                name: found.multipliers[:, [k for k, row in enumerate(found.rows) if row == name]]
+                name: evaluation.multipliers[
+                    :, [k for k, row in enumerate(evaluation.rows) if row == name]
+                ]
                 for name in names
             }
         )
@@ -439,12 +441,14 @@ class Trajectory(Shown, Once):
                 f"rows: {error}; expected a slice, places from 0 to {len(self) - 1} or a mask ({len(self)},)"
             ) from None
         if not len(places) or (np.diff(places) <= 0).any():
-            found = (
+            interpolated = (
                 "none"
                 if not len(places)
                 else f"row {places[np.diff(places).argmin() + 1]} twice or late"
             )
-            raise InputError(f"rows: found {found}; expected at least one, in ascending order")
+            raise InputError(
+                f"rows: found {interpolated}; expected at least one, in ascending order"
+            )
         t = self.t[rows]
         return replace(
             self,
@@ -490,7 +494,7 @@ class Trajectory(Shown, Once):
             InputError: states of another size, or of which no usual order makes sense; the message has the
                 names for `order`.
         """
-        made: Trajectory = service("trajectory_of_states")(
+        run: Trajectory = service("trajectory_of_states")(
             result,
             model,
             order=order,
@@ -498,7 +502,7 @@ class Trajectory(Shown, Once):
             equations=equations,
             provenance=provenance,
         )
-        return made
+        return run
 
     def to_frame(self) -> polars.DataFrame:
         """A polars DataFrame with the columns of the log schema (see `schema`)."""
@@ -584,7 +588,7 @@ def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:
     if isinstance(names, str):
         raise WrongType(f"{what}: found the text {names!r}, expected several names; use a tuple")
     names = tuple(names)
-    seen: set[str] = set()
+    names_so_far: set[str] = set()
     for name in names:
         if not isinstance(name, str) or not name.strip():
             raise LogError(f"{what}: found {name!r}, expected a name that is not blank")
@@ -592,9 +596,9 @@ def _names(what: str, names: Iterable[str]) -> tuple[str, ...]:
         lost = ("Cc", "Cs", "Zl", "Zp")
         if not name.isprintable() and any(unicodedata.category(c) in lost for c in name):
             raise LogError(f"{what}: {name!r} has a control character or a line break; rename it")
-        if name in seen:
+        if name in names_so_far:
             raise LogError(f"{what}: {name!r} appears twice; names must be distinct")
-        seen.add(name)
+        names_so_far.add(name)
     return names
 
 

@@ -33,7 +33,7 @@ from deltac.diagnosis.verdict import (
 )
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import KEPT
-from deltac.errors import InputError
+from deltac.errors import InputError, SolverError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
@@ -123,6 +123,38 @@ class Audit(
         """Largest |energy_error| as a fraction of `reference_energy`."""
         error, energy = float(np.abs(self.energy_error).max()), self.reference_energy
         return error / energy if energy > 0.0 else 0.0
+
+    def step_for(self, tolerance: float) -> float:
+        """The step (s) that would keep |ΔC| of the integrator within a fraction of `reference_energy`.
+
+        Predicted from this log, not run: the joules of the integrator fall with the power of the step that is
+        its order.
+
+        Raises InputError (E-SOLVER) where that is not known: wrong equations, constraints or impacts, whose
+        errors have no such order, an integrator that is not identified, joules within their own error.
+        """
+        check_tolerance(tolerance)
+        reason = ""
+        if self.attribution is None or self.integrator is None:
+            reason = "the rows allow no estimate of the integrator"
+        elif self.verdict.kind == "equation-error":
+            reason = "the equations of the model are not those of the log"
+        elif self.mechanism.constraints or self.run.events:
+            reason = "errors at constraints and impacts have no order that could predict"
+        elif not self.integrator.names or "higher-order" in self.integrator.names:
+            reason = (
+                f"{self.integrator.sentence}, and its joules cannot be told from those of others"
+            )
+        else:
+            energy, error = self.attribution.integrator.largest
+            if energy > SIGNIFICANT * error:
+                accepted = tolerance * self.reference_energy
+                ratio = float((accepted / energy) ** (1.0 / self.integrator.order))
+                return self.integrator.step * ratio
+            reason = f"its joules, {energy:.2g} J, are within their error"
+        raise SolverError(
+            f"step_for: {reason}. `deltac.recommend` finds a step by running the model"
+        )
 
     @property
     def reference_energy(self) -> float:
@@ -256,6 +288,9 @@ _BEYOND_TOLERANCE = (
     "constraint-drift",
 )
 """Causes that set the exit code although the balance holds: their forces are those of the log."""
+
+SIGNIFICANT = 3.0
+"""Standard errors above which joules of the integrator can be extrapolated to other steps."""
 
 SHARES = {"read": 0.4, "evidence": 0.6}
 """Of the time that each part of an audit takes, roughly."""

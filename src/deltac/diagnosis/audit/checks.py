@@ -12,7 +12,6 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.codes import FINDINGS
-from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.measurements.digits import scatter
 from deltac.diagnosis.measurements.kinematics import trusted
@@ -29,6 +28,7 @@ from deltac.trajectories import Trajectory, suspicions
 from deltac.trajectories.columns import MechanismNames
 
 if TYPE_CHECKING:
+    from deltac.diagnosis.inference.inference import Inference
     from deltac.importers import ImportReport
 
 

@@ -20,6 +20,7 @@ from deltac.diagnosis.residuals.at_samples import (
     EquationTerms,
     constraint_rates,
     equation_terms,
+    stale_stage,
 )
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import states_along
@@ -134,7 +135,6 @@ def residuals_of(
         worst = [*coarser, worst[0]]
         if not trusted:
             from deltac.diagnosis.audit import conventions
-            from deltac.diagnosis.audit.samples import stale_stage
 
             findings += stale_stage(mechanism, finest, terms)
             if not findings and terms.significant.any():

@@ -114,9 +114,9 @@ def _confidence(verdict: Verdict) -> tuple[tuple[str, str], ...]:
 
 
 @singledispatch
-def page_of(report: Report, beside: Beside) -> Page:
+def page_of(report: Report, context: Beside) -> Page:
     """The page of a report; of one that has no page of its own, its text and its tables."""
-    chapters = [*_motion(beside.run, beside.mechanism), *_told(report)]
+    chapters = [*_motion(context.run, context.mechanism), *_told(report)]
     return Page(
         title=type(report).__name__,
         asked=_first_line(report),
@@ -124,18 +124,18 @@ def page_of(report: Report, beside: Beside) -> Page:
         word=_sentence(report.summary()),
         sentence="",
         chapters=tuple(chapters),
-        scene=moving(beside.mechanism, [("run", beside.run)]),
-        made=made(beside.run),
+        scene=moving(context.mechanism, [("run", context.run)]),
+        made=made(context.run),
         data=report.to_dict(),
     )
 
 
 @page_of.register
-def _(report: Audit, beside: Beside) -> Page:
+def _(report: Audit, context: Beside) -> Page:
     ledger, run, mechanism = report.ledger, report.run, report.mechanism
     v = report.verdict
     bar = float(ledger.error_bar[report.function].max())
-    left = float(np.abs(report.energy_error).max())
+    largest = float(np.abs(report.energy_error).max())
     chapters = [
         Chapter("The evidence", (audit_errors(report), _rests_on(report))),
         _findings(report.findings, ledger, run, report.energy_error),
@@ -145,7 +145,7 @@ def _(report: Audit, beside: Beside) -> Page:
         ),
         *_motion(run, mechanism),
         Chapter("In numbers", tuple(_tables(report.sections()))),
-        *(c for other in beside.more for c in _told(other, "What would explain it")),
+        *(c for other in context.more for c in _told(other, "What would explain it")),
     ]
     if report.import_report is not None:
         words = tuple(report.import_report.sections())
@@ -155,7 +155,7 @@ def _(report: Audit, beside: Beside) -> Page:
         asked="Can this log be trusted: does its motion obey the model, and was its energy kept?",
         **_verdict(report),
         numbers=(
-            ("largest |ΔC|", f"{number(left, 'J', 3)} ± {number(bar, '', 2)}"),
+            ("largest |ΔC|", f"{number(largest, 'J', 3)} ± {number(bar, '', 2)}"),
             *_share(report),
             ("samples", f"{len(run):,} over {number(run.duration, 's')}"),
         ),
@@ -168,7 +168,7 @@ def _(report: Audit, beside: Beside) -> Page:
 
 
 @page_of.register
-def _(report: Study, beside: Beside) -> Page:
+def _(report: Study, context: Beside) -> Page:
     usable = [entry for entry in report.runs if entry.ledger is not None]
     finest = usable[-1]
     assert finest.ledger is not None and finest.run is not None
@@ -209,13 +209,13 @@ def _(report: Study, beside: Beside) -> Page:
 
 
 @page_of.register
-def _(report: Ledger, beside: Beside) -> Page:
+def _(report: Ledger, context: Beside) -> Page:
     worst = next((n for n in ("wang", "liu-huston") if n in report.delta_c), None)
     plots: list[Part] = [] if worst is None else [all_functions(report)]
     plots += [momentum_functions(report)] if report.delta_p else []
     flows = () if worst is None else (flows_of(report, worst),)
     return Page(
-        title="Ledger" if beside.mechanism is None else beside.mechanism.name,
+        title="Ledger" if context.mechanism is None else context.mechanism.name,
         asked="Where did the energy go?",
         tone="plain",
         word="Balance",
@@ -223,36 +223,38 @@ def _(report: Ledger, beside: Beside) -> Page:
         chapters=(
             Chapter("The testing functions", tuple(plots)),
             Chapter("Where the energy went", (*flows, *energy_plots(report))),
-            *_motion(beside.run, beside.mechanism),
+            *_motion(context.run, context.mechanism),
             Chapter("In numbers", tuple(_tables(report.sections()))),
         ),
-        scene=moving(beside.mechanism, [("run", beside.run)]),
-        made=made(beside.run, beside.mechanism),
+        scene=moving(context.mechanism, [("run", context.run)]),
+        made=made(context.run, context.mechanism),
         data=report.to_dict(),
     )
 
 
 @page_of.register
-def _(report: EquationCheck, beside: Beside) -> Page:
-    repairs = [other for other in beside.more if isinstance(other, Repair)]
+def _(report: EquationCheck, context: Beside) -> Page:
+    repairs = [other for other in context.more if isinstance(other, Repair)]
     fixed = [fix for repair in repairs for fix in repair.fixes]
     evidence: list[Part] = [_rests_on(report), residuals(report)]
     where = [_sentence(f"{found}.") for found in report.blame[:MOST_LINES]]
     if report.example is not None:
         where.append(f"{report.example}.")
-    chapters = [Chapter("The evidence", (*_two(report, beside), *evidence))]
+    chapters = [Chapter("The evidence", (*_two(report, context), *evidence))]
     if fixed:
         found = fixed[0]
-        said = [part for repair in repairs for part in repair.sections() if isinstance(part, str)]
-        told = Words("The edit that makes it right", tuple(map(_sentence, said)))
+        sentences = [
+            part for repair in repairs for part in repair.sections() if isinstance(part, str)
+        ]
+        words = Words("The edit that makes it right", tuple(map(_sentence, sentences)))
         diff = Code(f"{found.file}, line {', '.join(map(str, found.lines))}", found.diff, diff=True)
-        chapters.append(Chapter("What is wrong, and the correction", (told, diff)))
+        chapters.append(Chapter("What is wrong, and the correction", (words, diff)))
     if where:
         chapters.append(Chapter("Where the equations fail", (Words("", tuple(where)),)))
     chapters.append(_findings(report.findings, None, None))
     chapters.append(Chapter("In numbers", tuple(_tables(report.sections()))))
     if not fixed:
-        chapters += [c for other in beside.more for c in _told(other, _REPAIRED)]
+        chapters += [c for other in context.more for c in _told(other, _REPAIRED)]
     return Page(
         title=f"{report.name}, against {report.mechanism}",
         asked="Are these equations of motion the model's, and if not, where do they differ?",
@@ -265,7 +267,7 @@ def _(report: EquationCheck, beside: Beside) -> Page:
             *_confidence(report.verdict),
         ),
         chapters=tuple(chapters),
-        scene=_right_and_wrong(report, beside),
+        scene=_right_and_wrong(report, context),
         limits=report.verdict.limits,
         made=(("model", report.mechanism), ("equations", report.name)),
         data=report.to_dict(),
@@ -274,15 +276,15 @@ def _(report: EquationCheck, beside: Beside) -> Page:
 
 def _checked(report: EquationCheck, fixed: Sequence[Fix]) -> dict[str, Any]:
     """The verdict; of equations that are wrong, which, and what is to be changed."""
-    told = {**_verdict(report), "word": _CHECKED[report.verdict.kind]}
+    verdict = {**_verdict(report), "word": _CHECKED[report.verdict.kind]}
     if report.blame:
-        which = ", ".join(report.test.speeds[found.number - 1] for found in report.blame)
-        said = f"They fail for {which}."
+        which = ", ".join(report.test.speeds[blame.number - 1] for blame in report.blame)
+        sentence = f"They fail for {which}."
         if fixed:
             lines = ", ".join(map(str, fixed[0].lines))
-            said = f"Line {lines}: {'; '.join(fixed[0].words)}."
-        told["sentence"] = said
-    return told
+            sentence = f"Line {lines}: {'; '.join(fixed[0].words)}."
+        verdict["sentence"] = sentence
+    return verdict
 
 
 _REPAIRED = "The search for the mistake"
@@ -314,30 +316,30 @@ def _motion_of(model: Model, equations: Equations | None = None) -> Trajectory |
         return None
 
 
-def _pair(report: EquationCheck, beside: Beside) -> tuple[Trajectory, Trajectory] | None:
+def _pair(report: EquationCheck, context: Beside) -> tuple[Trajectory, Trajectory] | None:
     """The motions by the model's equations and by those tested, where there is a start."""
-    if beside.model is None or beside.equations is None:
+    if context.model is None or context.equations is None:
         return None
-    right = _motion_of(beside.model)
-    wrong = _motion_of(beside.model, beside.equations)
+    right = _motion_of(context.model)
+    wrong = _motion_of(context.model, context.equations)
     return None if right is None or wrong is None else (right, wrong)
 
 
-def _right_and_wrong(report: EquationCheck, beside: Beside) -> Scene | None:
-    both = _pair(report, beside)
-    if both is None or beside.mechanism is None:
+def _right_and_wrong(report: EquationCheck, context: Beside) -> Scene | None:
+    both = _pair(report, context)
+    if both is None or context.mechanism is None:
         return None
     names = ("the model", report.name)
-    return moving(beside.mechanism, tuple(zip(names, both)), side_by_side=True)
+    return moving(context.mechanism, tuple(zip(names, both)), side_by_side=True)
 
 
-def _two(report: EquationCheck, beside: Beside) -> Iterator[TimePlot]:
+def _two(report: EquationCheck, context: Beside) -> Iterator[TimePlot]:
     """The coordinates of both motions."""
-    both = _pair(report, beside)
-    if both is None or beside.mechanism is None:
+    both = _pair(report, context)
+    if both is None or context.mechanism is None:
         return
     right, wrong = both
-    names = beside.mechanism.coordinates.names
+    names = context.mechanism.coordinates.names
     ranked = np.argsort(-np.ptp(right.q, axis=0), kind="stable")[:3]
     yield TimePlot(
         "The motion by the model, and by these equations (dashed)",
@@ -355,13 +357,13 @@ def _two(report: EquationCheck, beside: Beside) -> Iterator[TimePlot]:
                 ),
             )
         ),
-        ", ".join(dict.fromkeys(beside.mechanism.coordinates[int(k)].unit for k in ranked)),
+        ", ".join(dict.fromkeys(context.mechanism.coordinates[int(k)].unit for k in ranked)),
         tall=True,
     )
 
 
 @page_of.register
-def _(report: Recommendation, beside: Beside) -> Page:
+def _(report: Recommendation, context: Beside) -> Page:
     best = report.best
     word = report.summary() if best is None else f"Use {best.solver}, {setting_of(best)}"
     words = [part for part in report.sections() if isinstance(part, str)][:-1]  # less the limits
@@ -380,11 +382,11 @@ def _(report: Recommendation, beside: Beside) -> Page:
             ("evaluations", f"{best.evaluations:,}" if best.evaluations else "not counted"),
         ]
     energy, *motion = fronts(report)
-    run = beside.run
-    if run is None and best is not None and beside.model is not None:
-        run = _recommended(beside.model, best, report.duration)
+    run = context.run
+    if run is None and best is not None and context.model is not None:
+        run = _recommended(context.model, best, report.duration)
     return Page(
-        title="Solver and step" if beside.mechanism is None else beside.mechanism.name,
+        title="Solver and step" if context.mechanism is None else context.mechanism.name,
         asked=f"Which solver, with which step, keeps a tolerance of {report.tolerance:g} at the least cost?",
         tone=TONES.get(report.exit_code, "bad"),
         word=_sentence(word),
@@ -403,12 +405,12 @@ def _(report: Recommendation, beside: Beside) -> Page:
                 ),
             ),
             Chapter("The error of the motion", tuple(motion)),
-            *_motion(run, beside.mechanism),
+            *_motion(run, context.mechanism),
             Chapter("In numbers", tuple(_tables(report.sections()))),
         ),
-        scene=moving(beside.mechanism, [("as recommended", run)]),
+        scene=moving(context.mechanism, [("as recommended", run)]),
         limits=report.limits,
-        made=made(run, beside.mechanism),
+        made=made(run, context.mechanism),
         data=report.to_dict(),
     )
 
@@ -432,13 +434,13 @@ def _recommended(model: Model, best: Trial, duration: float) -> Trajectory | Non
 
 
 @page_of.register
-def _(report: Examination, beside: Beside) -> Page:
-    pages = {name: page_of(part, beside) for name, part in report.results.items()}
+def _(report: Examination, context: Beside) -> Page:
+    pages = {name: page_of(part, context) for name, part in report.results.items()}
     chapters = [
         Chapter(
             f"{_sentence(TITLES[name])} {page.word}.",
             page.chapters[0].parts,
-            tuple(told for chapter in page.chapters for told in chapter.findings),
+            tuple(words for chapter in page.chapters for words in chapter.findings),
             page.sentence,
         )
         for name, page in pages.items()
@@ -493,17 +495,17 @@ def _findings(
     energy_error: Array | None = None,
 ) -> Chapter:
     """What to do: every finding with its instant and its element."""
-    told = [Told(f, _instant(f, ledger, run), _element(f)) for f in findings]
-    return Chapter("What was found, and what to do", (), tuple(told))
+    entries = [Told(f, _instant(f, ledger, run), _element(f)) for f in findings]
+    return Chapter("What was found, and what to do", (), tuple(entries))
 
 
 def _instant(finding: Finding, ledger: Ledger | None, run: Trajectory | None) -> float | None:
     """The instant that a finding names, else that at which its channel does most."""
     if run is None:
         return None
-    found = _INSTANT.search(f"{finding.what} {finding.evidence}")
-    if found is not None:
-        t = float(found.group(1))
+    match = _INSTANT.search(f"{finding.what} {finding.evidence}")
+    if match is not None:
+        t = float(match.group(1))
         if run.t[0] <= t <= run.t[-1]:
             return t
     if ledger is not None and finding.element in ledger.power:
@@ -533,8 +535,8 @@ def moving(
     side_by_side: bool = False,
 ) -> Scene | None:
     """The scene of those runs that are there; None without a mechanism."""
-    known = [(name, run) for name, run in runs if run is not None and len(run) > 1]
-    return None if mechanism is None else scene(mechanism, known, side_by_side)
+    shown_runs = [(name, run) for name, run in runs if run is not None and len(run) > 1]
+    return None if mechanism is None else scene(mechanism, shown_runs, side_by_side)
 
 
 def _tables(sections: Iterable[Section]) -> Iterator[Part]:
@@ -576,20 +578,20 @@ def _sentence(text: str) -> str:
 
 def made(run: Trajectory | None, mechanism: Mechanism | None = None) -> tuple[tuple[str, str], ...]:
     """Where a motion comes from."""
-    told: list[tuple[str, str]] = []
+    facts: list[tuple[str, str]] = []
     if mechanism is not None:
-        told += [("model", mechanism.name), ("hash of the model", mechanism.hash)]
+        facts += [("model", mechanism.name), ("hash of the model", mechanism.hash)]
     if run is not None:
         p = run.provenance
-        told.append(("simulator", p.simulator))
+        facts.append(("simulator", p.simulator))
         if p.solver:
-            told.append(("solver", p.solver))
+            facts.append(("solver", p.solver))
         if p.step:
-            told.append(("step", number(p.step, "s")))
+            facts.append(("step", number(p.step, "s")))
         if p.tolerance:
-            told.append(("tolerance", number(p.tolerance)))
-        told.append(("rows", f"{len(run):,} from {run.t[0]:g} to {run.t[-1]:g} s"))
+            facts.append(("tolerance", number(p.tolerance)))
+        facts.append(("rows", f"{len(run):,} from {run.t[0]:g} to {run.t[-1]:g} s"))
         if not p.completed:
-            told.append(("stopped early", p.message or "no reason was given"))
-        told += list(p.notes.items())
-    return tuple(told)
+            facts.append(("stopped early", p.message or "no reason was given"))
+        facts += list(p.notes.items())
+    return tuple(facts)

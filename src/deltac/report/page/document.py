@@ -55,7 +55,7 @@ def _here(command: str) -> list[tuple[str, str]]:
     """How this page was made."""
     from deltac import __version__
 
-    made = [("command", command)] if command else []
+    command_line = [("command", command)] if command else []
     now = datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")
     where = f"deltac {__version__}, Python {platform.python_version()}, {platform.system()}"
-    return [*made, ("written by", where), ("written on", now)]
+    return [*command_line, ("written by", where), ("written on", now)]

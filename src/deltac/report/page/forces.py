@@ -71,12 +71,14 @@ class _Acted:
             total += values[rows][:, free]
         for channel in () if logged else channels:
             name = ChannelName.parse(channel)
-            found = self.evaluation
+            evaluation = self.evaluation
             if name.kind == "constraint":
-                own = [k for k, row in enumerate(found.rows) if row == name.element]
-                total += np.einsum("tcp,tc->tp", found.G[:, own], found.multipliers[:, own])
-            elif name in found.forces:
-                total += found.forces[name][:, free]
+                own = [k for k, row in enumerate(evaluation.rows) if row == name.element]
+                total += np.einsum(
+                    "tcp,tc->tp", evaluation.G[:, own], evaluation.multipliers[:, own]
+                )
+            elif name in evaluation.forces:
+                total += evaluation.forces[name][:, free]
         return total
 
 
@@ -103,8 +105,8 @@ class _Acting:
         place, jacobian = _jacobian(acted.mechanism, acted.at, self.body, self.other, self.point)
         power = np.linalg.pinv(jacobian[:, :3].transpose(0, 2, 1), rcond=1e-9)
         force = np.einsum("tij,tj->ti", power, generalized)
-        left = generalized - np.einsum("tij,ti->tj", jacobian[:, :3], force)
-        if np.abs(left).max() > 1e-6 * np.abs(generalized).max() and self.slides:
+        rest = generalized - np.einsum("tij,ti->tj", jacobian[:, :3], force)
+        if np.abs(rest).max() > 1e-6 * np.abs(generalized).max() and self.slides:
             inverse = np.linalg.pinv(jacobian.transpose(0, 2, 1), rcond=1e-9)
             wrench = np.einsum("tij,tj->ti", inverse, generalized)
             force, moment = wrench[:, :3], wrench[:, 3:]
@@ -156,8 +158,8 @@ def _jacobian(
         moves = places.velocity(body, x) - places.velocity(other, x)
         turns = places.angular_velocity(body) - places.angular_velocity(other)
         rates = ca.jacobian(ca.vertcat(moves, turns), system.u)
-        given = [system.t, system.q, system.u]
-        return ca.Function("arrow", given, [ca.densify(x), ca.densify(ca.vec(rates))])
+        arguments = [system.t, system.q, system.u]
+        return ca.Function("arrow", arguments, [ca.densify(x), ca.densify(ca.vec(rates))])
 
     f = system.once(("arrow", body, other, *map(repr, point)), function)
     free = mechanism.free

@@ -68,16 +68,16 @@ def drawn_bodies(mechanism: Mechanism, size: float) -> Iterator[Drawn]:
     yield Drawn(GROUND, tuple(own[GROUND]), None, False, (0.0, 0.0, 0.0))
     for body in mechanism.bodies:
         forms, joint = own[body.name], carrier[body.name]
-        here = numbers(mechanism, joint.child_position)
+        place = numbers(mechanism, joint.child_position)
         inferred = not forms
         if not mechanism.visuals:  # else a body without looks is meant to have none
-            forms = [*forms, *_inertial(mechanism, body, here, size, solid=inferred)]
+            forms = [*forms, *_inertial(mechanism, body, place, size, solid=inferred)]
         axis = joint.axes[0] if joint.axes else None
         carried = {
             "name": joint.name,
             "kind": joint.kind,
             "parent": joint.parent,
-            "position": listed(here),
+            "position": listed(place),
             "axis": None
             if axis is None
             else listed(np.array(joint.child_rotation, dtype=float) @ np.array(axis)),
@@ -144,7 +144,7 @@ def _contact_form(mechanism: Mechanism, shape: Shape) -> Iterator[Form]:
 
 
 def _inertial(
-    mechanism: Mechanism, body: Body, here: Array, size: float, solid: bool
+    mechanism: Mechanism, body: Body, place: Array, size: float, solid: bool
 ) -> Iterator[Form]:
     """What a body's inertia is that of, and thin rods from its joint to its mass centre and other joints."""
     thin = 0.011 * size
@@ -154,7 +154,7 @@ def _inertial(
     if not body.massless and solid:
         half, axes = _box(mechanism, body)
         reached.append(centre)
-        if half.max() <= 1e-3 * size or _hides(half, [here, *reached]):
+        if half.max() <= 1e-3 * size or _hides(half, [place, *reached]):
             half = np.zeros(3)
             yield Form("sphere", (2.6 * thin,), listed(centre), (0.0, 0.0, 0.0, 1.0))
         elif half[1] <= 0.05 * half[2]:  # a rod
@@ -164,9 +164,9 @@ def _inertial(
             yield _round_or_box(half, axes, centre, thin)
     allowed = 1.02 * half + 0.02 * half.max()
     for end in reached:
-        inside = all(np.all(np.abs(axes.T @ (p - centre)) <= allowed) for p in (here, end))
-        if np.linalg.norm(end - here) > 0.02 * size and not inside:
-            yield _stick(here, end, thin)
+        inside = all(np.all(np.abs(axes.T @ (p - centre)) <= allowed) for p in (place, end))
+        if np.linalg.norm(end - place) > 0.02 * size and not inside:
+            yield _stick(place, end, thin)
 
 
 def _attached(mechanism: Mechanism, body: Body) -> list[Array]:
@@ -237,9 +237,9 @@ def _stick(start: Array, end: Array, radius: float) -> Form:
 def _tip(mechanism: Mechanism, body: Body) -> tuple[float, ...]:
     """The point of a body that is farthest from the joint that carries it."""
     joint = next(j for j in mechanism.joints if j.child == body.name)
-    here = numbers(mechanism, joint.child_position)
+    place = numbers(mechanism, joint.child_position)
     points = corners(mechanism, body)[1:]
-    return listed(points[int(np.argmax(np.linalg.norm(points - here, axis=1)))])
+    return listed(points[int(np.argmax(np.linalg.norm(points - place, axis=1)))])
 
 
 def trails(

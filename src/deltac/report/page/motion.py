@@ -69,13 +69,13 @@ def viewed(
         step = problem.step if problem else STEP
     step = positive(step, "step")
     solver = solver or (problem.solver if problem else SOLVER)
-    wanted = duration
-    if wanted is None:
-        wanted = problem.duration if problem else DURATION
-        wanted = step * max(2, round(min(wanted / step, ROWS)))
+    seconds = duration
+    if seconds is None:
+        seconds = problem.duration if problem else DURATION
+        seconds = step * max(2, round(min(seconds / step, ROWS)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page says where it stopped
-        run = before_blow_up(simulate(mechanism, start, wanted, step, solver))
+        run = before_blow_up(simulate(mechanism, start, seconds, step, solver))
     return mechanism, run, balance(mechanism, run)
 
 

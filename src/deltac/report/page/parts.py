@@ -227,5 +227,5 @@ def _cut(plot: TimePlot, stretches: int) -> dict[str, Any]:
             if not plot.log:
                 entry["low"] = Numbers(cut.smallest(y - line.bar))
         lines.append(entry)
-    made: Any = {"t": Numbers(cut.t, exact=True), "lines": tuple(lines)}
-    return replace(plot, **made).contents() | {"rows": len(plot.t), "whole": cut.whole}
+    curves: Any = {"t": Numbers(cut.t, exact=True), "lines": tuple(lines)}
+    return replace(plot, **curves).contents() | {"rows": len(plot.t), "whole": cut.whole}

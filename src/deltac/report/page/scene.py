@@ -90,19 +90,19 @@ def scene(
     size = _size(mechanism, first)
     view = _view(up, reach)
     right = unit(np.cross(up, view)) if abs(up @ view) < 0.999 else frame_of(view)[:, 0]
-    seen = np.column_stack([right, np.cross(view, right), view])
-    low, high = (reach @ seen).min(axis=0), (reach @ seen).max(axis=0)
+    axes = np.column_stack([right, np.cross(view, right), view])
+    low, high = (reach @ axes).min(axis=0), (reach @ axes).max(axis=0)
     half = np.maximum((high - low) / 2, 0.3 * size)
-    centre, radius = seen @ (low + high) / 2, float(np.linalg.norm(half))
+    centre, radius = axes @ (low + high) / 2, float(np.linalg.norm(half))
     bodies = tuple(drawn_bodies(mechanism, size))
     travel = np.ptp(first[:, 1:, :3].mean(axis=1), axis=0)
-    moving = []
+    shown = []
     for k, ((name, at), poses) in enumerate(zip(sampled, placed)):
         forces = tuple(arrows(mechanism, runs[0][1], at)) if k == 0 else ()
-        moving.append(Moving(name, Numbers(at.t, exact=True), Numbers(poses), forces))
+        shown.append(Moving(name, Numbers(at.t, exact=True), Numbers(poses), forces))
     return Scene(
         bodies,
-        tuple(moving),
+        tuple(shown),
         tuple(ties(mechanism)),
         tuple(trails(mechanism, bodies)),
         listed(up),

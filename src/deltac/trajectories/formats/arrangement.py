@@ -93,8 +93,8 @@ def _messages(frame: polars.DataFrame) -> polars.DataFrame:
         return frame
     places = [columns.index(name) for name in texts]
     after = columns[places[-1] + 1 :]
-    many, left = divmod(len(after), len(places))
-    if left or not 1 <= many <= len(_MESSAGE) or places[-1] - places[0] != len(places) - 1:
+    many, rest = divmod(len(after), len(places))
+    if rest or not 1 <= many <= len(_MESSAGE) or places[-1] - places[0] != len(places) - 1:
         return frame
     new = [f"{what}.{joint}" for what in _MESSAGE[:many] for joint in texts.values()]
     heads = dict(zip(columns[: places[0]], STAMPS[0]))

@@ -253,19 +253,19 @@ def _shape(lines: Sequence[str]) -> tuple[Dialect, int] | None:
     ``0,01;57,25`` would be two numbers and a rest.
     """
     best: tuple[int, int, int] = (0, 0, 0)
-    found = None
+    shape = None
     lines = [line for line in lines if not _comment(line)]
     for k, dialect in enumerate(DIALECTS):
-        widths, left = Counter[int](), Counter[int]()
+        widths, surplus = Counter[int](), Counter[int]()
         for fields in map(dialect.fields, lines):
             if len(fields) > 1 and (count := dialect.numbers(fields)):
                 widths[len(fields)] += 1
-                left[len(fields)] += 2 * count - sum(map(bool, fields))
+                surplus[len(fields)] += 2 * count - sum(map(bool, fields))
         if widths:
             width, rows = widths.most_common(1)[0]
-            if (score := (left[width], rows, -k)) > best or found is None:
-                best, found = score, (dialect, width)
-    return found
+            if (score := (surplus[width], rows, -k)) > best or shape is None:
+                best, shape = score, (dialect, width)
+    return shape
 
 
 _FORTRAN = re.compile(r"(\d\.\d*)[dD]([+-]\d)")
@@ -332,13 +332,13 @@ def _declares(fields: Sequence[str]) -> bool:
 
 
 def _all_units(fields: Sequence[str]) -> bool:
-    told = [field.strip("[]() ") for field in fields if field not in ("", "-")]
-    for text in told:
+    texts = [field.strip("[]() ") for field in fields if field not in ("", "-")]
+    for text in texts:
         try:
             unit(text)
         except InputError:
             return False
-    return bool(told)
+    return bool(texts)
 
 
 def _head(data: bytes) -> tuple[Header, bytes, int, bytes]:
@@ -420,9 +420,9 @@ def _instants(series: polars.Series) -> FloatArray | None:
                 parts = series.str.strip_chars().str.split(":").list
                 each = [parts.get(k).cast(polars.Float64) for k in (0, 1, 2)]
                 return _array(each[0] * 3600.0 + each[1] * 60.0 + each[2])
-            elif told := _DURATION.fullmatch(first):
-                values = series.str.strip_chars().str.strip_suffix(told[2]).str.strip_chars()
-                return _array(values.cast(polars.Float64)) * unit(told[2]).factor
+            elif duration := _DURATION.fullmatch(first):
+                values = series.str.strip_chars().str.strip_suffix(duration[2]).str.strip_chars()
+                return _array(values.cast(polars.Float64)) * unit(duration[2]).factor
             elif _STAMP.fullmatch(first):
                 series = series.str.strip_chars().cast(polars.Int64)
     if series.dtype.is_integer() and not series.null_count():
@@ -465,13 +465,13 @@ def _column_names(line: bytes, exact: bool) -> list[str]:
 def distinct(names: list[str]) -> list[str]:
     """The names of columns; InputError for one that stands there twice, or is too long."""
     limits = Limits.current()
-    seen: set[str] = set()
+    names_so_far: set[str] = set()
     for name in names:
         if len(name) > limits.name:
             limits.check("name", len(name), f"the name of column {shown(name)} has")
-        if name in seen:
+        if name in names_so_far:
             raise LogError(f"the column {name!r} appears twice; rename or remove one")
-        seen.add(name)
+        names_so_far.add(name)
     return names
 
 
@@ -539,12 +539,12 @@ def numbers(
             numbers = numbers.fill_null(float("nan"))
     if numbers.null_count():
         row = numbers.is_null().arg_max() or 0
-        found = "nothing" if series[row] is None else shown(series[row])
+        value = "nothing" if series[row] is None else shown(series[row])
         where = row_name(row, len(series))
         if first_line is not None:
             where += f", line {first_line + row}"
         raise LogError(
-            f"column {name!r}, {where}: found {found}, expected a number. Repair or drop the row."
+            f"column {name!r}, {where}: found {value}, expected a number. Repair or drop the row."
         )
     result: FloatArray = numbers.to_numpy()
     return result

@@ -52,10 +52,10 @@ def episodes(raw: RawLog) -> dict[str, RawLog]:
                 str(value): replace(raw, columns={n: c[number == value] for n, c in others.items()})
                 for value in range(int(number[-1]) + 1)
             }
-    found: dict[str, tuple[str, dict[str, np.ndarray]]] = {}
+    groups: dict[str, tuple[str, dict[str, np.ndarray]]] = {}
     for name, values in raw.columns.items():
         if match := GROUP.match(name):
-            found.setdefault(match[1], (match[0], {}))[1][name.removeprefix(match[0])] = values
+            groups.setdefault(match[1], (match[0], {}))[1][name.removeprefix(match[0])] = values
     return {
         name: replace(
             raw,
@@ -66,7 +66,7 @@ def episodes(raw: RawLog) -> dict[str, RawLog]:
             },
             scalars={n.removeprefix(before): x for n, x in raw.scalars.items()},
         )
-        for name, (before, columns) in found.items()
+        for name, (before, columns) in groups.items()
     }
 
 

@@ -168,9 +168,9 @@ def log_reading(
 ) -> LogReading:
     """How a log is read, with its columns as they are (`raw`): `episode` chooses one of several."""
     names = None if model is None else MechanismNames.of(model)
-    known = as_mapping(mapping)
+    log_mapping = as_mapping(mapping)
     raw = read_raw(log) if isinstance(log, str | Path) else checked_raw(read_table(log))
-    return LogReading.of(episode(raw), known, names)
+    return LogReading.of(episode(raw), log_mapping, names)
 
 
 def read_raw(path: str | Path) -> RawLog:

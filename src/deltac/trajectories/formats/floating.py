@@ -194,13 +194,13 @@ def _vector(
         words[:-1] if frame and set(words[:-1]) & (_LINEAR | _ANGULAR | PLACES) else words
     )
     frame = frame if len(telling) < len(set(words)) else ""
-    known = [set(name) for name in own]
+    body_names = [set(name) for name in own]
     rest = telling - NEUTRAL - {"p"}
     if telling & _ANGULAR:
         kind = "angular"
     elif telling & _LINEAR:
         kind = "linear"
-    elif telling & PLACES or not rest or any(rest <= name for name in known):
+    elif telling & PLACES or not rest or any(rest <= name for name in body_names):
         kind = "position"
     else:
         return None

@@ -74,24 +74,24 @@ def read_arrays(path: Path, parts: Mapping[str, slice] | None = None) -> dict[st
     Texts that say their units and the names of their columns are there as well. Of those arrays that `parts`
     names only that part of their second axis, which is then all that is in memory.
     """
-    wanted = parts or {}
+    slices = parts or {}
     with opened_hdf5(path) as log:
         members = dict(log.members(log.root))
-        found = {k: v for k, v in log.root.attrs.items() if is_label(k) or is_unit(k)}
+        arrays = {k: v for k, v in log.root.attrs.items() if is_label(k) or is_unit(k)}
         for name, item in members.items():
             if getattr(item, "shape", None) is None:
                 continue
-            kind, said = item.dtype.kind, is_label(name) or is_unit(name)
+            kind, describes = item.dtype.kind, is_label(name) or is_unit(name)
             if name == "deltac" or (item.shape and kind in "iuf"):
-                found[name] = log.values(item, wanted.get(name))
-                found |= {
+                arrays[name] = log.values(item, slices.get(name))
+                arrays |= {
                     f"{name}/{k.lower()}": v
                     for k, v in item.attrs.items()
                     if is_label(k) or is_unit(k)
                 }
-            elif said and kind in "OS" and not log.refers(item):
-                found[name] = log.values(item)
-        return found
+            elif describes and kind in "OS" and not log.refers(item):
+                arrays[name] = log.values(item)
+        return arrays
 
 
 @apart

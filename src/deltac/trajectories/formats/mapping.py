@@ -146,8 +146,8 @@ class _Parser:
                 raise self.error(key, f"unknown table{closest(key, _KNOWN)}")
         log = self.table("log")
         for key in log:
-            if key not in (known := ("simulator", "time", "angles")):
-                raise self.error(f"log.{key}", f"unknown key{closest(key, known)}")
+            if key not in (keys := ("simulator", "time", "angles")):
+                raise self.error(f"log.{key}", f"unknown key{closest(key, keys)}")
         simulator = log.get("simulator", "unknown")
         if not isinstance(simulator, str) or not simulator:
             raise self.error("log.simulator", f"found {shown(simulator)}, expected a name")
@@ -260,8 +260,8 @@ class _Parser:
         for key, written in units.items():
             if key not in DIMENSIONS:
                 raise self.error(f"units.{key}", f"unknown key{closest(key, DIMENSIONS)}")
-            found = self.check_unit(f"units.{key}", written)
-            if found != unit(DIMENSIONS[key]).dimension:
+            unit_text = self.check_unit(f"units.{key}", written)
+            if unit_text != unit(DIMENSIONS[key]).dimension:
                 raise self.error(
                     f"units.{key}", f"{written!r} is not a unit of {key.replace('_', ' ')}"
                 )
@@ -276,25 +276,25 @@ class _Parser:
             raise self.error(key, str(error)) from None
 
     def number(self, key: str, value: Mapping[str, Any], name: str, default: float) -> float:
-        found = value.get(name, default)
-        if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) < 1e300:
-            raise self.error(f"{key}.{name}", f"found {shown(found)}, expected a finite number")
-        return float(found)
+        entry = value.get(name, default)
+        if isinstance(entry, bool) or not isinstance(entry, int | float) or not abs(entry) < 1e300:
+            raise self.error(f"{key}.{name}", f"found {shown(entry)}, expected a finite number")
+        return float(entry)
 
     def table(self, name: str) -> Mapping[str, Any]:
-        found = self.document.get(name, {})
-        if not isinstance(found, dict):
-            raise self.error(name, f"found {shown(found)}, expected a table [{name}]")
-        return found
+        entries = self.document.get(name, {})
+        if not isinstance(entries, dict):
+            raise self.error(name, f"found {shown(entries)}, expected a table [{name}]")
+        return entries
 
     def error(self, key: str, message: str) -> InputError:
         return LogError(f"{self.where(key)}: {message}")
 
     def where(self, key: str) -> str:
-        known = key
-        while known and known not in self.places:
-            known = known.rpartition(".")[0]
-        line = f", line {self.places[known]}" if known else ""
+        place = key
+        while place and place not in self.places:
+            place = place.rpartition(".")[0]
+        line = f", line {self.places[place]}" if place else ""
         return f"{self.path}{line}, {key}"
 
 
@@ -309,12 +309,12 @@ def _places(text: str) -> dict[str, int]:
     for number, line in enumerate(text.split("\n"), 1):
         line = line.strip()
         if line.startswith("[") and "]" in line:
-            table = found = _unquoted(line.partition("]")[0].lstrip("["))
+            table = place = _unquoted(line.partition("]")[0].lstrip("["))
         elif "=" in line and not line.startswith("#"):
-            found = ".".join(filter(None, (table, _unquoted(line.partition("=")[0]))))
+            place = ".".join(filter(None, (table, _unquoted(line.partition("=")[0]))))
         else:
             continue
-        places.setdefault(found, number)
+        places.setdefault(place, number)
     return places
 
 

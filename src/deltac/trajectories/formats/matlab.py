@@ -86,14 +86,14 @@ def read_mat(path: Path) -> RawLog:
     if start.startswith(b"#"):
         return _octave(read_text(path))
     modern = _HDF5_SIGNATURE in (start[:8], start[512:])  # 512 bytes of text come first
-    found = _hdf5_variables(path) if modern else variables(path)
-    if isinstance(header := found.get("deltac"), str):
-        return from_arrays(found, parse_header(header) or {})
+    contents = _hdf5_variables(path) if modern else variables(path)
+    if isinstance(header := contents.get("deltac"), str):
+        return from_arrays(contents, parse_header(header) or {})
     collector = Collector()
-    if "Aclass" in found:
-        _modelica(collector, found)
+    if "Aclass" in contents:
+        _modelica(collector, contents)
         return collector.log()
-    for name, value in labelled(found).items():
+    for name, value in labelled(contents).items():
         _flatten(collector, name, value)
     return collector.log()
 
@@ -120,17 +120,17 @@ def _octave(text: str) -> RawLog:
     return collector.log()
 
 
-def _modelica(collector: Collector, found: Mapping[str, Any]) -> None:
+def _modelica(collector: Collector, contents: Mapping[str, Any]) -> None:
     """Results of Dymola and OpenModelica: tables, and for each variable its name, table, column and sign.
 
     "binTrans" stores every matrix transposed (Dymola User Manual, section "Trajectory file format").
     """
     try:
-        transposed = "binTrans" in found["Aclass"]
-        places = found["dataInfo"].T if transposed else found["dataInfo"]
-        tables = {k: found[f"data_{k}"] for k in (1, 2) if f"data_{k}" in found}
+        transposed = "binTrans" in contents["Aclass"]
+        places = contents["dataInfo"].T if transposed else contents["dataInfo"]
+        tables = {k: contents[f"data_{k}"] for k in (1, 2) if f"data_{k}" in contents}
         names, remarks = (
-            _lines(found[key], len(places), transposed) for key in ("name", "description")
+            _lines(contents[key], len(places), transposed) for key in ("name", "description")
         )
         table = tables[2] if transposed else tables[2].T
         for name, remark, (kind, place, *_) in zip(names, remarks, places):
@@ -196,8 +196,8 @@ def _flatten(collector: Collector, name: str, value: Any) -> None:
             else:
                 _flatten(collector, f"{name}.{key}", rows)
     elif isinstance(value, list):
-        told = [item.get("Name") for item in value if isinstance(item, Mapping)]
-        named = all(isinstance(text, str) for text in told) and len(set(told)) == len(value)
+        labels = [item.get("Name") for item in value if isinstance(item, Mapping)]
+        named = all(isinstance(text, str) for text in labels) and len(set(labels)) == len(value)
         for index, item in enumerate(value):
             _flatten(collector, name if named else f"{name}[{index}]", item)
     elif isinstance(value, str) and not is_unit(name):
@@ -226,9 +226,9 @@ def _simulink(collector: Collector, name: str, structure: Mapping[str, Any]) -> 
 def _label(signal: Mapping[str, Any]) -> str:
     """The name of a signal: its label, the state's name, or the block that it comes from."""
     for key in ("label", "stateName", "blockName"):
-        found = signal.get(key)
-        if isinstance(found, str) and found and found not in ("CSTATE", "DSTATE"):
-            return found.rpartition("/")[2]
+        label = signal.get(key)
+        if isinstance(label, str) and label and label not in ("CSTATE", "DSTATE"):
+            return label.rpartition("/")[2]
     return ""
 
 
@@ -249,10 +249,10 @@ def variables(path: Path) -> dict[str, Any]:
 
     budget = Budget(path.stat().st_size)
     with damage_named("MATLAB"):
-        found = loadmat(path, chars_as_strings=False)
+        contents = loadmat(path, chars_as_strings=False)
         return {
             _name(name, value): _value(value, budget, 0)
-            for name, value in found.items()
+            for name, value in contents.items()
             if name and not name.startswith("__")  # the header, and what MATLAB keeps of objects
         }
 

@@ -91,11 +91,11 @@ def read_shapes(path: Path) -> dict[str, tuple[int, ...]]:
 
     def shapes(archive: zipfile.ZipFile, size: int) -> dict[str, tuple[int, ...]]:
         Limits.current().check("columns", len(archive.filelist), "the archive holds")
-        found = {}
+        shape_of = {}
         for info in archive.filelist:
             with archive.open(info) as stream:
-                found[info.filename.removesuffix(".npy")] = _header(stream, info.filename)[1]
-        return found
+                shape_of[info.filename.removesuffix(".npy")] = _header(stream, info.filename)[1]
+        return shape_of
 
     return _opened(path, shapes)
 
@@ -173,14 +173,14 @@ def _values(stream: Any, size: int, what: str, budget: Budget, part: slice | Non
         whole = np.frombuffer(taken(count), dtype).reshape(shape, order=order)
         return whole if part is None else whole[:, part]
     row = count // shape[0]
-    kept = np.empty((shape[0], len(range(shape[1])[part]), *shape[2:]), dtype)
-    budget.take(kept.nbytes + _BLOCK)
+    part_of_rows = np.empty((shape[0], len(range(shape[1])[part]), *shape[2:]), dtype)
+    budget.take(part_of_rows.nbytes + _BLOCK)
     at_once = max(1, _BLOCK // row)
     for first in range(0, shape[0], at_once):
         rows = min(at_once, shape[0] - first)
         block = np.frombuffer(taken(rows * row), dtype).reshape(rows, *shape[1:])
-        kept[first : first + rows] = block[:, part]
-    return kept
+        part_of_rows[first : first + rows] = block[:, part]
+    return part_of_rows
 
 
 def _header(stream: Any, what: str) -> tuple[np.dtype[Any], tuple[int, ...], Any, int]:

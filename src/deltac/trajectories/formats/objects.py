@@ -44,9 +44,9 @@ def _members(source: Any) -> Iterator[tuple[str, Any]]:
     if hasattr(source, "data_vars"):  # of xarray: coordinates are times and labels
         for name in (*source.coords, *source.data_vars):
             yield str(name), source[name].values
-            told = getattr(source[name], "attrs", {}).get("units")  # by the CF conventions
-            if isinstance(told, str):
-                yield f"units.{name}", told
+            declared_unit = getattr(source[name], "attrs", {}).get("units")  # by the CF conventions
+            if isinstance(declared_unit, str):
+                yield f"units.{name}", declared_unit
     elif isinstance(source, Mapping):
         yield from entries(source)
     else:

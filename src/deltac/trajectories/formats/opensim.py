@@ -51,8 +51,8 @@ def read_opensim(path: Path) -> RawLog:
     distinct(names)
     rest = "\n".join(lines[first + 1 :]).encode()
     frame = table_of_numbers(rest, Dialect(" "), names, first + 1)
-    for keys, found, what in ((_ROWS, frame.height, "rows"), (_COLUMNS, len(names), "columns")):
-        _check_count(header, keys, found, what)
+    for keys, count, what in ((_ROWS, frame.height, "rows"), (_COLUMNS, len(names), "columns")):
+        _check_count(header, keys, count, what)
     columns = {s.name: numbers(s.name, s, first + 2) for s in frame.get_columns()}
     return RawLog(
         columns, meanings=_meanings(names), plain_names=True, in_degrees=_in_degrees(header)
@@ -61,7 +61,7 @@ def read_opensim(path: Path) -> RawLog:
 
 def is_opensim_folder(path: Path) -> bool:
     """Whether a folder holds the files of one run: one of its motion, others of what belongs to it."""
-    return os.path.isdir(path) and len(found := _parts(path)) > 1 and len(_motions(found)) == 1
+    return os.path.isdir(path) and len(parts := _parts(path)) > 1 and len(_motions(parts)) == 1
 
 
 def read_opensim_folder(path: Path) -> RawLog:
@@ -104,15 +104,15 @@ _PARTS = ("states", *_KINEMATICS, "controls", "actuation_force", "forces", "inve
 
 def _parts(folder: Path) -> dict[str, Path]:
     """The files of a run by the endings of their names; none where two have the same."""
-    found: dict[str, Path] = {}
+    parts: dict[str, Path] = {}
     for file in sorted(folder.iterdir()):
         stem = re.sub(r"[ -]", "_", file.stem.lower()).replace("forcereporter_", "")
         ending = next((e for e in _PARTS if stem == e or stem.endswith(f"_{e}")), None)
         if file.suffix.lower() in (".sto", ".mot") and ending:
-            if ending in found:
+            if ending in parts:
                 return {}
-            found[ending] = file
-    return found
+            parts[ending] = file
+    return parts
 
 
 def _motions(parts: dict[str, Path]) -> Sequence[str]:
@@ -151,23 +151,23 @@ def _in_degrees(header: dict[str, str]) -> bool:
     return value == "yes"
 
 
-def _check_count(header: dict[str, str], keys: tuple[str, ...], found: int, what: str) -> None:
+def _check_count(header: dict[str, str], keys: tuple[str, ...], count: int, what: str) -> None:
     for key in keys:
-        if key in header and header[key] != str(found):
+        if key in header and header[key] != str(count):
             raise FileError(
-                f"the table has {found} {what}, the header says {key}={header[key][:80]}: the file is cut "
+                f"the table has {count} {what}, the header says {key}={header[key][:80]}: the file is cut "
                 "off or was edited. Take the complete one, or correct the header."
             )
 
 
 def _meanings(names: list[str]) -> dict[str, str]:
     """What OpenSim's conventions say: paths of states, and ``_u`` beside a coordinate."""
-    meanings, known = {}, set(names)
+    meanings, columns = {}, set(names)
     for name in names:
         path = name.strip("/").split("/")
         joint = path[1:] if name.startswith("/jointset/") else path  # version 4, and before
         if len(joint) == 3 and path[-1] in _STATE:
             meanings[name] = f"{_STATE[path[-1]]}.{path[-2]}"
-        elif name.endswith("_u") and (base := name.removesuffix("_u")) in known:
+        elif name.endswith("_u") and (base := name.removesuffix("_u")) in columns:
             meanings[name], meanings[base] = f"u.{base}", f"q.{base}"
     return meanings

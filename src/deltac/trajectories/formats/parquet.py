@@ -68,8 +68,8 @@ def read_parquet_groups(
             return None
         text = polars.col(key).cast(polars.String)
         if wanted is None:
-            found = table.select(text).unique(maintain_order=True).collect()[key]
-            return {str(value): RawLog({}) for value in found}
+            groups = table.select(text).unique(maintain_order=True).collect()[key]
+            return {str(value): RawLog({}) for value in groups}
         frame = table.filter(text.is_in(list(wanted))).collect()
         parts = frame.partition_by(key, maintain_order=True)
     return {str(part[key][0]): raw_log(part.drop(key), None) for part in parts}

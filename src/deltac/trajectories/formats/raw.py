@@ -343,22 +343,22 @@ def _texts(values: Any) -> list[str]:
     return [text.strip() for text in texts] if all(isinstance(t, str) for t in texts) else []
 
 
-def labelled(found: Mapping[str, Any]) -> dict[str, Any]:
+def labelled(values: Mapping[str, Any]) -> dict[str, Any]:
     """The same values, but a table (T, n) beside a list of n names as a mapping of columns.
 
     The list names the tables of its own group, and of groups in it. MATLAB's `importdata` gives such
     structures, and many programs write them.
     """
-    result = dict(found)
-    for key, texts in found.items():
+    result = dict(values)
+    for key, texts in values.items():
         names = _texts(texts) if is_label(key) else []
         if not 1 < len(names) == len(set(names)):
             continue
         group = key[: max(map(key.rfind, "./")) + 1]
         stem = _plain(key).removesuffix("names").removesuffix("name")
-        beside = [n for n in found if n != key and (n.startswith(group) or f"{n}/" == group)]
+        siblings = [n for n in values if n != key and (n.startswith(group) or f"{n}/" == group)]
         # joint_names are none of root_quat, though there are four
-        for name in [n for n in beside if stem and stem in _plain(n)] or beside:
+        for name in [n for n in siblings if stem and stem in _plain(n)] or siblings:
             if name not in result:  # an earlier list of names
                 continue
             table = result[name]
@@ -393,9 +393,9 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
     if type(accelerations) is not bool:
         raise _damaged("accelerations", accelerations, "true or false")
     names: dict[str, Any] = {key: header.get(key) for key in _LISTS}
-    for key, found in names.items():
-        if not isinstance(found, list) or not all(isinstance(name, str) for name in found):
-            raise _damaged(key, found, "a list of names")
+    for key, entry in names.items():
+        if not isinstance(entry, list) or not all(isinstance(name, str) for name in entry):
+            raise _damaged(key, entry, "a list of names")
     speeds, channels = names["speeds"], names["channels"]
     Limits.current().check("columns", len(speeds) * (2 + len(channels)), "the log has")
     parts = {
@@ -415,9 +415,9 @@ def from_arrays(arrays: Mapping[str, Any], header: Mapping[str, Any]) -> RawLog:
     return RawLog(columns, header)
 
 
-def _damaged(key: str, found: Any, expected: str) -> InputError:
+def _damaged(key: str, value: Any, expected: str) -> InputError:
     return FileError(
-        f"the deltac metadata are damaged: {key} is {shown(found)}, expected {expected}; write the log again"
+        f"the deltac metadata are damaged: {key} is {shown(value)}, expected {expected}; write the log again"
     )
 
 

@@ -161,13 +161,13 @@ class LogReading:
         reasons = dict.fromkeys((one.target.partition(".")[0], one.because) for one in kinds)
         for because, pairs in groupby(reasons, key=lambda pair: pair[1]):
             of = {kind for kind, _ in pairs}
-            said = [
+            meanings = [
                 one
                 for one in kinds
                 if one.because == because and one.target.partition(".")[0] in of
             ]
             what = ", ".join(sorted(of, key=_ORDER.index))
-            columns = ranges([one.column for one in said if one.column])
+            columns = ranges([one.column for one in meanings if one.column])
             yield f"{what}{f' from {columns}' if columns else ''} because {because}"
 
     def explain(self) -> list[ColumnReading]:
@@ -228,11 +228,11 @@ class LogReading:
             notes[FRAMES] = "; ".join(f"{n} in {frame} components" for n, frame in frames.items())
         derived: dict[str, dict[str, float]] = {}
         if derive and "time" in columns and any(n.startswith("q.") for n in columns):
-            lacking = set(_derivable(columns, names))
-            if lacking:
+            underivable = set(_derivable(columns, names))
+            if underivable:
                 speeds, errors = derived_speeds(columns, names)
-                columns |= {name: values for name, values in speeds.items() if name in lacking}
-                derived["u"] = {n: e for n, e in errors.items() if f"u.{n}" in lacking}
+                columns |= {name: values for name, values in speeds.items() if name in underivable}
+                derived["u"] = {n: e for n, e in errors.items() if f"u.{n}" in underivable}
         splined = len(derived.get("u", {}))
         of_splines = f"; {splined} speeds by splines of their coordinates" if splined else ""
         if names is not None:
@@ -261,10 +261,10 @@ class LogReading:
                 self.missing[target] = error
             else:
                 sources[target] = one
-        taken = {one.column for one in sources.values()}
+        used_columns = {one.column for one in sources.values()}
         for name in [*raw.columns, *raw.skipped]:
             meaning = raw.meanings.get(name) or _own_meaning(name, raw, self.names)
-            if meaning is None or meaning in sources or name in taken:
+            if meaning is None or meaning in sources or name in used_columns:
                 continue
             if name in raw.skipped:
                 self.missing[meaning] = LogError(raw.skipped[name])
@@ -276,10 +276,10 @@ class LogReading:
         """What names, widths and the motion say, where a mechanism is known and no mapping says it."""
         if self.names is None or self.mapping is not None:
             return
-        taken = {one.column for one in self.meanings.values()}
+        used_columns = {one.column for one in self.meanings.values()}
         for target, one in recognise(self.raw, self.names).items():
             self.guesses.setdefault(target, one)
-            if target not in self.meanings and one.column not in taken and one.certain:
+            if target not in self.meanings and one.column not in used_columns and one.certain:
                 self.meanings[target] = one
 
     def _find_missing(self) -> None:
@@ -300,9 +300,9 @@ class LogReading:
 
     def _missing(self, target: str) -> InputError:
         raw, guess = self.raw, self.guesses.get(target)
-        taken = {one.column for one in self.meanings.values()}
-        guess = None if guess is not None and guess.column in taken else guess
-        unused = [name for name in raw.columns if name not in taken]
+        used_columns = {one.column for one in self.meanings.values()}
+        guess = None if guess is not None and guess.column in used_columns else guess
+        unused = [name for name in raw.columns if name not in used_columns]
         if target == "time":
             for name in [name for name in unused if is_time(name)]:
                 rows = np.flatnonzero(~(np.diff(raw.columns[name]) > 0.0)) + 1
@@ -385,10 +385,10 @@ class LogReading:
 
     def _add_laws(self) -> None:
         """Columns that the log lacks, and the laws of prescribed joints tell."""
-        known = self._known
+        numbers = self._known
         with_speeds = any(target.startswith("u.") for target in self.meanings)
         for name, law in (
-            known.laws.items() if known is not None and self.raw.header is None else ()
+            numbers.laws.items() if numbers is not None and self.raw.header is None else ()
         ):
             if name not in self.meanings and (with_speeds or name.startswith("q.")):
                 self.columns[name] = ColumnReading("", name, note=_LAW, law=law, because=_LAW)
@@ -455,9 +455,9 @@ def ranges(columns: Sequence[str]) -> str:
     """Names of columns, with those of an array as its first and last: ``qpos[0…14]``."""
     parts: dict[str, list[str]] = {}
     for column in columns:
-        found = re.fullmatch(r"(.*?)(\d+)(\D*)", column)
-        stem = f"{found[1]}#{found[3]}" if found else column
-        parts.setdefault(stem, []).append(found[2] if found else "")
+        match = re.fullmatch(r"(.*?)(\d+)(\D*)", column)
+        stem = f"{match[1]}#{match[3]}" if match else column
+        parts.setdefault(stem, []).append(match[2] if match else "")
     texts = [
         stem.replace("#", "…".join(dict.fromkeys((numbers[0], numbers[-1]))), 1)
         if numbers[0]
@@ -537,24 +537,24 @@ def _declared(one: Meaning, raw: RawLog, si: str | None) -> str | None:
     """The unit of a column's kind that the file declares beside its columns; LogError if that is unclear."""
     target, of = one.target, f"column {one.column!r}, read as {one.target!r}"
     remedy = "say in a mapping file which unit the column has"
-    wanted = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
+    dimensions = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
     fitting: dict[float, str] = {}
     rates: list[str] = []
     for where, text in raw.declared.items():
         if text.lower().removesuffix(" units") in _NO_OTHERS:
             continue
         try:
-            found = unit(text)
+            conversion = unit(text)
         except InputError:
             raise LogError(
                 f"{of}: {where!r} of the file declares a unit that is not known, {shown(text)}; {remedy}"
             ) from None
-        if found.dimension in wanted:
-            if si is None and found.factor != 1.0:
+        if conversion.dimension in dimensions:
+            if si is None and conversion.factor != 1.0:
                 raise _unknown_kind(one, f"{where!r} of the file is {text!r}")
-            fitting.setdefault(found.factor, text)
-        elif found.factor != 1.0 and any(
-            _of_rate(found.dimension, other, target) for other in wanted
+            fitting.setdefault(conversion.factor, text)
+        elif conversion.factor != 1.0 and any(
+            _of_rate(conversion.dimension, other, target) for other in dimensions
         ):
             rates.append(text)
     if len(fitting) > 1 or (rates and not fitting):
@@ -577,15 +577,15 @@ def _factor(one: Meaning, text: str, si: str | None) -> float:
     place = one.where if not one.column or one.unit else f"column {one.column!r}"
     allowed = [si] if si else _ALLOWED[one.target.partition(".")[0]]
     try:
-        found = unit(text)
+        conversion = unit(text)
     except InputError as error:
         raise InputError(f"{place}: {error}. Say in a mapping file which unit it has.") from None
-    if found.dimension not in [unit(u).dimension for u in allowed]:
+    if conversion.dimension not in [unit(u).dimension for u in allowed]:
         raise LogError(
             f"{place}: {text!r} is not a unit of {one.target!r}; expected one that converts to "
             f"{' or '.join(allowed)}"
         )
-    return found.factor
+    return conversion.factor
 
 
 _ALLOWED = {
@@ -636,17 +636,17 @@ def _ordered(columns: dict[str, FloatArray], names: MechanismNames) -> dict[str,
 def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, FloatArray]) -> None:
     """LogError where laws of t tell coordinates, and the log's times may not be those of the laws."""
     laws = {r.meaning: r.law for r in readings if r.law is not None}
-    moving = [name for name, law in laws.items() if "t" in symbol_names(law)]
+    time_dependent = [name for name, law in laws.items() if "t" in symbol_names(law)]
     clock = next((r for r in readings if r.meaning == "time"), None)
-    if not moving or clock is None:
+    if not time_dependent or clock is None:
         return
     t = columns["time"]
     start = float(t[0]) if len(t) else 0.0
     if abs(start) > _AT_ZERO * float(np.ptp(t)):
         name, offset = json.dumps(clock.column, ensure_ascii=False), -start / clock.factor
         raise LogError(
-            f"no column {moving[0]!r}: the law of its prescribed joint is one of the model's time t, and "
-            f"the log's times begin at {start:.9g} s. Add the column, or say in a mapping file which time "
+            f"no column {time_dependent[0]!r}: the law of its prescribed joint is one of the model's time t, "
+            f"and the log's times begin at {start:.9g} s. Add it, or say in a mapping file which time "
             f"that is: [log] time = {{ column = {name}, offset = {offset:.15g} }} where the motion begins "
             f"with the log, time = {{ column = {name} }} where its times are the model's; deltac audit "
             "MODEL LOG --draft-mapping map.toml writes one to edit"
@@ -669,20 +669,20 @@ def _complete(
         worst = max(gaps, key=lambda name: gaps[name])
         note = f"the accelerations: {gaps[worst]} of {rows} values of {worst!r} are missing"
         return {n: x for n, x in columns.items() if n not in gaps}, {LEFT_OUT: note}
-    known: npt.NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
+    complete: npt.NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
     for values in columns.values():
-        known &= ~np.isnan(values)
-    if known.all() or not known.any() or not known[-1]:
+        complete &= ~np.isnan(values)
+    if complete.all() or not complete.any() or not complete[-1]:
         return columns, {}
-    first, count = int(np.argmin(known)), int((~known).sum())
+    first, count = int(np.argmin(complete)), int((~complete).sum())
     if rows - count < FEWEST:
         worst = max(columns, key=lambda name: int(np.isnan(columns[name]).sum()))
         raise LogError(
             f"of {rows} rows only {rows - count} have all values: column {worst!r} is empty in most. Log "
             "all columns at the same times, or leave this one out"
         )
-    told = f"{count} of {len(known)} rows, row {first} the first: a value is missing there"
-    return {name: values[known] for name, values in columns.items()}, {LEFT_OUT: told}
+    remark = f"{count} of {len(complete)} rows, row {first} the first: a value is missing there"
+    return {name: values[complete] for name, values in columns.items()}, {LEFT_OUT: remark}
 
 
 def values_of(raw: RawLog, readings: list[ColumnReading]) -> dict[str, FloatArray]:
@@ -725,17 +725,17 @@ def _derivable(columns: Collection[str], names: MechanismNames | None) -> list[s
 def _unlogged(columns: Collection[str], names: MechanismNames) -> list[str]:
     """Speeds of a floating body, or of all other joints, whose coordinates are known and of which none is."""
     floating = [n.removesuffix("qw") for n in names.coordinates if n.endswith(".qw")]
-    found = []
+    unlogged = []
     for stem in (*floating, ""):  # "" is what belongs to none of these
 
         def own(name: str, stem: str = stem) -> bool:
             return name.startswith(stem) if stem else not name.startswith(tuple(floating))
 
         speeds = [f"u.{name}" for name in names.speeds if own(name)]
-        known = all(f"q.{name}" in columns for name in names.coordinates if own(name))
-        if known and not any(speed in columns for speed in speeds):
-            found += speeds
-    return found
+        complete = all(f"q.{name}" in columns for name in names.coordinates if own(name))
+        if complete and not any(speed in columns for speed in speeds):
+            unlogged += speeds
+    return unlogged
 
 
 def in_schema_frames(
@@ -753,11 +753,11 @@ def in_schema_frames(
     vectors = dict.fromkeys((name[:-2], name[-2]) for name in frames)
     for stem, letter in vectors:  # "u.base.", "v"
         parts = [f"{stem}{letter}{axis}" for axis in "xyz"]
-        told = {frames.get(part, usual.get(letter, "")) for part in parts}
+        declared_frames = {frames.get(part, usual.get(letter, "")) for part in parts}
         joint = stem.rstrip(".").rpartition(".")[2]
         quaternion = [f"q.{joint}.{part}" for part in QUATERNION]
         if (
-            len(told) > 1
+            len(declared_frames) > 1
             or not all(n in columns for n in (*parts, *quaternion))
             or letter not in usual
         ):
@@ -765,7 +765,7 @@ def in_schema_frames(
                 f"a frame is given for {parts[0]!r}; expected one frame for the three components "
                 "of a floating body's velocity, vx, vy, vz or wx, wy, wz, and the columns of its quaternion"
             )
-        if told == {usual[letter]}:
+        if declared_frames == {usual[letter]}:
             continue
         R = rotations.matrices(np.column_stack([columns[name] for name in quaternion]))
         vector = np.column_stack([columns[part] for part in parts])

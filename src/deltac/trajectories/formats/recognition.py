@@ -200,13 +200,13 @@ def recognise(raw: RawLog, names: MechanismNames) -> dict[str, Meaning]:
     search = _Search(raw, names)
     for rule in _RULES:
         search.take(rule(search))
-    found = search.found
-    frames = {one.frame for one in found.values() if one.target.startswith(("u.", "udot."))}
+    meanings = search.found
+    frames = {one.frame for one in meanings.values() if one.target.startswith(("u.", "udot."))}
     rates = search.targets["udot"]
-    whole = all(target in found for target in rates)
-    if not whole or (frames > {""} and not any(found[target].frame for target in rates)):
-        return {n: one for n, one in found.items() if not n.startswith("udot.")}
-    return found
+    whole = all(target in meanings for target in rates)
+    if not whole or (frames > {""} and not any(meanings[target].frame for target in rates)):
+        return {n: one for n, one in meanings.items() if not n.startswith("udot.")}
+    return meanings
 
 
 Named: TypeAlias = "Mapping[str, tuple[tuple[str, ...], ...]]"
@@ -255,8 +255,8 @@ def _last_part(column: str) -> tuple[str, ...]:
 
 
 def _increases(values: FloatArray) -> bool:
-    known = values[~np.isnan(values)]
-    return bool(len(known) and np.all(np.diff(known) > 0.0))
+    finite = values[~np.isnan(values)]
+    return bool(len(finite) and np.all(np.diff(finite) > 0.0))
 
 
 def _clock(s: _Search) -> Iterator[Meaning]:
@@ -268,8 +268,8 @@ def _clock(s: _Search) -> Iterator[Meaning]:
         one for one, t in _clocks(s) if one.column not in columns.values() and s.agrees(t, columns)
     ]
     times = [s.raw.columns[one.column] for one in fitting if one.column]
-    apart = [np.ptp(t - times[0]) if len(t) == len(times[0]) else np.inf for t in times]
-    if fitting and (not fitting[0].column or max(apart) <= 1e-3 * np.ptp(times[0])):
+    deviations = [np.ptp(t - times[0]) if len(t) == len(times[0]) else np.inf for t in times]
+    if fitting and (not fitting[0].column or max(deviations) <= 1e-3 * np.ptp(times[0])):
         yield fitting[0]
         return
     yield from (replace(one, basis="guess") for one in fitting)
@@ -358,15 +358,15 @@ def _by_words(
 ) -> Iterator[Meaning]:
     """Columns that name a coordinate and what of it, with how many words of them agree."""
     for column, readings in named.items():
-        found = [
+        matches = [
             (len(joint.words), joint.targets[kind])
             for words in readings
             for joint in joints
-            if (left := without(words, joint.words)) is not None
-            if (kind := kind_of(left)) is not None and kind in joint.targets
+            if (rest := without(words, joint.words)) is not None
+            if (kind := kind_of(rest)) is not None and kind in joint.targets
         ]
-        most = max((count for count, _ in found), default=0)
-        targets = {target for count, target in found if count == most}
+        most = max((count for count, _ in matches), default=0)
+        targets = {target for count, target in matches if count == most}
         if len(targets) == 1:
             declared = basis == "declared"
             why = "their names say so" if declared else "the name is that of the joint's body"
@@ -383,13 +383,13 @@ def _of_motors(s: _Search) -> Iterator[Meaning]:
         motor = words_of(channel.removeprefix("actuator "))
         si = "N*m" if si_unit(f"u.{speed}", s.names) == "rad/s" else "N"
         for column, readings in s.named.items():
-            known = _ACTUATION | WORDS["force"] | NEUTRAL
+            vocabulary = _ACTUATION | WORDS["force"] | NEUTRAL
             if in_unit := s.unit(column, si) is not None:
-                known |= {"t", "f", "m"}  # T, F and M of a torque or force
+                vocabulary |= {"t", "f", "m"}  # T, F and M of a torque or force
             for words in readings:
-                left = without(words, motor)
+                rest = without(words, motor)
                 acts = in_unit or set(words) & (_ACTUATION | WORDS["force"])
-                if left is not None and acts and set(left) <= known:
+                if rest is not None and acts and set(rest) <= vocabulary:
                     target = f"force.{channel}.{speed}"
                     yield Meaning(target, column, "the name is that of the motor")
                     break
@@ -458,27 +458,27 @@ def _sole(s: _Search) -> Iterator[Meaning]:
             continue  # Simscape's letters beside names of joints; alone they are anything
         if column in s.taken or kind is None or not telling - NEUTRAL - DERIVATIVES.keys():
             continue
-        told = _told_unit(s, column)
-        turns, slides = (bool(telling & known) for known in (TURNS, SLIDES))
-        if told is not None:
-            turns, slides = told == "rad", told == "m"
-        wanted = (
+        unit_text = _told_unit(s, column)
+        turns, slides = (bool(telling & vocabulary) for vocabulary in (TURNS, SLIDES))
+        if unit_text is not None:
+            turns, slides = unit_text == "rad", unit_text == "m"
+        sole_kind = (
             {"rad"} if turns and not slides else {"m"} if slides and not turns else {"rad", "m"}
         )
         fitting = [
-            j for j in joints if kind in j.targets and si_unit(j.targets["q"], s.names) in wanted
+            j for j in joints if kind in j.targets and si_unit(j.targets["q"], s.names) in sole_kind
         ]
-        if len(fitting) != 1 and len(joints) == 1 and told is None and "v" in telling:
+        if len(fitting) != 1 and len(joints) == 1 and unit_text is None and "v" in telling:
             fitting = joints
         if (
             places
             and telling & places
-            and told is None
+            and unit_text is None
             and "rad" in {si_unit(joint.targets["q"], s.names) for joint in fitting}
         ):
             continue
         sure = len(fitting) == 1
-        if len(joints) == 1 and told is None and not (places and telling & places):
+        if len(joints) == 1 and unit_text is None and not (places and telling & places):
             fitting = joints  # a pendulum's x may be its angle, or how far its bob is
         if len(fitting) == 1:
             what = "the joint" if len(joints) == 1 else "the joint that turns or slides so"
@@ -545,8 +545,8 @@ def _is_of(array: str, columns: Sequence[str], kind: str, keys: frozenset[str]) 
     for name in (re.split(r"[./]", array)[-1], array):
         words = words_of(name)
         telling = set(words) - NEUTRAL or not columns[0].endswith("]")
-        if telling and (found := kind_of(words)):
-            return found == kind
+        if telling and (word_kind := kind_of(words)):
+            return word_kind == kind
     return False
 
 
@@ -589,8 +589,8 @@ def _by_unit(s: _Search, joints: Sequence[_Joint], basis: Basis = "declared") ->
     for joint in joints:
         si = units.get(si_unit(joint.targets["q"], s.names) or "", ("",) * 4)
         for column, readings in s.named.items():
-            left = without(readings[0], joint.words)
-            if left is None or (set(left) - NEUTRAL and basis == "declared"):
+            rest = without(readings[0], joint.words)
+            if rest is None or (set(rest) - NEUTRAL and basis == "declared"):
                 continue
             for kind, of_kind in zip(("q", "u", "udot", "force"), si):
                 if kind in joint.targets and (text := s.unit(column, of_kind)):
@@ -645,8 +645,8 @@ def _floating(s: _Search) -> Iterator[Meaning]:
         table = {c: s.values(c)[rows] for c in columns}
         if not table:
             continue
-        known = ~np.isnan(np.column_stack(list(table.values()))).any(axis=1)
-        table = {c: values[known] for c, values in table.items()}
+        complete = ~np.isnan(np.column_stack(list(table.values()))).any(axis=1)
+        table = {c: values[complete] for c, values in table.items()}
         arrays = {n: c for n, c in s.arrays.items() if set(c) <= set(columns)}
         vectors = vectors_of(arrays, columns, [joint, s.names.bodies.get(joint, joint)])
         layouts = [*_packed(s, clock.column), *of_vectors(vectors)]
@@ -655,7 +655,7 @@ def _floating(s: _Search) -> Iterator[Meaning]:
         places = [replace(one, q=(), u=()) for one in layouts]
         # Whole milliseconds and the like are told once the log is read.
         distinct = list(dict.fromkeys(places))
-        bases = (floating_base(f * t[rows][known], table, distinct) for f in _SECONDS)
+        bases = (floating_base(f * t[rows][complete], table, distinct) for f in _SECONDS)
         base = next((base for base in bases if base is not None), None)
         if base is not None:
             alike = [one for one, place in zip(layouts, places) if place == base.layout]
@@ -663,10 +663,10 @@ def _floating(s: _Search) -> Iterator[Meaning]:
             first = base.layout == places[0]
             yield from _of_floating(s, replace(base, usual=base.usual and first), joint, alike, t)
             return
-        moving = list(poses(table, vectors))
-        if len(moving) == 1:
+        pose_columns = list(poses(table, vectors))
+        if len(pose_columns) == 1:
             parts = (*QUATERNION, *"xyz")
-            for part, column in zip(parts, moving[0], strict=True):
+            for part, column in zip(parts, pose_columns[0], strict=True):
                 yield Meaning(
                     f"q.{joint}.{part}", column, "this is the one pose that moves", "motion"
                 )
@@ -754,8 +754,8 @@ def _of_floating(
     states = of_q == of_u and key(of_q) not in _STATES and len(s.arrays[of_q]) > 13
     declared = base.usual and (named or (bool(joints) and not states))
     basis: Basis = "declared" if declared else "motion"
-    said = "names and widths say so, and" if declared else "only so"
-    why = f"{said} the body moves as its speeds say: {base}"
+    basis_text = "names and widths say so, and" if declared else "only so"
+    why = f"{basis_text} the body moves as its speeds say: {base}"
     frames = {
         "v": "body" if base.linear_frame == "body" else "",
         "w": "world" if base.angular_frame == "world" else "",
@@ -825,8 +825,8 @@ def _state_vectors(s: _Search) -> Iterator[Meaning]:
     agreeing = [one for one in states if one.miss is not None and one.miss < AGREES]
     still = [one for one in states if one.miss is None and one.usual and one.named]
     sure = [one for one in agreeing if one.named] or agreeing or (still if len(still) == 1 else [])
-    moving = [one for one in states if one.miss is not None]
-    if not sure and (best := preferred(moving, lambda one: one.miss or 0.0)) is not None:
+    tested = [one for one in states if one.miss is not None]
+    if not sure and (best := preferred(tested, lambda one: one.miss or 0.0)) is not None:
         sure = [best]
     for one in (sure or [one for one in states if one.usual and one.miss != np.inf])[:1]:
         # of two orders that fit, the first is usual; an array alone in its file is the table as well

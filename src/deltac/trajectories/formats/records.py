@@ -28,8 +28,8 @@ def read_json(path: Path) -> RawLog:
         if rows is not None and not any(
             isinstance(v, list) and not _records(v) for v in value.values()
         ):
-            beside = {k: v for k, v in entries(value) if is_unit(k)}
-            return _of_records(rows, beside)
+            units = {k: v for k, v in entries(value) if is_unit(k)}
+            return _of_records(rows, units)
         return _of_object({name: _listed(item) for name, item in value.items()})
     if _records(value):
         return _of_records(value)
@@ -81,7 +81,7 @@ def _records(value: Any) -> bool:
 
 
 def _of_records(
-    records: list[Mapping[str, Any]], beside: Mapping[str, Any] = MappingProxyType({})
+    records: list[Mapping[str, Any]], extra: Mapping[str, Any] = MappingProxyType({})
 ) -> RawLog:
     collector = Collector()
     columns: dict[str, list[Any]] = {}
@@ -106,7 +106,7 @@ def _of_records(
         row = len(columns.pop(name))
         collector.skip(name, f"is missing in record {row} (of 0 to {len(records) - 1})")
         tables.pop(name, None)
-    collector.add_all({**columns, **tables, **alike, **beside})
+    collector.add_all({**columns, **tables, **alike, **extra})
     return collector.log()
 
 

@@ -107,7 +107,7 @@ def _of_mcap(path: Path) -> Iterator[Message]:
 
     def decoded(channel: Any, schema: Any, data: bytes) -> Any:
         if channel.message_encoding == "json":
-            return json.loads(data, object_hook=lambda found: SimpleNamespace(**found))
+            return json.loads(data, object_hook=lambda fields: SimpleNamespace(**fields))
         decode = decoders.decoder_for(channel.message_encoding, schema)
         if decode is None:
             raise LogError(f"messages encoded as {channel.message_encoding!r} are not read")
@@ -164,10 +164,10 @@ def _log(messages: Iterator[Message], size: int) -> RawLog:
         else:
             with suppress(Exception):  # types that the bag does not define
                 message = decode()
-            found = list(_stamped(topic, message))
-            if not found:
+            stamped = list(_stamped(topic, message))
+            if not stamped:
                 collector.skip(topic, f"has messages of type {kind}, without a stamp or numbers")
-            for name, stamp, numbers in found:
+            for name, stamp, numbers in stamped:
                 series = others.setdefault(name, _Numbers())
                 series.stamps.append(stamp or int(time))
                 series.rows.append(numbers)
@@ -223,28 +223,31 @@ def _merged(
 ) -> RawLog:
     """The log with other topics at the times of the main one, which ends where these end."""
     columns: dict[str, FloatArray] = {}
-    told: dict[str, str] = {}
+    resampled: dict[str, str] = {}
     first, last = 0, len(stamps)
-    for topic, (times, found) in tables.items():
+    for topic, (times, topic_columns) in tables.items():
         a, b = np.searchsorted(stamps, times[0]), np.searchsorted(stamps, times[-1], side="right")
         if b - a < max(4.0, _COVERED * len(stamps)):
             collector.skip(topic, f"covers {b - a} of the {len(stamps)} times of {main}")
             continue
         first, last = max(first, int(a)), min(last, int(b))
-        for name, values in found.items():
+        for name, values in topic_columns.items():
             column = f"{topic}.{name}"
             columns[column] = values
         if not np.isin(stamps[a:b], times).all():
-            told |= {f"{topic}.{n}": f"{topic}: interpolated to the times of {main}" for n in found}
+            resampled |= {
+                f"{topic}.{n}": f"{topic}: interpolated to the times of {main}"
+                for n in topic_columns
+            }
     for name, array in collector.arrays.items():
         collector.arrays[name] = array[first:last]
     at = stamps[first:last]
-    for topic, (times, found) in tables.items():
-        if f"{topic}.{next(iter(found), '')}" in columns:
-            for name, values in _interpolated(times, found, at).items():
+    for topic, (times, topic_columns) in tables.items():
+        if f"{topic}.{next(iter(topic_columns), '')}" in columns:
+            for name, values in _interpolated(times, topic_columns, at).items():
                 collector.add(f"{topic}.{name}", values)
     log = collector.log()
-    return RawLog(log.columns, units=log.units, skipped=log.skipped, resampled=told)
+    return RawLog(log.columns, units=log.units, skipped=log.skipped, resampled=resampled)
 
 
 def _interpolated(
@@ -266,8 +269,8 @@ def _interpolated(
         if stem != name and all(part in columns for part in parts):
             p = continuous(np.column_stack([columns[part] for part in parts]))
             smooth |= dict(zip(parts, p.T, strict=True))
-    seconds, wanted = (times - times[0]) / 1e9, (at - times[0]) / 1e9
-    values: FloatArray = CubicSpline(seconds, np.column_stack(list(smooth.values())))(wanted)
+    seconds, targets = (times - times[0]) / 1e9, (at - times[0]) / 1e9
+    values: FloatArray = CubicSpline(seconds, np.column_stack(list(smooth.values())))(targets)
     steps = np.diff(times)
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(steps) - 1)
     values[(steps[before] > _PAUSE * np.median(steps)) & ~np.isin(at, times)] = np.nan

@@ -169,12 +169,12 @@ def _add(columns: dict[str, FloatArray], name: str, values: FloatArray) -> None:
 
 
 def _distinct(names: Iterable[str]) -> list[str]:
-    seen: dict[str, None] = {}
+    names_so_far: dict[str, None] = {}
     for name in names:
-        if name in seen:
+        if name in names_so_far:
             raise _collision(name)
-        seen[name] = None
-    return list(seen)
+        names_so_far[name] = None
+    return list(names_so_far)
 
 
 def _collision(name: str) -> InputError:
@@ -186,8 +186,8 @@ def _collision(name: str) -> InputError:
 
 def _require(expected: list[str], columns: Mapping[str, Any], sparse: bool) -> None:
     """Every expected column is there (but for zero forces, if sparse), and no other."""
-    known = set(expected)
-    extra = [name for name in columns if name not in known]
+    expected_names = set(expected)
+    extra = [name for name in columns if name not in expected_names]
     for name in expected:
         if name not in columns and not (sparse and name.startswith("force.")):
             hint = closest(name, extra) if extra else ""
@@ -213,21 +213,21 @@ def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
             raise _unknown(name, columns)
     coordinates = _strip("q.", columns)
     speeds = _strip("u.", columns)
-    for prefix, found, what in (("q", coordinates, "coordinate"), ("u", speeds, "speed")):
-        if not found:
+    for prefix, entries, what in (("q", coordinates, "coordinate"), ("u", speeds, "speed")):
+        if not entries:
             raise LogError(
                 f"no column '{prefix}.<{what}>'; expected one for each {what} of the mechanism, "
                 f"for example '{prefix}.elbow'. Columns: {listed(columns)}"
             )
     accelerations = _strip("udot.", columns)
-    moving = set(speeds)
+    speed_names = set(speeds)
     for name in accelerations:
-        if name not in moving:
+        if name not in speed_names:
             raise UnknownName(
                 f"column {f'udot.{name}'!r}: no speed 'u.{name}'{closest(name, speeds)}"
             )
-    known, lengths = dict.fromkeys(speeds), sorted({len(speed) for speed in speeds})
-    channels = dict.fromkeys(_channel(n, known, lengths) for n in _strip("force.", columns))
+    speed_order, lengths = dict.fromkeys(speeds), sorted({len(speed) for speed in speeds})
+    channels = dict.fromkeys(_channel(n, speed_order, lengths) for n in _strip("force.", columns))
     return _Layout(
         coordinates,
         speeds,
@@ -314,10 +314,10 @@ def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
 
 def _read_provenance(metadata: Mapping[str, Any]) -> Provenance:
     entries = _entry(metadata, "provenance", dict)
-    known = [f.name for f in fields(Provenance)]
+    field_names = [f.name for f in fields(Provenance)]
     for name in entries:
-        if name not in known:
-            raise UnknownName(f"metadata: unknown provenance {name!r}{closest(name, known)}")
+        if name not in field_names:
+            raise UnknownName(f"metadata: unknown provenance {name!r}{closest(name, field_names)}")
     return Provenance(**{"simulator": "unknown", **entries})
 
 

@@ -144,11 +144,11 @@ def _in_words(words: str) -> str | None:
         return words.replace("n ", "N*")
     if words in _RATES:
         return _RATES[words]
-    found = _PER_SECOND.fullmatch(words)
-    measure = _MEASURES.get(found[1]) if found else None
-    if found is None or measure is None or found[1] == words:
+    match = _PER_SECOND.fullmatch(words)
+    measure = _MEASURES.get(match[1]) if match else None
+    if match is None or measure is None or match[1] == words:
         return measure
-    return f"{measure}/s^2" if found[2] else f"{measure}/s"
+    return f"{measure}/s^2" if match[2] else f"{measure}/s"
 
 
 _BRACKETS = re.compile(r"\s*[\[({]([^\[\](){}]*)[\])}]\s*$")

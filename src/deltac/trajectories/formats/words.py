@@ -121,24 +121,24 @@ def names_time(words: tuple[str, ...]) -> bool:
 @lru_cache(1 << 16)
 def without(words: tuple[str, ...], part: tuple[str, ...]) -> tuple[str, ...] | None:
     """The words that are left without those of a joint, which must be there in their order."""
-    left, at = [], 0
+    rest, at = [], 0
     for word in words:
         if at < len(part) and word == part[at]:
             at += 1
         else:
-            left.append(word)
-    return tuple(left) if at == len(part) and part else None
+            rest.append(word)
+    return tuple(rest) if at == len(part) and part else None
 
 
 @lru_cache(4096)
-def kind_of(left: tuple[str, ...]) -> str | None:
+def kind_of(rest: tuple[str, ...]) -> str | None:
     """What of a joint the other words of a column mean: "q", "u", "udot", "force"; None for nothing known."""
-    words = [part for word in left if word not in NEUTRAL for part in unglued(word)]
+    words = [part for word in rest if word not in NEUTRAL for part in unglued(word)]
     if len(words) > 1 and words[0] == "angular":
         words = words[1:]
     times = sum(DERIVATIVES.get(word, 0) for word in words)
     telling = [word for word in words if word not in DERIVATIVES]
-    kinds = [{kind for kind, known in WORDS.items() if word in known} for word in telling]
+    kinds = [{kind for kind, vocabulary in WORDS.items() if word in vocabulary} for word in telling]
     common = set.intersection(*kinds) if kinds else {"q"}
     if times > 2 or (telling and times and not common & {"q", "u"}):
         return None

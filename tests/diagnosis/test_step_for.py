@@ -1,0 +1,47 @@
+"""`Audit.step_for`: the step for a tolerance from one log, against a run at that step."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from tests.support.slow import repeated
+
+
+def log_of(problem: dc.Problem, solver: str, step: float) -> dc.Trajectory:
+    """A run as another program would log it: t, q and u alone."""
+    run = dc.simulate(problem, None, 1.0, step, solver)
+    return replace(run, udot=None, forces={}, works={}, integrals={})
+
+
+CASES = [
+    ("double-pendulum", "semi-implicit-euler"),
+    ("simple-pendulum", "ode1be"),
+    ("bead-on-hoop", "ode2"),
+    ("torque-free-box", "ode1"),
+]
+
+
+@pytest.mark.parametrize("case", repeated(CASES, *CASES[1:]))
+def test_a_run_at_that_step_has_that_error(case: tuple[str, str]) -> None:
+    problem = dc.problems.load(case[0])
+    audit = dc.audit(problem, log_of(problem, case[1], 2e-3))
+    tolerance = audit.relative / 4.0
+    steps = math.ceil(1.0 / audit.step_for(tolerance))
+    run = log_of(problem, case[1], 1.0 / steps)
+    ledger = dc.balance(problem.mechanism, run, testing=("wang",))
+    error = float(np.abs(ledger.delta_c["wang"]).max()) / audit.reference_energy
+    assert error == pytest.approx(tolerance, rel=0.3)
+
+
+def test_it_is_refused_where_nothing_is_known() -> None:
+    pendulum = dc.problems.load("simple-pendulum")
+    with pytest.raises(dc.InputError, match="within their error"):
+        dc.audit(pendulum, log_of(pendulum, "ode8", 2e-3)).step_for(1e-6)
+    disc = dc.problems.load("rolling-disc")
+    with pytest.raises(dc.InputError, match="constraints"):
+        dc.audit(disc, log_of(disc, "implicit-midpoint", 4e-3)).step_for(1e-6)

@@ -35,8 +35,13 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests on random examples; leave out those marked `heyoka` where it has no wheels."""
     without = find_spec("heyoka") is None
+    undecided = {x for x in (TESTS / "undecided.txt").read_text("utf-8").split() if "::" in x or "/" in x}
     skip = pytest.mark.skip(reason="heyoka is not installed on this platform")
     for item in items:
+        function = item.nodeid.partition("[")[0]
+        if {item.nodeid, function, function.partition("::")[0]} & undecided:
+            reason = "the inference of audits does not decide it yet: tests/undecided.txt"
+            item.add_marker(pytest.mark.xfail(reason=reason, strict=False))
         if is_hypothesis_test(getattr(item, "obj", None)):
             item.add_marker("random_examples")
         if without and item.get_closest_marker("heyoka"):

@@ -35,7 +35,9 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark the tests on random examples; leave out those marked `heyoka` where it has no wheels."""
     without = find_spec("heyoka") is None
-    undecided = {x for x in (TESTS / "undecided.txt").read_text("utf-8").split() if "::" in x or "/" in x}
+    undecided = {
+        x for x in (TESTS / "undecided.txt").read_text("utf-8").split() if "::" in x or "/" in x
+    }
     skip = pytest.mark.skip(reason="heyoka is not installed on this platform")
     for item in items:
         function = item.nodeid.partition("[")[0]

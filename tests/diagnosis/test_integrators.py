@@ -12,7 +12,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce
-from deltac.diagnosis.inference.integrators import maps, transition
+from deltac.diagnosis.inference.integrators import maps, steps_between, transition
 from deltac.diagnosis.inference.model import Model
 from tests.systems.cart_pole import SCHEMES, CartPole, log
 
@@ -30,7 +30,7 @@ def off_by(run: dc.Trajectory, kind: str, step: float = STEP) -> Off:
     intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
     force = LoggedForce.of(intervals, [(0, len(intervals))])((kind,) * rows.F.shape[1])
     gaps: Off = {}
-    for method, end in maps(model, intervals, force, step):
+    for method, end in maps(model, intervals, force, steps_between(intervals.h, step)):
         gap = float(np.abs(model.difference(end, intervals.end)).max())
         gaps[method.name] = min(gap, gaps.get(method.name, np.inf))
     return gaps
@@ -79,8 +79,12 @@ def test_derivatives_of_a_map_are_those_of_steps_from_other_rows() -> None:
     rows = model.rows(run)
     intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
     force = LoggedForce.of(intervals, [(0, len(intervals))])(())
-    (end,) = (x for x in maps(model, intervals, force, STEP) if x[0].name == "semi-implicit-euler")
-    Phi = transition(model, end, intervals, force, STEP)
+    counts = steps_between(intervals.h, STEP)
+    assert counts is not None
+    (end,) = (
+        x for x in maps(model, intervals, force, counts) if x[0].name == "semi-implicit-euler"
+    )
+    Phi = transition(model, end, intervals, force, counts)
     assert Phi is not None
     for k in (0, 20):
         for i, e in enumerate(np.eye(4)):

@@ -23,6 +23,7 @@ from deltac.diagnosis.verdict import NOTHING, Confidence, Finding, Kind, Verdict
 from deltac.energy import Ledger
 from deltac.results import HEADINGS
 from deltac.trajectories import Trajectory
+from deltac.trajectories.trajectory import INTERPOLATED, ROWS
 
 PROBABLE: dict[Confidence, float] = {"high": 0.99, "medium": 0.9}
 """Probability from which on a verdict is told with that confidence; below the last it is `unresolved`."""
@@ -120,8 +121,11 @@ class Evidence:
     def unnamed(self) -> bool:
         """Whether what is left is of terms of a model, beyond what is allowed, and of no few of them."""
         generic = self.inference.generic if self.inference is not None else None
+        # Rows on a solver's interpolant depart from the equations as terms of the state do.
+        interpolated = self.run.provenance.notes.get(ROWS) == INTERPOLATED
         return (
             generic is not None
+            and not interpolated
             and generic.log_odds > CERTAIN
             and generic.exchanged > self.allowed_flow
             and generic.explained > MOST

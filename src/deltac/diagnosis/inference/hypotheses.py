@@ -384,11 +384,12 @@ def search(
     exchanged: Callable[[Fit], Array],
     least: float,
     most: int = TOGETHER,
+    beside: float = BESIDE,
 ) -> Posterior:
     """The causes with the best odds, one after the other, each beside all before.
 
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told.
-    `most` are found together.
+    `most` are found together, each with a share of `beside` of the largest at least.
     """
     best, near = nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
@@ -399,7 +400,7 @@ def search(
             if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
                 continue
             joules = exchanged(fit)
-            if joules.min() < max(least, BESIDE * joules.max()):
+            if joules.min() < max(least, beside * joules.max()):
                 continue
             fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
         fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))

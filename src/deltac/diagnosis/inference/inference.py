@@ -30,6 +30,7 @@ from deltac.diagnosis.inference.fields import (
 )
 from deltac.diagnosis.inference.flow import FORCES, LoggedForce, predict, transported
 from deltac.diagnosis.inference.hypotheses import (
+    BESIDE,
     CERTAIN,
     EQUAL,
     MANY,
@@ -49,6 +50,7 @@ from deltac.diagnosis.inference.integrators import (
     estimate,
     identified,
     maps,
+    steps_between,
     transition,
 )
 from deltac.diagnosis.inference.model import Model, Rows
@@ -74,6 +76,9 @@ MOST_ROWS, LEAST_ROWS = 4000, 150
 
 MOST_COST = 100_000
 """Instructions of the columns at a row up to which the geometry is asked as well."""
+
+UNEVEN = 1e-3
+"""Differences of intervals, as a share of the step, that are rounding of a clock."""
 
 EVERY_STEP = 1.01
 """Rows further apart than so many steps of the integrator are not all of its steps."""
@@ -224,6 +229,7 @@ class _Inferring:
         intervals = log.intervals
         h = float(np.median(intervals.h))
         self.step = min(run.provenance.step or h, h)
+        self.counts = steps_between(intervals.h, run.provenance.step and self.step)
         self.thinned = h > EVERY_STEP * self.step
         self.whole = float(run.t[-1] - run.t[0]) / float(intervals.h.sum())
         self.force = LoggedForce.of(intervals, log.pieces)
@@ -246,6 +252,7 @@ class _Inferring:
                 raise FlowError("the flow of the model leaves all bounds between many rows")
             self.log = log.without(lost)
             self.force = LoggedForce.of(self.log.intervals, self.log.pieces)
+            self.counts = None if self.counts is None else self.counts[~lost]
             self.whole = float(run.t[-1] - run.t[0]) / float(self.log.intervals.h.sum())
             self._predict()
             self.fields, self.J = self._integrator_columns()
@@ -285,7 +292,7 @@ class _Inferring:
         )
 
     def _integrator_columns(self) -> tuple[list[Array], list[Array]]:
-        h = np.minimum(self.step, self.log.intervals.h)
+        h = self._h
         fields, J = list[Array](), list[Array]()
         for at in self.flow.nodes[:-1]:
             J.append(self.model.jacobian(at))
@@ -336,15 +343,21 @@ class _Inferring:
         parts += [np.asarray(np.linalg.solve(M, x)) for x in geometry if M is not None]
         return np.concatenate(parts, axis=2)
 
+    @property
+    def _h(self) -> Array:
+        """The integrator's step (N, 1) in each interval."""
+        h = self.log.intervals.h
+        if self.counts is None or np.ptp(h) <= UNEVEN * self.step:
+            return np.asarray(np.minimum(self.step, h))
+        return np.asarray(h / self.counts[:, None])
+
     def _unknown(self) -> Array:
         """The covariance of what the flow does not know, of forces between rows by likelihood."""
         Q, between, across = unknown(
             self.model, self.log, self.flow, self.force, self.w, self.thinned
         )
         h = self.log.intervals.h
-        beyond = remainder(
-            self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, np.minimum(self.step, h)
-        )
+        beyond = remainder(self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, self._h)
         self.beyond = beyond
         if between.any():
             Phi, B = transported(self.log.intervals.h, self.J, self.fields)
@@ -400,7 +413,7 @@ class _Inferring:
             np.concatenate([a, b], axis=2) for a, b in zip(self.fields, self.causes, strict=True)
         ]
         self.Phi, self.B = transported(log.intervals.h, self.J, both)
-        ends = list(maps(model, log.intervals, self.force(self.kinds), self.step))
+        ends = list(maps(model, log.intervals, self.force(self.kinds), self.counts))
         own = [model.difference(end, log.intervals.end) for _, end in ends]
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
         places = ni + np.arange(P)
@@ -412,7 +425,7 @@ class _Inferring:
             # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
             # order.
             c = np.clip(series.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
-            h = np.minimum(self.step, log.intervals.h)
+            h = self._h
             change = first_order_jacobian(model, log.intervals.start, h, c)
             Phi = self.Phi + log.intervals.h[:, :, None] * change @ self.Phi
             some = np.concatenate([columns[:, :, :1], self.B], axis=2)
@@ -468,15 +481,17 @@ class _Inferring:
         return trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
 
     def _search(self, block: Block) -> Posterior:
-        most = MANY if self._knows_accelerations else TOGETHER
+        # Known accelerations are linear in almost all causes: small ones beside large ones are real.
+        many = (MANY, 0.0) if self._knows_accelerations else (TOGETHER, BESIDE)
         return search(
-            (block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least, most
+            (block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least, *many
         )
 
     def _of_method(self, end: tuple[Integrator, Rows], w: Array, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
         log, model = self.log, self.model
-        Phi = transition(model, end, log.intervals, self.force(self.kinds), self.step)
+        assert self.counts is not None
+        Phi = transition(model, end, log.intervals, self.force(self.kinds), self.counts)
         columns = np.concatenate([w[:, :, None], self.B], axis=2)
         white, _ = whitened(
             log.pieces, self.Phi if Phi is None else Phi, log.noise, self.Q, columns

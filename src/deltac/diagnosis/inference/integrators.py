@@ -172,13 +172,23 @@ MOST_STEPS = 12
 """Steps between two rows up to which a method is repeated: what takes longer is left to the series."""
 
 
-def maps(
-    model: Model, intervals: Intervals, force: ForceBetween, step: float
-) -> Iterator[tuple[Integrator, Rows]]:
-    """Each method with the rows that it makes of those before, if rows lie a whole number of steps apart."""
-    ratio = intervals.h[:, 0] / step
+def steps_between(h: Array, step: float | None) -> NDArray[np.intp] | None:
+    """Steps (N,) between rows that lie h (N, 1) apart; None where they are no whole number of steps.
+
+    Rows that are no whole number of some unknown step apart are the steps of a solver that chooses them.
+    """
+    ratio = h[:, 0] / (step or float(np.median(h)))
     counts = np.rint(ratio).astype(np.intp)
-    if np.any(np.abs(ratio - counts) > 1e-3) or counts.max() > MOST_STEPS or counts.min() < 1:
+    if np.all(np.abs(ratio - counts) <= 1e-3) and counts.min() >= 1:
+        return counts
+    return np.ones(len(h), dtype=np.intp) if step is None else None
+
+
+def maps(
+    model: Model, intervals: Intervals, force: ForceBetween, counts: NDArray[np.intp] | None
+) -> Iterator[tuple[Integrator, Rows]]:
+    """Each method with the rows that it makes of those before, by so many steps in each interval."""
+    if counts is None or counts.max() > MOST_STEPS:
         return
     for method in INTEGRATORS:
         if method.name == "implicit-damping-euler" and not model.damped:
@@ -198,13 +208,12 @@ def transition(
     end: tuple[Integrator, Rows],
     intervals: Intervals,
     force: ForceBetween,
-    step: float,
+    counts: NDArray[np.intp],
 ) -> Array | None:
     """Derivatives (N, 2n, 2n) of a method's map by differences; None for an implicit one, or many speeds."""
     method, after = end
     if method.step is None or model.n > MOST_SPEEDS:
         return None
-    counts = np.rint(intervals.h[:, 0] / step).astype(np.intp)
     at, columns = intervals.start, []
     for k in range(2 * model.n):
         e = np.zeros((1, model.n))

@@ -156,8 +156,8 @@ class Evidence:
     @cached_property
     def hidden(self) -> float:
         """Probability that a mistake beyond what is allowed is hidden in what the log cannot tell."""
-        if self.inference is None:
-            return 1.0
+        if self.inference is None:  # the balance speaks alone
+            return 0.0
         deviation = 0.5 * self.inference.hidden[0]
         return float(2.0 * ndtr(-self.allowed / max(deviation, 1e-300)))
 
@@ -240,7 +240,10 @@ def judge(e: Evidence) -> Verdict:
     words: tuple[Confidence, ...] = ("high", "medium")
     confidence: Confidence = next((word for word in words if odds[kind] >= PROBABLE[word]), "low")
     findings = _findings(e, kind)
-    if (e.guessed or any(f.kind == "small-but-real" for f in findings)) and confidence == "high":
+    untested = e.inference is None and kind != "unresolved"
+    if (
+        e.guessed or untested or any(f.kind == "small-but-real" for f in findings)
+    ) and confidence == "high":
         confidence = "medium"
     return Verdict(kind, confidence, tuple(_evidence(e, kind)), findings)
 

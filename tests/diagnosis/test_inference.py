@@ -326,3 +326,17 @@ def test_quaternions_differ_by_rotation_vectors() -> None:
     # sin of half the angle in place of the angle: a cube of it.
     assert moved[0, :6] == pytest.approx(turn[0], abs=1e-6)
     assert moved[0, 6:] == pytest.approx(np.zeros(6))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rows_of_noise_accuse_nobody(seed: int) -> None:
+    """Columns share their noise with the prediction errors: what fits them so is its bias, and no mistake."""
+    rng = np.random.default_rng(seed)
+    q, u = rng.standard_normal((2, 400, 1))
+    mechanism, _ = held()
+    run = dc.Trajectory(
+        t=0.01 * np.arange(400), q=q, u=u, coordinates=("j",), speeds=("j",),
+    )  # fmt: skip
+    audit = dc.audit(mechanism, run)
+    assert audit.verdict.kind == "unresolved"
+    assert not [f for f in audit.findings if f.weight == "cause"]

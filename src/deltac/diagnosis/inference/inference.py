@@ -433,7 +433,7 @@ class _Inferring:
             series = self._block(moved[:, :, 0], moved[:, :, 1:], ni, places)
         # The mean of the gradients at both ends makes of a quadratic energy what it changes by.
         self.gradient = 0.5 * (model.energy(self.flow.end)[1] + model.energy(log.intervals.end)[1])
-        self.least = max(NEGLIGIBLE * self.energy, self._remainder(series))
+        self.least = max(NEGLIGIBLE * self.energy, self._remainder(series), self._attenuation())
         methods = _Methods.of(ends, white[:, :, 1 : 1 + len(own)], D[:, :, places], log.rounding)
         measured = self._measured() if self._knows_accelerations else None
         if before is None:
@@ -521,6 +521,23 @@ class _Inferring:
             relative = fit.deviation(k) / np.maximum(np.abs(theta), 1e-300)
             errors.append(exchanged[-1] * min(float(relative.min()), 1.0))
         return np.array(exchanged), np.array(errors), np.array(energies)
+
+    def _attenuation(self) -> float:
+        """Joules by which noise in the columns themselves may bias a cause.
+
+        Columns are evaluated at the rows, and share their noise with the prediction errors. The bias of errors in
+        variables is the ratio of the variances of noise and motion (Fuller, Measurement Error Models, 1987, §1.1),
+        here of the energies that flow by either.
+        """
+        intervals = self.log.intervals
+        displacement = self.model.difference(intervals.start, intervals.end)
+        motion = np.concatenate(
+            [np.cumsum(displacement[a:b], axis=0) for a, b in self.log.pieces], axis=0
+        )
+        weight = np.mean(self.gradient**2, axis=0)
+        noise = float(weight @ np.mean(self.log.noise[1] ** 2, axis=0))
+        ratio = noise / max(float(weight @ np.var(motion, axis=0)), 1e-300)
+        return min(ratio, 1.0) * self.whole * float(np.abs(self.gradient * displacement).sum())
 
     def _remainder(self, series: Block) -> float:
         """Joules that the first order beyond the series may exchange.

@@ -525,9 +525,9 @@ class _Inferring:
     def _attenuation(self) -> float:
         """Joules by which noise in the columns themselves may bias a cause.
 
-        Columns are evaluated at the rows, and share their noise with the prediction errors. The bias of errors in
-        variables is the ratio of the variances of noise and motion (Fuller, Measurement Error Models, 1987, §1.1),
-        here of the energies that flow by either.
+        Columns are evaluated at the rows, and share their noise with the prediction errors. The bias of
+        errors in variables is the ratio of the variances of noise and motion (Fuller, Measurement Error
+        Models, 1987, §1.1), here of the energies that flow by either.
         """
         intervals = self.log.intervals
         displacement = self.model.difference(intervals.start, intervals.end)

@@ -362,17 +362,20 @@ def _promising(
     blocks: Sequence[Block], best: Fit, candidates: Sequence[Candidate]
 ) -> list[Candidate]:
     """The causes that explain most of what is left, to first order, and that may stand beside the best."""
+    parts = []
+    for block in blocks:
+        p, now = block.projected, best.coefficients
+        variance = p.left(now)
+        parts.append((p.A / variance, (p.b - p.A @ now) / variance))
     gains = []
     for c in candidates:
         if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):
             continue
         columns, L = list(c.columns), c.linear
         A, b = np.zeros((c.size, c.size)), np.zeros(c.size)
-        for block in blocks:
-            p = block.projected
-            variance = p.left(best.coefficients)
-            A += L.T @ p.A[np.ix_(columns, columns)] @ L / variance
-            b += L.T @ (p.b[columns] - p.A[columns] @ best.coefficients) / variance
+        for gram, right in parts:
+            A += L.T @ gram[np.ix_(columns, columns)] @ L
+            b += L.T @ right[columns]
         gains.append((float(b @ least_squares(A, b)), c))
     gains.sort(key=lambda item: -item[0])
     return [c for _, c in gains[:PROMISING]]

@@ -32,6 +32,10 @@ OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-
 """Causes that no controlled actuator looks like whose force is not in the log."""
 
 
+MISTAKE = 0.01
+"""Joules that a mistake moves, as a share of the energy exchanged, before the log is seen: masses, lengths and
+dampers are rarely known to less."""
+
 MOST = 0.9
 """Share of what is left that terms of a model must explain to be a mistake without a name."""
 
@@ -147,19 +151,28 @@ class Evidence:
         share = self.attribution.integrator if self.attribution is not None else None
         if share is None:
             return 0.0
-        # What forces may have done between rows may be taken for the integrator's.
-        unknown = self.inference.uncertain if self.inference is not None else 0.0
-        error = np.maximum(np.hypot(share.curve_error, unknown), 1e-300)
+        error = np.maximum(share.curve_error, 1e-300)
         excess = (np.abs(share.curve) - self.allowed) / error
         return float(ndtr(excess.max(initial=-np.inf)))
 
     @cached_property
     def hidden(self) -> float:
-        """Probability that a mistake beyond what is allowed is hidden in what the log cannot tell."""
-        if self.inference is None:  # the balance speaks alone
+        """Probability that a mistake beyond what is allowed is hidden in what the log cannot tell.
+
+        Before the log is seen the equations are right or wrong alike, and a mistake is any of those of one
+        number, of joules J ~ N(0, S²). A log that tells its joules to σ without having found it leaves
+        N(0, s²), 1/s² = 1/σ² + 1/S², with the weight s/S beside none.
+        """
+        if self.inference is None or not self.inference.unseen:  # the balance speaks alone
             return 0.0
-        deviation = 0.5 * self.inference.hidden[0]
-        return float(2.0 * ndtr(-self.allowed / max(deviation, 1e-300)))
+        sigma = np.array(list(self.inference.unseen.values()))
+        size = MISTAKE * max(self.ledger.energy_exchanged, 1e-300)
+        left = np.where(sigma < size, sigma, size) / np.hypot(
+            1.0, np.minimum(sigma / size, size / sigma)
+        )
+        weight = left / size
+        beyond = 2.0 * ndtr(-self.allowed / np.maximum(left, 1e-300))
+        return float(np.mean(weight * beyond) / (1.0 + np.mean(weight)))
 
     @cached_property
     def unexplained(self) -> float:
@@ -402,10 +415,11 @@ def _undecided(e: Evidence) -> str:
             "with all forces, and accelerations at the same instants"
         )
     if e.hidden > 1.0 - PROBABLE["medium"]:
-        times = inference.hidden[0] / max(e.allowed, 1e-300)
+        name, joules = max(inference.unseen.items(), key=lambda item: item[1])
+        times = 2.0 * joules / max(e.allowed, 1e-300)
         rows = int(np.ceil(times**2))
         return (
-            f"{inference.hidden[1]} may hide {inference.hidden[0]:.2g} J, {times:.2g} times what is allowed: "
+            f"{name} may hide {2.0 * joules:.2g} J, {times:.2g} times what is allowed: "
             f"log with {np.log10(max(times, 1.01)):.1f} more digits, {rows} times as many rows, or "
             "accelerations, or excite it"
         )

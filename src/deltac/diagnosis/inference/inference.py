@@ -132,7 +132,8 @@ class Inference:
         unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
         uncertain: standard error (J) by what forces did between rows, and by the flow's own.
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
-        hidden: energy (J) that a mistake of one number may add to ΔC without being seen, and its name.
+        unseen: energy (J) that a mistake of one number may add to ΔC, at one standard error of that number, by
+            its name.
         residual: what is left of the rows (N, 2n), in the units of the state.
         acceleration: u̇ (N, n) of the model at the starts of the intervals.
         w: prediction errors (N, 2n) of the flow.
@@ -159,7 +160,7 @@ class Inference:
     unexplained: float
     uncertain: float
     intermittent: tuple[float, NDArray[np.bool_]]
-    hidden: tuple[float, str]
+    unseen: dict[str, float]
     residual: Array
     acceleration: Array
     w: Array
@@ -691,7 +692,7 @@ class _Inferring:
             unexplained=unexplained * self.whole,
             uncertain=uncertain * self.whole,
             intermittent=_intermittent(rows, best),
-            hidden=self._hidden(best, tau),
+            unseen=self._unseen(best, tau),
             residual=left,
             acceleration=self.model.at(self.flow.nodes[0]),
             w=self.w,
@@ -711,21 +712,20 @@ class _Inferring:
                 np.add.at(coefficients, list(c.columns), c.coefficients(theta))
         return Share(np.cumsum(power @ coefficients), np.sqrt(spread))
 
-    def _hidden(self, best: Fit, tau: float) -> tuple[float, str]:
-        """Energy (J) that a mistake of one number may add to ΔC unseen, at two standard errors; its name."""
-        ni, most, name = self.fields[0].shape[2], 0.0, ""
+    def _unseen(self, best: Fit, tau: float) -> dict[str, float]:
+        """Energy (J) that a mistake of one number may add to ΔC at one standard error, by its name."""
+        ni, joules = self.fields[0].shape[2], dict[str, float]()
         curves = np.cumsum(np.einsum("km,kmp->kp", self.gradient, self.B[:, :, ni:]), axis=0)
         for c in self.candidates:
-            linear = c.size == 1 and c.quadratic is None
+            linear = c.size == 1 and c.quadratic is None and c.kind not in OF_THE_LOG
             if not linear or any(c is x or c.excludes(x) for x in best.chosen):
                 continue
             deviation = _deviation(self.blocks, c, best, tau)
-            theta = np.array([2.0 * deviation])
-            if np.isfinite(deviation) and c.plausible(theta):
-                curve = self.whole * np.abs(curves[:, list(c.columns)] @ c.coefficients(theta))
-                if curve.max() > most:
-                    most, name = float(curve.max()), f"{c.kind} {c.element}".strip()
-        return most, name
+            name = f"{c.kind} {c.element}".strip()
+            most = float(np.abs(curves[:, list(c.columns)] @ c.linear[:, 0]).max())
+            if most > 0.0:
+                joules[name] = max(joules.get(name, 0.0), self.whole * deviation * most)
+        return joules
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,8 +53,7 @@ class _Expressions:
             still = ca.SX(s.udot_all)
             still[at] = 0
             r = (force - rnea(s, still))[at]
-            multipliers = bound.schur.multipliers(r, bound.rows.gamma)
-            a = bound.schur.free_response(r) + bound.schur.response(multipliers)
+            a, _ = bound.schur.solve(r, bound.rows.gamma)
             G = bound.rows.G
         dampers = [
             p.force[at]

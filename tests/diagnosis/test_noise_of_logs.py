@@ -73,7 +73,10 @@ def test_no_mistake_does_more_than_what_may_be_hidden(
     audit = dc.audit(MECHANISM, run.every(2))
     assert audit.inference is not None
     done = damper * float(np.sum(run.u[:-1, 1] ** 2 * np.diff(run.t)))
-    assert audit.inference.hidden[0] + sum(c.exchanged for c in audit.causes) >= 0.9 * done
+    assert (
+        2.0 * max(audit.inference.unseen.values()) + sum(c.exchanged for c in audit.causes)
+        >= 0.9 * done
+    )
 
 
 def test_speeds_that_are_differences_accuse_nobody() -> None:

@@ -16,6 +16,7 @@ from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
     evaluate_at,
+    matrices,
 )
 from deltac.dynamics.recursions import rnea
 from deltac.models import ModelLike, StateLike
@@ -98,7 +99,7 @@ def evaluated(motion: EquationsOfMotion, at: Instants) -> Evaluation:
     terms = motion.terms(at.t[None, :], q, u, inputs=inputs)
     free_udot, multipliers = motion.solved(terms)
     f = system.once("energies", lambda: _energies(motion))
-    forces, potential, kinetic = evaluate_at(f, at.t[None, :], q, u, inputs)
+    forces, potential, kinetic, M, bias = evaluate_at(f, at.t[None, :], q, u, inputs)
     forces = forces.reshape(len(motion.channels), nu, T).transpose(0, 2, 1)
     after = system.once("driving", lambda: _driving(motion))
     udot, driving = evaluate_at(after, at.t[None, :], q, u, inputs, free_udot.T, multipliers.T)
@@ -110,8 +111,8 @@ def evaluated(motion: EquationsOfMotion, at: Instants) -> Evaluation:
         all_speeds=mechanism.speeds.names,
         rows=rows.names,
         udot=udot.T[first],
-        M=terms.M[first],
-        bias=terms.bias.T[first],
+        M=matrices(M, len(free.u), len(free.u))[first],
+        bias=bias.T[first],
         forces={part.name: forces[k][first] for k, part in enumerate(motion.channels)},
         potential={name: _scalar(potential[k], at) for k, name in enumerate(with_potential)},
         kinetic=_scalar(kinetic[0], at),
@@ -129,12 +130,13 @@ def _scalar(values: Array, at: Instants) -> Any:
 
 
 def _energies(motion: EquationsOfMotion) -> Any:
-    """(t, q, u, inputs) -> forces of the channels on all speeds, their potentials, kinetic energy."""
+    """(t, q, u, inputs) -> forces of the channels on all speeds, potentials, kinetic energy, M and h."""
     s = motion.system
     forces = ca.horzcat(ca.SX(len(s.mechanism.speeds), 0), *(c.force for c in motion.channels))
     potentials = [c.potential for c in motion.channels if c.potential is not None]
     kinetic = 0.5 * ca.dot(s.u_all, ca.mtimes(motion.M_all, s.u_all))
-    columns = [forces, ca.vertcat(ca.SX(0, 1), *potentials), kinetic]
+    inertia = [motion.M, motion.bias[s.free_u, :]]
+    columns = [forces, ca.vertcat(ca.SX(0, 1), *potentials), kinetic, *inertia]
     arguments = [s.t, s.q, s.u, s.inputs]
     return ca.Function(
         "energies", arguments, [ca.densify(ca.vec(x)) for x in columns], {"cse": True}

@@ -343,8 +343,9 @@ def _tangent(G: Array) -> tuple[list[int], Array]:
 class Slopes:
     """Slopes of the equations of motion along directions, evaluated one direction after the other.
 
-    r = M u̇ + h − f − Gᵀλ, ψ̇, ψ and q̇. A derivative along one direction takes as long as a few evaluations
-    of inverse dynamics; matrices of slopes, written out, grow with the square of the mechanism.
+    r = M u̇ + h − f − Gᵀλ, with M and h as in `MotionTerms`, ψ̇, ψ and q̇. A derivative along one direction
+    takes as long as a few evaluations of inverse dynamics; matrices of slopes, written out, grow with the
+    square of the mechanism.
     """
 
     def __init__(self, motion: EquationsOfMotion) -> None:
@@ -396,8 +397,10 @@ class Slopes:
 def _directional(motion: EquationsOfMotion) -> Any:
     """(t, q, u, u̇, λ, inputs, dq, du, du̇, di) -> r, ψ̇, ψ, q̇ and their slopes along that direction."""
     s, rows, lam = motion.system, motion.rows, ca.SX.sym("lambda", len(motion.rows))
-    r = (rnea(s, ca.SX(s.udot_all)) - motion.force)[s.free_u, :] - ca.mtimes(rows.G.T, lam)
-    values = [r, ca.mtimes(rows.G, s.udot) + rows.gamma, rows.psi, s.qdot]
+    psi_dot = ca.mtimes(rows.G, s.udot) + rows.gamma
+    pull = ca.mtimes(rows.G.T, motion.weights(rows) * psi_dot - lam)
+    r = (rnea(s, ca.SX(s.udot_all)) - motion.force)[s.free_u, :] + pull
+    values = [r, psi_dot, rows.psi, s.qdot]
     at = [s.q, s.u, s.udot, s.inputs]
     along = [ca.SX.sym("d", x.shape[0]) for x in at]
     whole, direction = ca.vertcat(*at), ca.vertcat(*along)

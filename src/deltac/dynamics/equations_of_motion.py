@@ -6,6 +6,11 @@
 
 of the free speeds u. Simulation, assembly, ledgers, residuals and checks take the terms from here, in
 symbols to build on, or as numbers at one state or many.
+
+Coordinates without inertia (the surface parameters of a contact point) make M singular; constraints may
+determine them. Then M + Gᵀμ G and h + Gᵀμ γ take the places of M and h, with weights μ (kg) on the rows
+that hold such coordinates: the same motion and multipliers, since Gᵀμ (G u̇ + γ) = 0, and a positive
+definite matrix (Benzi, Golub, Liesen, Acta Numerica 14 (2005) 1-137, section 3.5).
 """
 
 from __future__ import annotations
@@ -24,7 +29,7 @@ from deltac.dynamics.constraints import Rows, constraint_rows
 from deltac.dynamics.forces import channels, total_force
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba, rnea
-from deltac.dynamics.singular_inertia import regular_least_squares
+from deltac.dynamics.singular_inertia import regular_least_squares, without_inertia
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained, Forward, forward
@@ -40,6 +45,7 @@ class MotionTerms:
 
     At one state: `M` (p, p), `bias` h (p,), `forces` f of each channel (p,), `phi`, `psi`, `gamma` (nc,),
     `G` (nc, p), `W` (nq, p) of all constraint rows. At B states matrices are (B, …) and columns (…, B).
+    With massless coordinates M and h are those that the constraints complete, M + Gᵀμ G and h + Gᵀμ γ.
     """
 
     M: Array
@@ -92,6 +98,43 @@ class EquationsOfMotion:
         return self.M_all[free, free]
 
     @cached_property
+    def massless(self) -> tuple[int, ...]:
+        """Free speeds whose motions have no kinetic energy in any position, where there are constraints.
+
+        A position drawn at random stands for any: there an inertia vanishes only if it does everywhere.
+        """
+        if not len(self.rows):
+            return ()
+        return tuple(int(k) for k in without_inertia(self._plain_mass_matrix))
+
+    @cached_property
+    def _plain_mass_matrix(self) -> Array:
+        """M (p, p) in a position drawn at random."""
+        s = self.system
+        q = np.random.default_rng(1).standard_normal(len(s.free_q))
+        p = [s.mechanism.parameters[name] for name in s.vary]
+        return self._inertia(0.0, q, p)
+
+    def weights(self, rows: Rows) -> SX:
+        """μ (nc,; kg) of rows: positive for those that hold massless coordinates, else zero.
+
+        Any positive number makes M + Gᵀμ G regular; one of the size of M costs no digits.
+        """
+        weight = ca.SX(len(rows), 1)
+        if self.massless:
+            largest = float(np.diagonal(self._plain_mass_matrix).max())
+            for k in range(len(rows)):
+                if rows.G[k, list(self.massless)].nnz():
+                    weight[k] = largest if largest > 0.0 else 1.0
+        return weight
+
+    def completed(self, rows: Rows) -> tuple[SX, SX]:
+        """M + Gᵀμ G (p, p) and Gᵀμ γ (p,) of some rows."""
+        weight = self.weights(rows)
+        pull = ca.mtimes(rows.G.T, ca.diag(weight))
+        return self.M + ca.mtimes(pull, rows.G), ca.mtimes(pull, rows.gamma)
+
+    @cached_property
     def bias(self) -> SX:
         """H (nu,): inertia forces where the free speeds have no accelerations, their sign in F* reversed."""
         return rnea(self.system, self.at_rest)
@@ -121,7 +164,7 @@ class EquationsOfMotion:
 
         def factorised() -> Constrained:
             rows = self.rows.select(chosen)
-            return Constrained(rows, schur(self.M, rows.G))
+            return Constrained(rows, schur(self.completed(rows)[0], rows.G, self.weights(rows)))
 
         return self.system.once(("constrained", chosen), factorised)
 
@@ -137,14 +180,15 @@ class EquationsOfMotion:
     def _terms(self) -> Any:
         s, r, free = self.system, self.rows, self.system.free_u
         forces = ca.horzcat(ca.SX(len(free), 0), *(part.force[free, :] for part in self.channels))
-        columns = [self.M, self.bias[free, :], forces, r.phi, r.psi, r.gamma, r.G, self.W]
+        M, pull = self.completed(r)
+        columns = [M, self.bias[free, :] + pull, forces, r.phi, r.psi, r.gamma, r.G, self.W]
         given = [s.t, s.q, s.u, s.inputs, s.p]
         return ca.Function("terms", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
 
     @cached_property
     def _onto(self) -> Any:
         s, r = self.system, self.rows
-        columns = [self.M, r.phi, r.psi, r.G, self.W]
+        columns = [self.completed(r)[0], r.phi, r.psi, r.G, self.W]
         given = [s.t, s.q, s.u, s.p]
         return ca.Function("onto", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
 
@@ -156,7 +200,13 @@ class EquationsOfMotion:
         return ca.Function("inertia_force", [s.t, s.q, s.p, a], [ca.densify(needed)], {"cse": True})
 
     def mass_matrix(self, t: float, q: Array, p: ArrayLike = ()) -> Array:
-        """M (p, p) of the free speeds at one state, column by column."""
+        """M (p, p) of the free speeds at one state, as `MotionTerms` has it."""
+        if self.massless:
+            return self.ties(t, q, np.zeros(len(self.system.free_u)), p)[0]
+        return self._inertia(t, q, p)
+
+    def _inertia(self, t: float, q: Array, p: ArrayLike) -> Array:
+        """M (p, p) of bodies and rotors alone, column by column."""
         n = len(self.system.free_u)
         if not n:
             return np.zeros((0, 0))

@@ -109,14 +109,27 @@ def factorise(A: SX) -> Factor:
 
 @dataclass(frozen=True)
 class Schur:
-    """A constrained system, factorised: mass matrix, Y = L⁻¹ Gᵀ (by rows of G), and S."""
+    """A constrained system, factorised: mass matrix, Y = L⁻¹ Gᵀ (by rows of G), and S.
+
+    What is factorised may be M + Gᵀμ G instead of M, where G must complete a singular M. G u̇ = −γ makes
+    r − Gᵀμ γ the right side then: the solution for r has the same u̇, and multipliers less by μ γ.
+    """
 
     mass: Factor
     Y: list[list[Entry]]
     S: Factor
+    weights: SX
+
+    def solve(self, r: SX, gamma: SX) -> tuple[SX, SX]:
+        """u̇ (p,) and λ (nc,) of M u̇ − Gᵀλ = r, G u̇ = −γ."""
+        lam = self._least_multipliers(r, gamma)
+        return self.free_response(r) + self.response(lam), lam + self.weights * gamma
 
     def multipliers(self, r: SX, gamma: SX) -> SX:
-        """λ (nc,) of M u̇ − Gᵀλ = r, G u̇ = −γ."""
+        """λ (nc,) alone."""
+        return self._least_multipliers(r, gamma) + self.weights * gamma
+
+    def _least_multipliers(self, r: SX, gamma: SX) -> SX:
         y = self.mass.forward(_column(r))
         right = []
         for k, row in enumerate(self.Y):
@@ -158,8 +171,8 @@ class Schur:
         return ratio
 
 
-def schur(M: SX, G: SX) -> Schur:
-    """Factorise the constrained system of a mass matrix and a constraint Jacobian."""
+def schur(M: SX, G: SX, weights: SX | None = None) -> Schur:
+    """Factorise the constrained system of a mass matrix, or of M + Gᵀμ G with `weights` μ, and a Jacobian."""
     mass = factorise(M)
     Y = [mass.forward([_entry(G, k, i) for i in range(G.shape[1])]) for k in range(G.shape[0])]
     n = G.shape[0]
@@ -170,7 +183,7 @@ def schur(M: SX, G: SX) -> Schur:
             if value is not None:
                 S[i, j] = value
                 S[j, i] = value
-    return Schur(mass, Y, factorise(S))
+    return Schur(mass, Y, factorise(S), ca.SX(n, 1) if weights is None else weights)
 
 
 def _dot(a: Sequence[Entry], b: Sequence[Entry], weights: Sequence[SX]) -> Any:

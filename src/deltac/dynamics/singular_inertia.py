@@ -37,9 +37,10 @@ def singular_inertia(mechanism: Mechanism, M: Array) -> ModelError | None:
             carried = ", ".join(f"joint {j.name!r}, which carries body {j.child!r}" for j in joints)
             return ModelError(
                 f"the mass matrix of {mechanism.name!r} is singular: a motion along "
-                f"{', '.join(repr(e.name) for e in entries)} moves no inertia ({carried}). A slender rod has "
-                "none about its axis, a point mass none about itself: give the body that inertia or the "
-                "joint an armature, or take a joint without that freedom"
+                f"{', '.join(repr(e.name) for e in entries)} moves no inertia ({carried}), and no constraint "
+                "determines it. A slender rod has none about its axis, a point mass none about itself: give "
+                "the body that inertia or the joint an armature, take a joint without that freedom, or "
+                "determine its coordinates by constraints"
             )
     return None
 

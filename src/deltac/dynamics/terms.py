@@ -96,8 +96,7 @@ def forward(
     r = (tau - rnea(system, udot, base))[free, :]
     alpha, beta = damping
     gamma = rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
-    multipliers = constrained.schur.multipliers(r, gamma)
-    udot[free] = constrained.schur.free_response(r) + constrained.schur.response(multipliers)
+    udot[free], multipliers = constrained.schur.solve(r, gamma)
     driving = driving_forces(system, udot, parts, constrained, multipliers)
     return Forward(udot, driving, multipliers)
 

@@ -146,7 +146,7 @@ def point_mass(name: str, mass: Any, at: Sequence[Any] = ZERO) -> Body:
 def frame(name: str) -> Body:
     """A massless frame: carries joints and points, as an intermediate of composed joints.
 
-    Something with mass must be carried by it, else its motion would be undetermined.
+    Something with mass must be carried by it, or constraints must determine the joint that moves it.
     """
     return Body(_name(name), 0.0, massless=True)
 

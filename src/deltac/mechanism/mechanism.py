@@ -411,7 +411,11 @@ def _check_channels(parts: Iterable[Part]) -> None:
 
 
 def _check_mass_carried(mechanism: Mechanism) -> None:
-    """A joint that moves nothing with mass has no equation of motion."""
+    """A joint that moves nothing with mass has no equation of motion, unless constraints determine it."""
+    if (
+        mechanism.constraints
+    ):  # whether they do depends on the state: `dynamics.singular_inertia` tells
+        return
     carried: dict[str, bool] = {}
     for joint in reversed(mechanism.joints):
         heavy = not mechanism.body(joint.child).massless or any(
@@ -422,5 +426,6 @@ def _check_mass_carried(mechanism: Mechanism) -> None:
         if moves and not heavy and not any(mechanism.number(a) > 0.0 for a in joint.armature):
             raise ModelError(
                 f"joint {joint.name!r} moves the massless frame {joint.child!r} and nothing else, so "
-                "its motion is undetermined; give a body on it a mass, or the joint an armature"
+                "its motion is undetermined; give a body on it a mass, the joint an armature, or "
+                "determine its coordinates by constraints"
             )

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
+from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import PREFERENCE
 from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.inference.attribution import Attribution
@@ -31,6 +32,10 @@ PROBABLE: dict[Confidence, float] = {"high": 0.99, "medium": 0.9}
 OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
 """Causes that no controlled actuator looks like whose force is not in the log."""
 
+
+MISTAKE = 0.01
+"""Joules that an error moves, as a share of the energy exchanged, before the log is seen: masses, lengths and
+dampers are rarely known better, steps rarely chosen better."""
 
 MOST = 0.9
 """Share of what is left that terms of a model must explain to be a mistake without a name."""
@@ -145,21 +150,31 @@ class Evidence:
     def integrator(self) -> float:
         """Probability that the integrator's joules exceed what is allowed."""
         share = self.attribution.integrator if self.attribution is not None else None
-        if share is None:
-            return 0.0
-        # What forces may have done between rows may be taken for the integrator's.
-        unknown = self.inference.uncertain if self.inference is not None else 0.0
-        error = np.maximum(np.hypot(share.curve_error, unknown), 1e-300)
-        excess = (np.abs(share.curve) - self.allowed) / error
-        return float(ndtr(excess.max(initial=-np.inf)))
+        return 0.0 if share is None else float(self._beyond(share.curve, share.curve_error).max())
 
     @cached_property
     def hidden(self) -> float:
-        """Probability that a mistake beyond what is allowed is hidden in what the log cannot tell."""
-        if self.inference is None:  # the balance speaks alone
+        """Probability that a mistake beyond what is allowed is hidden in what the log cannot tell.
+
+        A mistake that may be there is any of those of one number, none of them seen.
+        """
+        if self.inference is None or not self.inference.unseen:  # the balance speaks alone
             return 0.0
-        deviation = 0.5 * self.inference.hidden[0]
-        return float(2.0 * ndtr(-self.allowed / max(deviation, 1e-300)))
+        error = np.array(list(self.inference.unseen.values()))
+        return float(np.mean(self._beyond(np.zeros_like(error), error)))
+
+    def _beyond(self, joules: Array, error: Array) -> Array:
+        """Probabilities that errors whose joules are told with standard errors exceed what is allowed.
+
+        Before the log is seen an error is there or not alike, and if it is, moves N(0, S²) J.
+        """
+        size = np.maximum(MISTAKE * self.ledger.energy_exchanged, np.abs(joules)) + 1e-300
+        error = np.clip(error, 1e-12 * size, 1e6 * size)
+        share = 1.0 / (1.0 + (error / size) ** 2)
+        mean, deviation = share * joules, np.sqrt(share) * error
+        odds = np.log(deviation / size) + 0.5 * share * (joules / error) ** 2
+        beyond = [ndtr((sign * mean - self.allowed) / deviation) for sign in (1.0, -1.0)]
+        return np.asarray(expit(odds) * (beyond[0] + beyond[1]))
 
     @cached_property
     def unexplained(self) -> float:
@@ -402,10 +417,11 @@ def _undecided(e: Evidence) -> str:
             "with all forces, and accelerations at the same instants"
         )
     if e.hidden > 1.0 - PROBABLE["medium"]:
-        times = inference.hidden[0] / max(e.allowed, 1e-300)
+        name, joules = max(inference.unseen.items(), key=lambda item: item[1])
+        times = 2.0 * joules / max(e.allowed, 1e-300)
         rows = int(np.ceil(times**2))
         return (
-            f"{inference.hidden[1]} may hide {inference.hidden[0]:.2g} J, {times:.2g} times what is allowed: "
+            f"{name} may hide {2.0 * joules:.2g} J, {times:.2g} times what is allowed: "
             f"log with {np.log10(max(times, 1.01)):.1f} more digits, {rows} times as many rows, or "
             "accelerations, or excite it"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,14 +214,19 @@ def unknown(
 def remainder(J: Array, first: Array, h: Array, step: Array) -> Array:
     """Standard deviations (N, 2n) of what the series in the step leaves out, interval by interval.
 
-    Where ρ, the step times the spectral radius of ∂f/∂x, is not small the series does not converge, and the
-    fields of first order, (N, 2n, k), say ρ³ of themselves about what follows: an onset of friction or
-    contact tells little.
+    Along a field of first order, (N, 2n, k), terms beyond third order are to it as those of e^ρ − 1 are to ρ,
+    ρ the step times the spectral radius of ∂f/∂x, and at most as large: an onset of friction or contact tells
+    little.
     """
     J2 = J @ J
     rho = step * (np.linalg.norm(J2 @ J2, axis=(1, 2)) ** 0.25)[:, None]
-    return np.asarray(np.minimum(rho, 1.0) ** 3 * h * np.abs(first).max(axis=2))
+    rho = np.minimum(rho, STIFF)
+    beyond = sum(rho**k / factorial(k + 1) for k in range(3, 12))
+    return np.asarray(np.minimum(beyond, 1.0) * h * np.abs(first).max(axis=2))
 
+
+STIFF = 3.0
+"""A step times the spectral radius from which on the series says nothing."""
 
 ACROSS = 1e3
 """How much more than the prediction errors a solver may do across the constraints: nothing is told by

@@ -92,7 +92,7 @@ def test_delta_p_is_that_of_the_ledger(name: str, rated: bool) -> None:
 
 
 def test_delta_p_names_the_equation_and_forgets_steps_taken_back() -> None:
-    """A force on the second angle that the model lacks: ΔP of that speed is its impulse, that of the other 0."""
+    """A force on one joint that the model lacks: ΔP of that speed is its impulse, that of the other 0."""
     mechanism, _ = driven(0.01)
     motor = dc.forces.joint_torque("hand", "b", ["0.2*sin(3*t)"])
     other = dc.Mechanism(

@@ -41,8 +41,8 @@ SUMS = ("E0", "work", "flow", "K-", "K+", "V-", "V+", "steps")
 """What is carried on from row to row, before the works of the channels; see `LiveKernels`."""
 
 QUADRATURE = ("sum", "apart", "off", "largest", "jumped", "sum before", "apart before")
-"""Of each integral with a quadrature error: the integral, its distance from the trapezoidal rule, the error of
-the pairs so far, the largest one, what was added where a pair was cut short; and the first two a row before.
+"""Of each integral with a quadrature error: the integral, its distance from the trapezoidal rule, the error
+of the pairs so far, the largest, what was added where a pair was cut short; and the first two a row before.
 The integrals are that of P without the works that have no such error, and of the rate of each momentum.
 """
 

@@ -101,6 +101,7 @@ AT_REST = (
     "gear on a driven shaft",
     "bevel gear",
     "differential",
+    "rolling cam",
 )
 """Examples without a law of t."""
 

@@ -33,6 +33,7 @@ from deltac.mechanism.constraints import (
     differential,
     distance,
     gear,
+    higher_pair,
     holonomic,
     loop_prismatic,
     loop_revolute,
@@ -131,6 +132,24 @@ EXAMPLES: dict[str, tuple[Constraint, int]] = {
     "sphere on a belt": (
         rolling("c", "b3", tube=0.4, surface_velocity=["0.5 + 0.1*x", "sin(t)*y", 0]),
         3,
+    ),
+    "cam": (
+        higher_pair(
+            "c",
+            "b1",
+            "x**2 + 2*y**2 + z*y - t",
+            "b0",
+            "z - 0.3*sin(x) + 0.1*t*y",
+            at="b3",
+            along="y",
+        ),
+        4,
+    ),
+    "rolling cam": (
+        higher_pair(
+            "c", "b1", "x**2 + y**2 + 3*z**2 - w", "ground", "y - x*z", at="b2", rolling=True
+        ),
+        6,
     ),
     "skate": (skate("c", "b3", point=[0.3, 0, 0], lateral=[0, 1, 0.2], drift="0.1*sin(t)"), 1),
     "skate on a body": (skate("c", "b3", point=[0.3, 0, 0], on="b0"), 1),

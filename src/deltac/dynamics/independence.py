@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import ASSEMBLED, Array
 from deltac.calls.caching import LRUCache
@@ -72,8 +72,7 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
     M, _, _, G, W = equations.ties(t, q, still, p)
     tied = regular_least_squares(equations.system.mechanism, M, G)
     positions = np.array(rows.holonomic)
-    here, margin = _independent(M, G)
-    level, _ = _independent(M, G[positions])
+    here, level, margin = _independent(M, G, positions)
     chosen, singular = here, False
     rng = np.random.default_rng(1)
     for _ in range(2):
@@ -85,22 +84,25 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         M_near, G_near, phi_near = at(near)
         if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < ASSEMBLED:
             try:
-                there, _ = _independent(M_near, G_near)
-                level_there, _ = _independent(M_near, G_near[positions])
+                there, level_there, _ = _independent(M_near, G_near, positions)
             except np.linalg.LinAlgError:
                 continue  # without inertia, to rounding: it tells nothing of the rank
-            singular |= len(level_there) > len(level)
+            singular |= level_there > level
             chosen = there if len(there) > len(chosen) else chosen
     generic, chosen = n - len(chosen), chosen if singular else here
     redundant = tuple(k for k in range(len(rows)) if k not in chosen)
     return Independence(chosen, redundant, n - len(chosen), generic, singular, margin)
 
 
-def _independent(M: Array, G: Array) -> tuple[tuple[int, ...], float]:
-    """Rows of G that span its range, in their own order, and what the last of them adds.
+def _independent(
+    M: Array, G: Array, positions: NDArray[np.bool_]
+) -> tuple[tuple[int, ...], int, float]:
+    """Rows of G that span its range, in their own order; how many are of positions; what the last one adds.
 
-    By QR with column pivoting in the mass metric: it takes the row first that is explained least by those
-    taken before, so that a small diagonal entry means that *all* rows left are nearly dependent.
+    Rows of positions go first: of motion rows that say the same as a position's rate, none takes its place,
+    so that no drift of positions goes unseen. In either group by QR with column pivoting in the mass
+    metric: it takes the row first that is explained least by those taken before, so that a small diagonal
+    entry means that *all* rows left are nearly dependent.
     """
     from scipy.linalg import qr, solve_triangular
 
@@ -108,10 +110,19 @@ def _independent(M: Array, G: Array) -> tuple[tuple[int, ...], float]:
     length = np.linalg.norm(scaled, axis=0)
     present = length > RANK_TOLERANCE * max(1e-300, length.max(initial=0.0))
     scaled = np.where(present, scaled / np.where(present, length, 1.0), 0.0)
-    _, R, order = qr(scaled, mode="economic", pivoting=True)
-    added = np.abs(np.diag(R))
-    rank = int((added > RANK_TOLERANCE).sum())
-    return tuple(sorted(int(k) for k in order[:rank])), float(added[:rank].min(initial=1.0))
+    chosen: list[int] = []
+    level, margin, basis = 0, 1.0, np.zeros((len(M), 0))
+    for group in (positions, ~positions):
+        level, own = len(chosen), scaled[:, group]
+        for _ in range(2):  # twice is enough: rounding of the first time is of what is left
+            own = own - basis @ (basis.T @ own)
+        Q, R, order = qr(own, mode="economic", pivoting=True)
+        added = np.abs(np.diag(R))
+        rank = int((added > RANK_TOLERANCE).sum())
+        chosen += np.flatnonzero(group)[order[:rank]].tolist()
+        margin = min(margin, float(added[:rank].min(initial=1.0)))
+        basis = np.hstack([basis, Q[:, :rank]])
+    return tuple(sorted(chosen)), level, margin
 
 
 def row_names(rows: Rows, places: Sequence[int]) -> str:

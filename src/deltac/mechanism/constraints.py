@@ -1,4 +1,4 @@
-"""Constraints: closed loops, guides, couplings, rolling and skating. Each may move in time.
+"""Constraints: closed loops, guides, couplings, contacts, rolling and skating. Each may move in time.
 
 A holonomic constraint keeps functions of (q, t) at zero; a motion constraint keeps functions linear in
 the speeds at zero, A v + b = 0. Every length, angle or point component that is called a *law of t* may be
@@ -176,15 +176,22 @@ class Distance(Constraint):
         return [(scene.dot(gap, gap) - length**2) / (2 * length)]
 
 
+def _surface(value: Any, where: str) -> Any:
+    law = as_law(value, where)
+    if not symbol_names(law) & {"x", "y", "z"}:
+        raise ModelError(f"{where}: {law} holds none of x, y, z")
+    return law
+
+
 def _equations(value: Any, where: str) -> tuple[Any, ...]:
-    equations = each(value, where)
+    equations = tuple(_surface(law, where) for law in each(value, where))
     if not equations:
         raise ModelError(f"{where}: found none, expected one for a surface, two for a curve")
-    for law in equations:
-        if not symbol_names(law) & {"x", "y", "z"}:
-            raise ModelError(f"{where}: {law} holds none of x, y, z")
     return equations
 
+
+LawOfSurface: TypeAlias = Annotated[Any, Kind(_surface, "on_surface")]
+"""A law of t and of x, y, z in the frame of a body, zero on the surface and with a slope there."""
 
 LawsOfSurface: TypeAlias = Annotated[Any, Kind(_equations, "on_surface")]
 """Laws of t and of x, y, z in the frame of a body."""
@@ -503,6 +510,61 @@ class Skate(Constraint):
         return [scene.dot(scene.axis(self.body, self.lateral), slip) - scene.number(self.drift)]
 
 
+@constructor
+@dataclass(frozen=True)
+class HigherPair(Constraint):
+    """Surfaces of two bodies touch where the origin of the body `at` is, and may roll on each other there.
+
+    `surface1`, `surface2` are laws of x, y, z in the frame of each body, and t, that vanish on the surface.
+    The point lies on both, and their normals are parallel there: four rows, of which three determine the
+    point, so `at` is a massless frame that moves freely, on three prismatic joints say. `along`, a direction
+    fixed in `body2` and nowhere normal to its surface, gives the tangents in which normals and slip are
+    compared. With `rolling` two motion rows keep the contact points together; spin about the normal is free.
+
+    For example a wheel's cone on the round head of a rail, or an ellipsoid on a plane:
+    ``higher_pair("contact", "egg", "(x/2)**2 + y**2 + z**2 - 1", "ground", "z", at="mark")``.
+    """
+
+    name: str
+    body1: AnyBody
+    surface1: LawOfSurface
+    body2: AnyBody
+    surface2: LawOfSurface
+    at: AnyBody = field(kw_only=True)
+    along: Axis = field(default="x", kw_only=True)
+    rolling: bool = field(default=False, kw_only=True)
+
+    noun = "higher pair"
+    bodies = ("body1", "body2")
+
+    def positions(self, scene: Scene) -> list[Expr]:
+        """How far the point is from either surface (m, to first order), and sines of the normals' angle."""
+        height1, n1 = self._at_surface(scene, self.body1, self.surface1)
+        height2, _ = self._at_surface(scene, self.body2, self.surface2)
+        return [height1, height2, *(scene.dot(n1, tangent) for tangent in self._tangents(scene))]
+
+    def motions(self, scene: Scene) -> list[Expr]:
+        """The slip velocity along both tangents, if it rolls."""
+        if not self.rolling:
+            return []
+        point = scene.place(self.at, ZERO)
+        slip = scene.velocity(self.body1, point) - scene.velocity(self.body2, point)
+        return [scene.dot(tangent, slip) for tangent in self._tangents(scene)]
+
+    def _at_surface(self, scene: Scene, body: str, surface: Any) -> tuple[Expr, Expr]:
+        """The law by its slope, and the unit normal in world components, at the point."""
+        law, fall, _ = scene.field(surface, scene.local(body, scene.place(self.at, ZERO)))
+        slope = scene.sqrt(scene.dot(fall, fall))
+        return law / slope, scene.rotation(body) @ (fall / slope)
+
+    def _tangents(self, scene: Scene) -> tuple[Expr, Expr]:
+        """Unit tangents of the second surface: nearest to `along`, and across it."""
+        _, n = self._at_surface(scene, self.body2, self.surface2)
+        across = scene.cross(n, scene.axis(self.body2, self.along))
+        across = across / scene.sqrt(scene.dot(across, across))
+        return scene.cross(across, n), across
+
+
 def _entries(column: Expr) -> list[Expr]:
     return [column[k] for k in range(column.shape[0])]
 
@@ -527,6 +589,7 @@ def perpendiculars(n: Direction) -> tuple[Direction, Direction]:
 
 angle = Angle
 distance = Distance
+higher_pair = HigherPair
 holonomic = Holonomic
 motion_constraint = MotionConstraint
 point_on = PointOn

@@ -17,6 +17,7 @@ import numpy as np
 from deltac.mechanism.constraints import (
     Angle,
     Distance,
+    HigherPair,
     Holonomic,
     Loop,
     MotionConstraint,
@@ -223,6 +224,42 @@ def _rolling(now: Scene, c: Rolling) -> Rows:
     return [n @ (lowest - base)], [rising, *(sides.T @ (slip - turned @ surface))]
 
 
+def _higher_pair(now: Scene, c: HigherPair) -> Rows:
+    """Normals −∇f turn with their bodies and, in these, as the point wanders: ġ = −H ẋ − ∂∇f/∂t."""
+    place, velocity = now.point(c.at, (0.0, 0.0, 0.0))
+    heights, normals = [], []
+    for body, law in ((c.body1, c.surface1), (c.body2, c.surface2)):
+        x, x_dot = now.seen_from(body, place, velocity)
+        known = now.known(**dict(zip("xyz", x)))
+        by_name = {s.name: s for s in law.free_symbols}
+        gradient = [law.diff(by_name[n]) if n in by_name else 0.0 for n in "xyz"]
+        g = -np.array([value(_number(e), known) for e in gradient])
+        H = [-slopes(_number(e), "xyzt", known) for e in gradient]
+        g_dot = np.array(H) @ np.append(x_dot, 1.0)
+        size = np.sqrt(g @ g)
+        f, (f_dot,) = value(law, known), slopes(law, "t", known)
+        n = g / size
+        heights.append((f / size, (f_dot - g @ x_dot) / size - f * (g @ g_dot) / size**3))
+        n_dot = (g_dot - n * (n @ g_dot)) / size
+        turned = now.turned(body)
+        normals.append((turned @ n, np.cross(now.omega(body), turned @ n) + turned @ n_dot))
+    (n1, n1_dot), (n2, n2_dot) = normals
+    d, d_dot = now.axis(c.body2, c.along)
+    across, across_dot = np.cross(n2, d), np.cross(n2_dot, d) + np.cross(n2, d_dot)
+    size = np.sqrt(across @ across)
+    e2 = across / size
+    e2_dot = (across_dot - e2 * (e2 @ across_dot)) / size
+    e1, e1_dot = np.cross(e2, n2), np.cross(e2_dot, n2) + np.cross(e2, n2_dot)
+    f = [heights[0][0], heights[1][0], n1 @ e1, n1 @ e2]
+    psi = [heights[0][1], heights[1][1], n1_dot @ e1 + n1 @ e1_dot, n1_dot @ e2 + n1 @ e2_dot]
+    slip = now.velocity(c.body1, place) - now.velocity(c.body2, place)
+    return f, psi + ([e1 @ slip, e2 @ slip] if c.rolling else [])
+
+
+def _number(law: Any) -> Any:
+    return law if getattr(law, "free_symbols", ()) else float(law)
+
+
 def _skate(now: Scene, c: Skate) -> Rows:
     place, velocity = now.point(c.body, c.point)
     across, _ = now.axis(c.body, c.lateral)
@@ -238,6 +275,7 @@ KINDS: dict[type, Callable[[Scene, Any], Rows]] = {
     Holonomic: _holonomic,
     MotionConstraint: _motion,
     Rolling: _rolling,
+    HigherPair: _higher_pair,
     Skate: _skate,
 }
 """f and ψ of every kind; ψ has the motion rows behind the holonomic ones."""

@@ -67,6 +67,52 @@ def test_delta_c_is_that_of_the_ledger(testing: str, rated: bool) -> None:
         assert work == pytest.approx(ledger.work[name][-1], abs=2 * monitor.error_bar + 1e-12)
 
 
+@pytest.mark.parametrize("rated", [True, False])
+@pytest.mark.parametrize("name", ["driven-triple-pendulum", "andrews-squeezer", "torque-free-box"])
+def test_delta_p_is_that_of_the_ledger(name: str, rated: bool) -> None:
+    model = dc.load_model(name)
+    assert model.problem is not None
+    step = model.problem.step
+    run = dc.simulate(model, duration=100 * step, step=step, solver="ode2")
+    ledger = dc.balance(model, run, work="samples")
+    plain, monitor = (
+        fed(dc.Monitor(model, on_exceed=None, testing=names), run, rated=rated)
+        for names in ("wang", ("wang", "momentum"))
+    )
+    assert monitor.delta_c == pytest.approx(plain.delta_c, abs=0.1 * plain.error_bar)
+    assert monitor.error_bar == pytest.approx(plain.error_bar, rel=1e-3)
+    assert plain.delta_p == {} and set(monitor.delta_p) == set(ledger.delta_p)
+    for speed, delta_p in monitor.delta_p.items():
+        bar = monitor.delta_p_bar[speed]
+        exchanged = ledger.momentum_exchanged[speed]
+        apart = abs(delta_p - ledger.delta_p[speed][-1])
+        assert apart <= bar + ledger.delta_p_bar[speed][-1]
+        assert bar <= 1e-4 * exchanged + 1e-12
+        assert monitor.momentum_exchanged[speed] == pytest.approx(exchanged, rel=1e-3, abs=1e-12)
+
+
+def test_delta_p_names_the_equation_and_forgets_steps_taken_back() -> None:
+    """A force on one joint that the model lacks: ΔP of that speed is its impulse, that of the other 0."""
+    mechanism, _ = driven(0.01)
+    motor = dc.forces.joint_torque("hand", "b", ["0.2*sin(3*t)"])
+    other = dc.Mechanism(
+        bodies=PENDULUM.bodies,
+        joints=PENDULUM.joints,
+        forces=[*mechanism.forces, motor],
+        gravity=PENDULUM.gravity,
+    )
+    run = dc.simulate(other, other.state({"a": 1.0}), duration=1.0, step=0.01, solver="ode5")
+    monitor = dc.Monitor(mechanism, on_exceed=None, testing="momentum")
+    for k, t in enumerate(run.t):
+        if k:
+            monitor.update(t, run.q[k] + 0.1, run.u[k] - 3.0, run.udot[k])
+            monitor.reject()
+        monitor.update(t, run.q[k], run.u[k], run.udot[k])
+    impulse = 0.2 / 3.0 * (1.0 - np.cos(3.0 * run.t[-1]))
+    assert monitor.delta_p["b"] == pytest.approx(impulse, abs=1e-6)
+    assert abs(monitor.delta_p["a"]) <= monitor.delta_p_bar["a"] < 1e-6
+
+
 def test_measured_forces_take_the_place_of_the_models() -> None:
     mechanism, run = driven(0.01)
     torque = np.column_stack([0.3 * np.cos(5 * run.t), 0.0 * run.t])
@@ -218,7 +264,12 @@ def test_without_bounds_it_only_watches() -> None:
 
 
 def test_arguments_that_cannot_be() -> None:
-    for options in ({"bound": -1.0}, {"rate": float("nan")}, {"on_exceed": "stop"}):
+    for options in (
+        {"bound": -1.0},
+        {"rate": float("nan")},
+        {"on_exceed": "stop"},
+        {"testing": ("wang", "liu-huston")},
+    ):
         with pytest.raises(InputError):
             dc.Monitor(PENDULUM, **options)
     with pytest.raises(InputError):
@@ -240,7 +291,7 @@ def test_held_forces_do_discrete_work(integrator: str) -> None:
     model = models.compiled(UNDAMPED)
     model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}")
     data = models.started(model, 0.5)
-    watch = dc.Monitor(model, on_exceed=None).mujoco(model, data)
+    watch = dc.Monitor(model, on_exceed=None, testing=("wang", "momentum")).mujoco(model, data)
     with record_mujoco(model, data) as rec:
         for _ in range(200):
             models.sine(model, data)
@@ -254,6 +305,9 @@ def test_held_forces_do_discrete_work(integrator: str) -> None:
     touching = sum(w[-1] for n, w in ledger.work.items() if n.kind in ("contact", "limit"))
     assert touching != 0.0
     assert monitor.work["constraint all"] == pytest.approx(touching, rel=1e-9)
+    # The impulse of held forces is exact: what contacts did leaves no trace in ΔP of the vertical.
+    for speed, exchanged in monitor.momentum_exchanged.items():
+        assert abs(monitor.delta_p[speed]) < 0.02 * exchanged
 
 
 def test_all_that_mujoco_can_do_is_accounted_for() -> None:

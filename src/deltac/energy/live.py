@@ -18,7 +18,7 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.independence import dependent_speeds
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Energies
-from deltac.dynamics.testing_functions import testing_functions
+from deltac.dynamics.testing_functions import MOMENTUM, testing_functions
 from deltac.energy.sampling.interpolation import hermite_kernel
 from deltac.energy.sampling.quadrature import INNER, INNER_WEIGHTS, ORDERS, OUTER_WEIGHT
 from deltac.energy.terms import LoggedForces, ledger_kernels, ledger_symbols
@@ -32,18 +32,22 @@ WEIGHTS = (OUTER_WEIGHT, *INNER_WEIGHTS, OUTER_WEIGHT)
 GIVEN = ChannelName("applied", "given")
 """The sum of the given forces of which the model has no channel."""
 
-SETTINGS = ("t", "bound", "tolerance", "rate", "second", "skipped")
-"""What a step reads and does not write: the new row's time, the bounds (J, 1, W), whether the interval is the
-second of a pair, and then the work of the pair as one interval, with a quadrature error.
+SETTINGS = ("t", "bound", "tolerance", "rate", "second")
+"""What a step reads and does not write: the new row's time, the bounds (J, 1, W), and whether the interval is
+the second of a pair.
 """
 
-SUMS = ("E0", "work", "open", "apart", "flow", "K-", "K+", "V-", "V+", "steps")
+SUMS = ("E0", "work", "flow", "K-", "K+", "V-", "V+", "steps")
 """What is carried on from row to row, before the works of the channels; see `LiveKernels`."""
 
-PAIR = ("off", "largest", "jumped", "open", "apart")
-"""The error of the quadrature: that of the pairs so far, the largest one, what was added where a pair was cut
-short; and two of the sums as they were a row before.
+QUADRATURE = ("sum", "apart", "off", "largest", "jumped", "sum before", "apart before")
+"""Of each integral with a quadrature error: the integral, its distance from the trapezoidal rule, the error
+of the pairs so far, the largest, what was added where a pair was cut short; and the first two a row before.
+The integrals are that of P without the works that have no such error, and of the rate of each momentum.
 """
+
+MOMENTA = ("start", "momentum", "impulse", "size", "exchanged", "delta_p", "delta_p_bar")
+"""Of each momentum: p at the start and now, ∫ṗ dt, the largest |p|, ∫|ṗ| dt, ΔP and its error bar."""
 
 RESULTS = (
     "delta_c", "error_bar", "energy_exchanged", "change", "limit", "inside", "within", "E", "K", "V"
@@ -97,23 +101,24 @@ class Given:
 class LiveKernels:
     """A step of the balance.
 
-    `step` takes the settings, what is remembered and, as its parameters, a new row. It gives what is
-    remembered then: that row and the one before, the `SUMS`, the `PAIR` and the `RESULTS`. A row is t, q and
-    u (the free ones), u̇ if it is given, and the force (nu) of each channel. The sums are, in their order:
-    E at the start; the work P of the testing function; the part of it that has a quadrature error; how far
-    that is from the trapezoidal rule; ∫|P| dt; least and largest K and V; the number of steps; then the work
+    `step` takes the settings, the integrals of a pair taken as one interval (`skipped`), what is remembered
+    and, as its parameters, a new row. It gives what is remembered then: that row and the one before, the
+    `SUMS`, the `QUADRATURE` and the `MOMENTA`, line by line, and the `RESULTS`. A row is t, q and u (the free
+    ones), u̇ if it is given, and the force (nu) of each channel. The sums are, in their order: E at the start;
+    the work P of the testing function; ∫|P| dt; least and largest K and V; the number of steps; then the work
     of each of the `channels`, and the potential of each of the `sources`.
 
-    `skipped` gives the work with a quadrature error over the last interval and the new one taken as one, of
-    the same input; it is None where no work has one.
+    `skipped` gives the integrals with a quadrature error over the last interval and the new one taken as
+    one, of the same input; it is None where there is none.
 
-    `driven`: sources whose potential depends on time.
+    `driven`: sources whose potential depends on time. `speeds`: those with a momentum testing function.
     """
 
     given: Given
     channels: tuple[ChannelName, ...]
     sources: tuple[ChannelName, ...]
     driven: frozenset[ChannelName]
+    speeds: tuple[str, ...]
     step: Kernel
     skipped: Kernel | None
 
@@ -122,11 +127,12 @@ _KEPT: LRUCache[LiveKernels] = LRUCache(16)
 
 
 def live_kernels(
-    mechanism: Mechanism, rows: Given, testing: str, start: tuple[float, Array]
+    mechanism: Mechanism, rows: Given, testing: tuple[str, ...], start: tuple[float, Array]
 ) -> LiveKernels:
     """Written out once for a mechanism and what its rows bring; compiled at the first call.
 
-    `start`: time and free coordinates, where the independent constraints are chosen.
+    `testing`: one energy function, and `MOMENTUM` for those of the speeds. `start`: time and free
+    coordinates, where the independent constraints are chosen.
     """
     where = (start[0], start[1].tobytes()) if mechanism.constraints else None
     key = (mechanism.digest(), rows, testing, where)
@@ -134,7 +140,7 @@ def live_kernels(
 
 
 def _written_out(
-    mechanism: Mechanism, given: Given, testing: str, start: tuple[float, Array]
+    mechanism: Mechanism, given: Given, testing: tuple[str, ...], start: tuple[float, Array]
 ) -> LiveKernels:
     nu = len(mechanism.speeds)
     motion = equations_of_motion(mechanism)
@@ -149,8 +155,9 @@ def _written_out(
     places = {name: slice(k * nu, (k + 1) * nu) for k, name in enumerate(logged)}
     log = LoggedForces(dict.fromkeys(logged, list(range(nu))), places, nu * len(logged))
     symbols = ledger_symbols(mechanism, log, None, start)
-    (function,) = testing_functions((testing,), constrained=dependent_speeds(motion, *start))
-    ledger = ledger_kernels(symbols, (function,), logged)
+    (function,) = testing_functions(testing, constrained=dependent_speeds(motion, *start))
+    ledger = ledger_kernels(symbols, (function,), logged, momenta=MOMENTUM in testing)
+    momenta = slice(len(ledger.momenta), None)
     s = symbols.system
     speeds = ca.Function("speeds", [s.t, s.q, s.u], [s.u_all])
 
@@ -199,8 +206,10 @@ def _written_out(
         moved = weight * width * speeds(t, motion[q], motion[u])
         first, second = first + (1 - node) * moved, second + node * moved
     powers = {name: [parts[name] for parts in nodes] for name in ("channels", "functions")}
+    powers["impulses"] = [ca.densify(parts["force"][momenta, :]) for parts in nodes]
     sums = {name: width * sum(w * p for w, p in zip(WEIGHTS, at)) for name, at in powers.items()}
-    plain = width * 0.5 * (powers["functions"][0] + powers["functions"][-1])
+    powers["sizes"] = [ca.fabs(rate) for rate in powers["impulses"]]
+    plain = {name: width * 0.5 * (at[0] + at[-1]) for name, at in powers.items()}
 
     # The works of this interval; those of held forces have no quadrature error.
     channels = tuple(name for name in ledger.channels if name != GIVEN)
@@ -215,7 +224,14 @@ def _written_out(
     steady = sum((works[name] for name in steady_channels), start=ca.SX(0))
     mean = width * 0.5 * (speeds(*_state(before)) + speeds(*_state(after)))
     steady_plain = sum((ca.dot(ends[1][name], mean) for name in steady_channels), start=ca.SX(0))
-    total, open_work = sums["functions"][0], sums["functions"][0] - steady
+    total, impulse = sums["functions"][0], sums["impulses"]
+    steady_force = sum((ends[1][name] for name in steady_channels), start=ca.SX.zeros(nu))
+    tested = mechanism.free.u if ledger.speeds else ()
+    steady_impulse = width * ca.vertcat(ca.SX(0, 1), *(steady_force[int(k)] for k in tested))
+    integrals = ca.vertcat(total - steady, impulse - steady_impulse)
+    plain_integrals = ca.vertcat(
+        plain["functions"][0] - steady_plain, plain["impulses"] - steady_impulse
+    )
 
     # The energies of the new row, and the sums.
     values = {"t": after["t"], "q": after["q"], "u": after["u"], "udot": rates[1]}
@@ -232,8 +248,6 @@ def _written_out(
     new = {
         "E0": old["E0"],
         "work": old["work"] + total,
-        "open": old["open"] + open_work,
-        "apart": old["apart"] + ca.fabs(open_work - (plain[0] - steady_plain)),
         "flow": old["flow"] + flow,
         "K-": ca.fmin(old["K-"], K),
         "K+": ca.fmax(old["K+"], K),
@@ -247,27 +261,50 @@ def _written_out(
 
     # The error of the quadrature, by leaving out every second row; and where a pair was cut short by the
     # trapezoidal rule. As in `balance`, differences are divided by 2^(p/2) − 1, where p is the rule's order.
-    settings, pair, results = (
+    settings, results = (
         dict(zip(names, ca.vertsplit(ca.SX.sym(what, len(names)))))
-        for what, names in (("settings", SETTINGS), ("pair", PAIR), ("results", RESULTS))
+        for what, names in (("settings", SETTINGS), ("results", RESULTS))
     )
-    exact = ca.simplify(open_work).is_zero()
-    quadrature_error = pair["off"] + new["open"] - pair["open"] - settings["skipped"]
+    skipped = ca.SX.sym("skipped", integrals.numel())
+    pair, momentum = (
+        {name: ca.SX.sym(name, size) for name in names}
+        for names, size in ((QUADRATURE, integrals.numel()), (MOMENTA, impulse.numel()))
+    )
+    summed = pair["sum"] + integrals
+    off = pair["off"] + summed - pair["sum before"] - skipped
     paired = {
-        "off": ca.if_else(settings["second"], quadrature_error, pair["off"]),
-        "largest": ca.fmax(
-            pair["largest"], ca.if_else(settings["second"], ca.fabs(quadrature_error), 0.0)
-        ),
+        "sum": summed,
+        "apart": pair["apart"] + ca.fabs(integrals - plain_integrals),
+        "off": ca.if_else(settings["second"], off, pair["off"]),
+        "largest": ca.fmax(pair["largest"], ca.if_else(settings["second"], ca.fabs(off), 0.0)),
         "jumped": pair["jumped"],
-        "open": old["open"],
-        "apart": old["apart"],
+        "sum before": pair["sum"],
+        "apart before": pair["apart"],
     }
     smooth = given.rated and not given.forces  # these are interpolated linearly
-    factor = 0.0 if exact else 1.0 / (2.0 ** ((ORDERS[2] if smooth else 2) / 2) - 1.0)
+    factor = 1.0 / (2.0 ** ((ORDERS[2] if smooth else 2) / 2) - 1.0)
+    exact = ca.simplify(integrals[0]).is_zero()
+    uncertain = ca.vertcat(0.0 if exact else 1.0, ca.SX.ones(impulse.numel()))
+    quadrature = uncertain * (factor * paired["largest"] + paired["jumped"])
+
+    # The momenta.
+    p_now = ca.densify(row_values["momentum"][momenta, :])
+    flowed = momentum["impulse"] + impulse
+    size = ca.fmax(momentum["size"], ca.fabs(p_now))
+    scale = size + momentum["exchanged"] + plain["sizes"]
+    moved_by = {
+        "start": momentum["start"],
+        "momentum": p_now,
+        "impulse": flowed,
+        "size": size,
+        "exchanged": momentum["exchanged"] + plain["sizes"],
+        "delta_p": p_now - momentum["start"] - flowed,
+        "delta_p_bar": quadrature[1:, :] + EPS * scale * (4 + ca.sqrt(new["steps"])),
+    }
 
     # Whether the row is within the bounds, written so that NaN is outside.
     delta_c = E - new["E0"] - new["work"]
-    bar = rounding + factor * paired["largest"] + (0.0 if exact else paired["jumped"])
+    bar = rounding + quadrature[0]
     change = delta_c - results["delta_c"]
     reference_energy = new["K+"] + new["V+"] - new["V-"]
     limit = settings["bound"] + settings["tolerance"] * reference_energy
@@ -282,10 +319,12 @@ def _written_out(
     rows = ca.vertcat(*before.values())
     memory: dict[str, SX] = {
         "settings": ca.vertcat(*settings.values()),
+        "skipped": skipped,
         "row": rows,
         "before": ca.SX.sym("before", rows.numel()),
         "sums": so_far,
         "pair": ca.vertcat(*pair.values()),
+        "momenta": ca.vertcat(*momentum.values()),
         "results": ca.vertcat(*results.values()),
     }
     remembered = {
@@ -293,6 +332,7 @@ def _written_out(
         "before": rows,
         "sums": ca.vertcat(*new.values(), *cumulated, potential),
         "pair": ca.vertcat(*paired.values()),
+        "momenta": ca.vertcat(*moved_by.values()),
         "results": ca.vertcat(*found_now),
     }
     free = mechanism.free
@@ -308,12 +348,14 @@ def _written_out(
     }
     new_row = (ca.vertcat(*after.values()), ca.vertcat(*arriving.values()))
     step = {name: ca.substitute(value, *new_row) for name, value in remembered.items()}
-    skipped = None
-    if not exact:
-        two = ca.substitute(ca.substitute(open_work, *new_row), rows, memory["before"])
-        skipped = Kernel(memory, {"open": two}, p, name="live, skipped")
+    as_one = None
+    if not exact or ledger.speeds:
+        two = ca.substitute(ca.substitute(integrals, *new_row), rows, memory["before"])
+        as_one = Kernel(memory, {"skipped": ca.densify(two)}, p, name="live, skipped")
     kernel = Kernel(memory, step, p, name="live")
-    return LiveKernels(given, tuple(works), ledger.potential, symbols.driven, kernel, skipped)
+    return LiveKernels(
+        given, tuple(works), ledger.potential, symbols.driven, ledger.speeds, kernel, as_one
+    )
 
 
 def _state(row: dict[str, SX]) -> tuple[SX, SX, SX]:

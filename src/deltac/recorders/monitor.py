@@ -13,8 +13,10 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.equations_of_motion import equations_of_motion
+from deltac.dynamics.testing_functions import MOMENTUM
 from deltac.energy.live import (
-    PAIR,
+    MOMENTA,
+    QUADRATURE,
     RESULTS,
     SETTINGS,
     SUMS,
@@ -86,7 +88,7 @@ class Monitor:
         tolerance: float | None = None,
         rate: float | None = None,
         on_exceed: Callable[[Monitor], object] | None | str = "raise",
-        testing: str = "wang",
+        testing: str | Sequence[str] = "wang",
     ) -> None:
         """A monitor that has not seen any row yet.
 
@@ -100,7 +102,8 @@ class Monitor:
                 their step by it.
             on_exceed: what happens beyond. "raise": `BoundExceeded`; a function: it is called with the
                 monitor; None: `update` returns False, and that is all.
-            testing: the testing function.
+            testing: the testing function; with "momentum" beside it, those of the speeds as well
+                (`delta_p`), which cost about as much again.
 
         Raises:
             InputError: there is no such model, or a number is not usable.
@@ -115,7 +118,15 @@ class Monitor:
         if bound is None:
             bound = inf if tolerance is None else 0.0
         self.bound, self.tolerance, self.rate = float(bound), float(tolerance or 0.0), rate
-        self.on_exceed, self._testing = on_exceed, testing
+        names = (testing,) if isinstance(testing, str) else tuple(testing)
+        energy = [name for name in names if name != MOMENTUM] or ["wang"]
+        if len(energy) > 1:
+            raise ArgumentsError(
+                f"testing: found {', '.join(map(repr, energy))}; expected one energy function, and "
+                f"{MOMENTUM!r} for those of the speeds"
+            )
+        self._testing = (*energy, MOMENTUM) if MOMENTUM in names else (*energy,)
+        self.on_exceed = on_exceed
         self.reset()
 
     def __repr__(self) -> str:
@@ -148,6 +159,30 @@ class Monitor:
     def energy_exchanged(self) -> float:
         """∫Σ|P| dt + range(K) + range(V) so far, J."""
         return self._result("energy_exchanged", 0.0)
+
+    @property
+    def delta_p(self) -> dict[str, float]:
+        """ΔP_r = p_r − p_r(0) − ∫ṗ_r dt of each speed at the last row, kg·m/s or kg·m²/s.
+
+        Empty unless "momentum" is among the functions asked for. What leaves its bar tells which equation of
+        the simulation differs from the model's.
+        """
+        return self._momenta("delta_p")
+
+    @property
+    def delta_p_bar(self) -> dict[str, float]:
+        """Numerical uncertainty of each ΔP (quadrature and rounding), kg·m/s or kg·m²/s."""
+        return self._momenta("delta_p_bar")
+
+    @property
+    def momentum_exchanged(self) -> dict[str, float]:
+        """∫|ṗ_r| dt so far: what ΔP_r is to be compared with, kg·m/s or kg·m²/s."""
+        return self._momenta("exchanged")
+
+    def _momenta(self, name: str) -> dict[str, float]:
+        side = self._standing
+        values = () if side is None else map(float, side.momenta[MOMENTA.index(name)])
+        return {} if side is None else dict(zip(self._kernels.speeds, values))
 
     @property
     def limit(self) -> float:
@@ -355,10 +390,10 @@ class Monitor:
         even.bind(kernels, odd, self._new)
         odd.bind(kernels, even, self._new)
         if kernels.skipped is not None:
-            odd.skipped = kernels.skipped.bound(odd.x, odd.settings[_SKIPPED:], self._new)
+            odd.skipped = kernels.skipped.bound(odd.x, odd.skipped_integrals, self._new)
         rate = inf if self.rate is None else self.rate
-        even.settings[1:] = self.bound, self.tolerance, rate, 0.0, 0.0
-        odd.settings[1:] = self.bound, self.tolerance, rate, 1.0, 0.0
+        even.settings[1:] = self.bound, self.tolerance, rate, 0.0
+        odd.settings[1:] = self.bound, self.tolerance, rate, 1.0
         self._even = self._here = even
         self._begun, self._pending = True, False
 
@@ -375,7 +410,8 @@ class Monitor:
         sources = len(SUMS) + len(kernels.channels)
         side.sums[sources:] = other_side.sums[sources:]
         self._start = side.sums[sources:].copy()
-        side.sums[: len(SUMS)] = E, 0, 0, 0, 0, K, K, V, V, 0
+        side.sums[: len(SUMS)] = E, 0, 0, K, K, V, V, 0
+        side.momenta[:2] = other_side.momenta[MOMENTA.index("momentum")]
         side.results[:] = 0.0, 0.0, 0.0, 0.0, self.bound, 1.0, 1.0, E, K, V
         self._pending, self.t = False, t
 
@@ -397,7 +433,7 @@ class Monitor:
         """A pair of intervals begins at the last row; one that was without its second has the other bar."""
         side, even = self._here, self._even
         if side is not even:
-            side.pair[_JUMPED] += side.sums[_APART] - side.pair[_APART_BEFORE]
+            side.pair[_JUMPED] += side.pair[_APART] - side.pair[_APART_BEFORE]
             even.memory[:] = side.memory
             self._here = even
 
@@ -422,7 +458,8 @@ class Monitor:
         before, nu = self._even, len(self.mechanism.speeds)
         self._set_up(inputs, None)
         side, kernels = self._even, self._kernels
-        side.pair[:], side.results[:] = before.pair, before.results
+        side.pair[:], side.momenta[:] = before.pair, before.momenta
+        side.results[:] = before.results
         common = len(before.row) - nu * len(old.given.channels)
         side.row[:common] = before.row[:common]
         acted = dict(zip(old.given.channels, before.row[common:].reshape(-1, nu)))
@@ -444,10 +481,19 @@ class _Side:
 
     def __init__(self, kernels: LiveKernels) -> None:
         self.x = np.zeros(kernels.step.n_in)
-        self.settings, self.row, _, self.sums, self.pair, self.results = (
-            self.x[where] for where in kernels.step.input_slices.values()
-        )
-        self.memory = self.x[len(SETTINGS) :]
+        (
+            self.settings,
+            self.skipped_integrals,
+            self.row,
+            _,
+            self.sums,
+            pair,
+            momenta,
+            self.results,
+        ) = (self.x[where] for where in kernels.step.input_slices.values())
+        self.pair = pair.reshape(len(QUADRATURE), -1)
+        self.momenta = momenta.reshape(len(MOMENTA), len(kernels.speeds))
+        self.memory = self.x[len(SETTINGS) + len(self.skipped_integrals) :]
         self.t = ctypes.c_double.from_buffer(self.x.data)
         at = kernels.step.input_slices["results"].start + RESULTS.index("within")
         self.within = ctypes.c_double.from_buffer(self.x.data, 8 * at)
@@ -459,6 +505,5 @@ class _Side:
         self.step = kernels.step.bound(self.x, other.memory, row)
 
 
-_STEPS, _APART = SUMS.index("steps"), SUMS.index("apart")
-_JUMPED, _APART_BEFORE = PAIR.index("jumped"), PAIR.index("apart")
-_SKIPPED = SETTINGS.index("skipped")
+_STEPS = SUMS.index("steps")
+_APART, _JUMPED, _APART_BEFORE = map(QUADRATURE.index, ("apart", "jumped", "apart before"))

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
+from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import PREFERENCE
 from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.inference.attribution import Attribution
@@ -33,8 +34,8 @@ OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-
 
 
 MISTAKE = 0.01
-"""Joules that a mistake moves, as a share of the energy exchanged, before the log is seen: masses, lengths and
-dampers are rarely known to less."""
+"""Joules that an error moves, as a share of the energy exchanged, before the log is seen: masses, lengths and
+dampers are rarely known better, steps rarely chosen better."""
 
 MOST = 0.9
 """Share of what is left that terms of a model must explain to be a mistake without a name."""
@@ -149,30 +150,31 @@ class Evidence:
     def integrator(self) -> float:
         """Probability that the integrator's joules exceed what is allowed."""
         share = self.attribution.integrator if self.attribution is not None else None
-        if share is None:
-            return 0.0
-        error = np.maximum(share.curve_error, 1e-300)
-        excess = (np.abs(share.curve) - self.allowed) / error
-        return float(ndtr(excess.max(initial=-np.inf)))
+        return 0.0 if share is None else float(self._beyond(share.curve, share.curve_error).max())
 
     @cached_property
     def hidden(self) -> float:
         """Probability that a mistake beyond what is allowed is hidden in what the log cannot tell.
 
-        Before the log is seen the equations are right or wrong alike, and a mistake is any of those of one
-        number, of joules J ~ N(0, S²). A log that tells its joules to σ without having found it leaves
-        N(0, s²), 1/s² = 1/σ² + 1/S², with the weight s/S beside none.
+        A mistake that may be there is any of those of one number, none of them seen.
         """
         if self.inference is None or not self.inference.unseen:  # the balance speaks alone
             return 0.0
-        sigma = np.array(list(self.inference.unseen.values()))
-        size = MISTAKE * max(self.ledger.energy_exchanged, 1e-300)
-        left = np.where(sigma < size, sigma, size) / np.hypot(
-            1.0, np.minimum(sigma / size, size / sigma)
-        )
-        weight = left / size
-        beyond = 2.0 * ndtr(-self.allowed / np.maximum(left, 1e-300))
-        return float(np.mean(weight * beyond) / (1.0 + np.mean(weight)))
+        error = np.array(list(self.inference.unseen.values()))
+        return float(np.mean(self._beyond(np.zeros_like(error), error)))
+
+    def _beyond(self, joules: Array, error: Array) -> Array:
+        """Probabilities that errors whose joules are told with standard errors exceed what is allowed.
+
+        Before the log is seen an error is there or not alike, and if it is, moves N(0, S²) J.
+        """
+        size = np.maximum(MISTAKE * self.ledger.energy_exchanged, np.abs(joules)) + 1e-300
+        error = np.clip(error, 1e-12 * size, 1e6 * size)
+        share = 1.0 / (1.0 + (error / size) ** 2)
+        mean, deviation = share * joules, np.sqrt(share) * error
+        odds = np.log(deviation / size) + 0.5 * share * (joules / error) ** 2
+        beyond = [ndtr((sign * mean - self.allowed) / deviation) for sign in (1.0, -1.0)]
+        return np.asarray(expit(odds) * (beyond[0] + beyond[1]))
 
     @cached_property
     def unexplained(self) -> float:

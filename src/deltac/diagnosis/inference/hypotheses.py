@@ -327,11 +327,6 @@ class Posterior:
     alternatives: tuple[Fit, ...]
     scores: tuple[tuple[float, Candidate, float], ...]
 
-    def with_fit(self, fit: Fit) -> Posterior:
-        """The same with the numbers of the best set fitted anew."""
-        best = replace(fit, log_odds=self.best.log_odds, each=self.best.each)
-        return replace(self, best=best)
-
 
 CERTAIN = float(np.log(99.0))
 """Log odds from which on a cause is told."""

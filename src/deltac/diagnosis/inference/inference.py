@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import simpson
 
 from deltac.arrays import Array
+from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
 from deltac.diagnosis.causes.geometry import geometry_columns
@@ -28,7 +29,13 @@ from deltac.diagnosis.inference.fields import (
     first_order_jacobian,
     next_order,
 )
-from deltac.diagnosis.inference.flow import FORCES, LoggedForce, predict, transported
+from deltac.diagnosis.inference.flow import (
+    FORCES,
+    LoggedForce,
+    Prediction,
+    predict,
+    transported,
+)
 from deltac.diagnosis.inference.hypotheses import (
     BESIDE,
     CERTAIN,
@@ -39,7 +46,6 @@ from deltac.diagnosis.inference.hypotheses import (
     Fit,
     Posterior,
     autocorrelation_time,
-    fitted,
     least_squares,
     nothing,
     search,
@@ -90,9 +96,8 @@ NEGLIGIBLE = 1e-5
 """Share of the energy exchanged below which a cause is not told: iterations of constraint solvers stop
 there."""
 
-RELINEARISATIONS = 1
-"""Times that columns are taken anew with the accelerations that the causes make."""
-
+RELINEARISATIONS = 3
+"""Times at most that flow and columns are taken anew with the causes in the equations (Gauss–Newton)."""
 
 ENOUGH = 300
 """Intervals of which the energy that a cause exchanges is summed."""
@@ -102,6 +107,9 @@ LOST = 0.3
 
 OF_THE_LOG = ("actuator-delay", "late-forces", "zero-offset")
 """Causes that leave the equations as they are."""
+
+COLUMNS_OF_THE_LOG = ("delay", "offset")
+"""Columns of these."""
 
 
 class FlowError(ArithmeticError):
@@ -131,8 +139,8 @@ class Inference:
         unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
         uncertain: standard error (J) by what forces did between rows, and by the flow's own.
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
-        unseen: energy (J) that a mistake of one number may add to ΔC, at one standard error of that number, by
-            its name.
+        unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
+            by its name.
         residual: what is left of the rows (N, 2n), in the units of the state.
         acceleration: u̇ (N, n) of the model at the starts of the intervals.
         w: prediction errors (N, 2n) of the flow.
@@ -186,10 +194,13 @@ class Inference:
         return _deviation(self.blocks, c, self.posterior.best, self.tau)
 
 
-def infer(mechanism: Mechanism, run: Trajectory, energy: float = 0.0) -> Inference | None:
+def infer(
+    mechanism: Mechanism, run: Trajectory, energy: float = 0.0, limit: TimeLimit | None = None
+) -> Inference | None:
     """The inference for a run whose columns are in the mechanism's order; None for too few rows.
 
     `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it are not told.
+    Places and axes are no causes where the time `limit` has passed.
     """
     if not len(mechanism.free.u) or len(run) < 3:
         return None
@@ -203,11 +214,15 @@ def infer(mechanism: Mechanism, run: Trajectory, energy: float = 0.0) -> Inferen
         with np.errstate(all="ignore"), compiled():
             inferring = _Inferring(model, run, log, evaluator, kernels, energy)
             result = inferring.result()
-            if result.finds_something and kernels.cost < MOST_COST:
+            if (
+                result.finds_something
+                and kernels.cost < MOST_COST
+                and not (limit is not None and limit.passed("places and axes as causes"))
+            ):
                 # Only then is it asked for places and axes: their columns are as many again.
                 inferring.add(geometry_columns(evaluator))
                 result = inferring.result()
-            return result
+            return inferring.refined() if result.posterior.best.chosen else result
     except (FlowError, np.linalg.LinAlgError):
         return None
 
@@ -225,6 +240,7 @@ class _Inferring:
         energy: float,
     ) -> None:
         self.model, self.run, self.evaluator, self.energy = model, run, evaluator, energy
+        self.plant = model
         self.kernels: tuple[ColumnKernels, ...] = ()
         self.add(kernels)
         intervals = log.intervals
@@ -267,16 +283,33 @@ class _Inferring:
         self.kernels = (*self.kernels, kernels)
         columns = tuple(c for k in self.kernels for c in k.columns)
         self.candidates = candidates(self.evaluator, columns)
+        self.of_log = np.array([c.what in COLUMNS_OF_THE_LOG for c in columns])
+        self.coefficients = np.zeros(len(columns))
 
     # --- the flow and its columns ---
 
     def _predict(self) -> None:
-        intervals = self.log.intervals
-        self.flow = predict(
-            self.model, intervals, self.force(self.kinds), self.log.noise[1], self.steps
-        )
+        """The flow from each row, of the model and of the plant: the model with the causes so far."""
+        intervals, force = self.log.intervals, self.force(self.kinds)
+
+        def prediction(of: Model) -> Prediction:
+            return predict(of, intervals, force, self.log.noise[1], self.steps)
+
+        self.flow = prediction(self.plant)
         self.steps = len(self.flow.nodes) - 1
+        self.nominal = self.flow if self.plant is self.model else prediction(self.model)
         self.w = self.model.difference(self.flow.end, intervals.end)
+
+    def _linearised_at(self, coefficients: Array) -> None:
+        """Flow and columns of the model with causes of these coefficients in its equations."""
+        self.coefficients = np.where(self.of_log, 0.0, coefficients)
+        self.plant = self.model.changed(self.kernels, self.coefficients)
+        self._predict()
+        self.fields, self.J = self._integrator_columns()
+        columns = (self.w, *self.J, *self.fields)
+        if not all(np.isfinite(x).all() for x in columns):
+            raise FlowError("the flow of the model with the causes found leaves all bounds")
+        self.causes = self._cause_columns()
 
     def _at_nodes(self, columns: list[Array], last: Array) -> list[Array]:
         """Columns at all nodes: those at the end of an interval are those of the next one's start."""
@@ -296,20 +329,20 @@ class _Inferring:
         h = self._h
         fields, J = list[Array](), list[Array]()
         for at in self.flow.nodes[:-1]:
-            J.append(self.model.jacobian(at))
-            own = elementary_differentials(self.model, at, h)
+            J.append(self.plant.jacobian(at))
+            own = elementary_differentials(self.plant, at, h)
             parts = [
                 next_order(J[-1][a:b], own[a:b], at.t[a:b], h[a:b]) for a, b in self.log.pieces
             ]
             fields.append(np.concatenate([own, np.concatenate(parts)], axis=2))
         last = np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
-        own = elementary_differentials(self.model, self._ends, h[last])
+        own = elementary_differentials(self.plant, self._ends, h[last])
         further = fields[0][last][:, :, own.shape[2] :]
         fields = self._at_nodes(fields, np.concatenate([own, further], axis=2))
-        return fields, self._at_nodes(J, self.model.jacobian(self._ends))
+        return fields, self._at_nodes(J, self.plant.jacobian(self._ends))
 
-    def _cause_columns(self, beside: Array | None = None) -> list[Array]:
-        """G_j = M⁻¹x_j (N, 2n, P) at the nodes; `beside` are coefficients of causes that act already."""
+    def _cause_columns(self) -> list[Array]:
+        """G_j = M⁻¹x_j (N, 2n, P) at the nodes."""
         intervals = self.log.intervals
         rate = (intervals.end.F - intervals.start.F) / intervals.h
         curve = np.zeros_like(rate)
@@ -317,30 +350,20 @@ class _Inferring:
             if b - a > 2:
                 curve[a:b] = np.gradient(rate[a:b], intervals.start.t[a:b], axis=0)
 
-        def columns(at: Rows, rate: Array, curve: Array, known: Array | None) -> Array:
-            a = self.model.at(at)
-            if known is not None and beside is not None:
-                a = a + known[:, self.model.n :] @ beside
-            u = self._responses(at, a, rate, curve)
+        def columns(at: Rows, rate: Array, curve: Array) -> Array:
+            u = self._responses(self.plant, at, self.plant.at(at), rate, curve)
             return np.concatenate([np.zeros_like(u), u], axis=1)
 
-        before: Sequence[Array | None]
-        before = self.causes if beside is not None else [None] * len(self.flow.nodes)
         last = np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
-        own = [
-            columns(at, rate, curve, known)
-            for at, known in zip(self.flow.nodes[:-1], before[:-1], strict=True)
-        ]
-        known = before[-1]
-        end = columns(self._ends, rate[last], curve[last], None if known is None else known[last])
-        return self._at_nodes(own, end)
+        own = [columns(at, rate, curve) for at in self.flow.nodes[:-1]]
+        return self._at_nodes(own, columns(self._ends, rate[last], curve[last]))
 
-    def _responses(self, at: Rows, a: Array, rate: Array, curve: Array) -> Array:
+    def _responses(self, model: Model, at: Rows, a: Array, rate: Array, curve: Array) -> Array:
         """What all causes do to the accelerations (N, n, P), by force or by geometry."""
         samples = (at.t, at.q, at.u, a, at.F, rate, curve)
         forces, *geometry = (kernels(*samples)[:, :, 1:] for kernels in self.kernels)
-        parts = [self.model.response(at.t, at.q, forces)]
-        M = self.model.matrices(at.t, at.q)[0] if geometry else None
+        parts = [model.response(at.t, at.q, forces)]
+        M = model.matrices(at.t, at.q)[0] if geometry else None
         parts += [np.asarray(np.linalg.solve(M, x)) for x in geometry if M is not None]
         return np.concatenate(parts, axis=2)
 
@@ -355,7 +378,7 @@ class _Inferring:
     def _unknown(self) -> Array:
         """The covariance of what the flow does not know, of forces between rows by likelihood."""
         Q, between, across = unknown(
-            self.model, self.log, self.flow, self.force, self.w, self.thinned
+            self.plant, self.log, self.flow, self.force, self.w, self.thinned
         )
         h = self.log.intervals.h
         beyond = remainder(self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, self._h)
@@ -381,6 +404,7 @@ class _Inferring:
     # --- hypotheses ---
 
     def result(self) -> Inference:
+        """The posterior of the causes that there are columns of."""
         self.causes = self._cause_columns()
         kinds = self._kinds_of_forces(nothing(self.causes[0].shape[2]))
         if kinds != self.kinds:
@@ -399,26 +423,44 @@ class _Inferring:
                 self.kinds = kinds
                 self._predict()
                 posterior = self._compare()
-        if posterior.best.chosen and len(self.blocks) == 1:
-            # Columns are linear in θ with the accelerations that the motion has, those of the causes
-            # included.
-            for _ in range(RELINEARISATIONS):
-                self.causes = self._cause_columns(posterior.best.coefficients)
-                posterior = self._compare(posterior)
+        self.posterior = posterior
         return self._made(posterior)
 
-    def _compare(self, before: Posterior | None = None) -> Posterior:
+    def refined(self) -> Inference:
+        """The posterior of causes linearised at themselves: what they do is not linear in their size.
+
+        Where the model with the causes in it has no motion between the rows, the one without.
+        """
+        state = dict(self.__dict__)
+        try:
+            for _ in range(RELINEARISATIONS):
+                before = self.posterior.best
+                if not np.any(np.where(self.of_log, 0.0, before.coefficients)):
+                    break
+                self._linearised_at(before.coefficients)
+                self.posterior = self._compare()
+                if self.posterior.best.chosen == before.chosen and before.repeats(
+                    self.posterior.best
+                ):
+                    break
+        except (FlowError, np.linalg.LinAlgError):
+            self.__dict__.update(state)
+        return self._made(self.posterior)
+
+    def _compare(self) -> Posterior:
         """The posterior of causes, beside an unknown integrator or one whose map closes the rows."""
-        log, model = self.log, self.model
+        log, model = self.log, self.plant
         both = [
             np.concatenate([a, b], axis=2) for a, b in zip(self.fields, self.causes, strict=True)
         ]
         self.Phi, self.B = transported(log.intervals.h, self.J, both)
-        ends = list(maps(model, log.intervals, self.force(self.kinds), self.counts))
-        own = [model.difference(end, log.intervals.end) for _, end in ends]
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
+        # As if all were linear from the model on: the plant's own causes count with the rest.
+        known = self.B[:, :, ni:] @ self.coefficients
+        ends = list(maps(model, log.intervals, self.force(self.kinds), self.counts))
+        own = [known + model.difference(end, log.intervals.end) for _, end in ends]
         places = ni + np.arange(P)
-        columns = np.concatenate([np.stack([self.w, *own], axis=2), self.B], axis=2)
+        columns = np.concatenate([np.stack([self.w + known, *own], axis=2), self.B], axis=2)
         white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, columns)
         D = np.ascontiguousarray(white[:, :, 1 + len(own) :])
         series = self._block(white[:, :, 0], D, ni, places)
@@ -432,31 +474,18 @@ class _Inferring:
             some = np.concatenate([columns[:, :, :1], self.B], axis=2)
             moved, _ = whitened(log.pieces, Phi, log.noise, self.Q, some)
             series = self._block(moved[:, :, 0], moved[:, :, 1:], ni, places)
-        # The mean of the gradients at both ends makes of a quadratic energy what it changes by.
-        self.gradient = 0.5 * (model.energy(self.flow.end)[1] + model.energy(log.intervals.end)[1])
+        self.gradient, self.slack = self._weights()
         self.least = max(NEGLIGIBLE * self.energy, self._remainder(series), self._attenuation())
         methods = _Methods.of(ends, white[:, :, 1 : 1 + len(own)], D[:, :, places], log.rounding)
         measured = self._measured() if self._knows_accelerations else None
-        if before is None:
-            posterior, series = self._of_series(series, measured)
-            closing, chosen = None, False
-            if methods is not None and methods.may_close(series, posterior.best):
-                closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
-                other = posterior if measured is not None else self._search(closing)
-                gain = _log_evidence(closing, other.best, series, posterior.best)
-                chosen = gain - np.log(len(own)) > CERTAIN
-                posterior = other if chosen else posterior
-        else:
-            chosen = bool(self.methods) and methods is not None
-            closing = None
-            if chosen and methods is not None:
-                closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
-            elif self.of_rows.noise:
-                series = replace(series, noise=self.of_rows.noise)
-            refitted = fitted(
-                (measured or closing or series,), before.best.chosen, before.best.theta
-            )
-            posterior = before if refitted is None else before.with_fit(refitted)
+        posterior, series = self._of_series(series, measured)
+        closing, chosen = None, False
+        if methods is not None and methods.may_close(series, posterior.best):
+            closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
+            other = posterior if measured is not None else self._search(closing)
+            gain = _log_evidence(closing, other.best, series, posterior.best)
+            chosen = gain - np.log(len(own)) > CERTAIN
+            posterior = other if chosen else posterior
         self.methods: tuple[Integrator, ...] = ()
         self.defects: list[Array] = []
         if chosen and methods is not None:
@@ -465,6 +494,23 @@ class _Inferring:
         self.of_rows: Block = closing if chosen and closing is not None else series
         self.blocks: tuple[Block, ...] = (measured or self.of_rows,)
         return posterior
+
+    def _weights(self) -> tuple[Array, Array]:
+        """What a defect of an interval adds to ΔC, (N, 2n): ∂E/∂x at its end and, by the flow, at its start.
+
+        Weighed at either end alone the sum is off by a share of the step. The second array is half of the
+        difference. Where the motion is stiff, what is at the end no longer tells of the start.
+        """
+        intervals, energy = self.log.intervals, self.model.energy
+        # The mean of both gradients makes of a quadratic energy what it changes by.
+        end = 0.5 * (energy(self.flow.end)[1] + energy(intervals.end)[1])
+        rate = np.linalg.norm(self.J[0], axis=(1, 2)) * intervals.h[:, 0]
+        mild = rate < 1.0
+        start = np.array(end)
+        transposed = self.Phi[mild].transpose(0, 2, 1)
+        before = energy(intervals.start)[1][mild][:, :, None]
+        start[mild] = np.linalg.solve(transposed, before)[:, :, 0]
+        return 0.5 * (start + end), 0.5 * (end - start)
 
     def _of_series(self, series: Block, measured: Block | None) -> tuple[Posterior, Block]:
         """The posterior beside an unknown integrator, and the block with the noise that there is."""
@@ -490,9 +536,9 @@ class _Inferring:
 
     def _of_method(self, end: tuple[Integrator, Rows], w: Array, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
-        log, model = self.log, self.model
+        log = self.log
         assert self.counts is not None
-        Phi = transition(model, end, log.intervals, self.force(self.kinds), self.counts)
+        Phi = transition(self.plant, end, log.intervals, self.force(self.kinds), self.counts)
         columns = np.concatenate([w[:, :, None], self.B], axis=2)
         white, _ = whitened(
             log.pieces, self.Phi if Phi is None else Phi, log.noise, self.Q, columns
@@ -564,7 +610,7 @@ class _Inferring:
         free, at = model.mechanism.free.u, log.intervals.start
         udot, half = run.udot[rows][:, free], digits_of(run)["udot"].half()[rows][:, free]
         a, rest = model.at(at), np.zeros_like(at.F)
-        columns = self._responses(at, udot, rest, rest)
+        columns = self._responses(model, at, udot, rest, rest)
         of_rows = np.einsum("kij,kj->ki", np.abs(self.J[0][:, model.n :]), log.digits[0])
         sigma = np.sqrt(half**2 + of_rows**2) + 1e-12 * (1.0 + np.abs(a).max())
         sigma = np.sqrt(np.mean(sigma**2, axis=0))
@@ -587,7 +633,7 @@ class _Inferring:
         parts = [self.force.parts(s) for s in nodes]
         columns = []
         for k, response in enumerate(
-            unit_responses(self.model, Rows(start.t, start.q, start.u, self.force.first))
+            unit_responses(self.plant, Rows(start.t, start.q, start.u, self.force.first))
         ):
             for which in range(3):
                 f = np.array([part[which][:, k] for part in parts])
@@ -596,12 +642,15 @@ class _Inferring:
                 columns.append(
                     np.concatenate([response * h**2 * moment, response * h * mean], axis=1)
                 )
+        tangent = np.column_stack([best.tangent, self.coefficients])
         own = [
-            np.concatenate([a, b @ best.tangent], axis=2)
+            np.concatenate([a, b @ tangent], axis=2)
             for a, b in zip(self.fields, self.causes, strict=True)
         ]
         Phi, B = transported(h, self.J, own)
-        everything = [self.w[:, :, None], B, np.stack(columns, axis=2)]
+        w = self.w[:, :, None] + B[:, :, -1:]
+        B = B[:, :, :-1]
+        everything = [w, B, np.stack(columns, axis=2)]
         white, _ = whitened(
             self.log.pieces, Phi, self.log.noise, self.Q, np.concatenate(everything, axis=2)
         )
@@ -632,14 +681,16 @@ class _Inferring:
         covariance = p.inverse * variance * tau
         power = np.einsum("km,kmp->kp", self.gradient, self.B)
         energies = self.model.energy
-        jump = energies(log.intervals.end)[0] - energies(self.flow.end)[0]
+        jump = energies(log.intervals.end)[0] - energies(self.nominal.end)[0]
+        jump = jump - np.einsum("km,km->k", self.slack, self.w)
+        causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
         if self.methods:
             curves = np.array(
                 [np.cumsum(np.einsum("km,km->k", self.gradient, x)) for x in self.defects]
             )
             # Methods that close the rows alike do not make the same joules.
             integrator = Share(curves[0], np.abs(curves - curves[0]).max(axis=0))
-            left = self.w - self.defects[0] - self.B[:, :, ni:] @ best.coefficients
+            left = self.w - self.defects[0] - causes
         else:
             curves = np.cumsum(power[:, :ni], axis=0)
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
@@ -647,7 +698,8 @@ class _Inferring:
             beyond = self._remainder(rows) / self.whole * np.linspace(0.0, 1.0, len(self.w))
             some = np.cumsum(np.einsum("km,km->k", self.gradient**2, self.beyond**2))
             integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
-            left = self.w - self.B[:, :, :ni] @ c - self.B[:, :, ni:] @ best.coefficients
+            left = self.w - self.B[:, :, :ni] @ c - causes
+        integrator = self._on_path(integrator, self.w - left - causes, left)
         mistake = self._share(best, power[:, ni:], tau)
         of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
         attribution, unexplained, uncertain = joules(
@@ -656,7 +708,7 @@ class _Inferring:
         exchanged, errors, energy = self._exchanged(best)
         odds, explained, coefficients = _generic(self.blocks[0], best)
         unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
-        damped = self.model.damped
+        damped = self.plant.damped
         return Inference(
             model=self.model,
             log=log,
@@ -686,8 +738,8 @@ class _Inferring:
             intermittent=_intermittent(rows, best),
             unseen=self._unseen(best, tau),
             residual=left,
-            acceleration=self.model.at(self.flow.nodes[0]),
-            w=self.w,
+            acceleration=self.model.at(self.nominal.nodes[0]),
+            w=self.model.difference(self.nominal.end, log.intervals.end),
             gradient=self.gradient,
         )
 
@@ -702,7 +754,24 @@ class _Inferring:
         for c, theta, counts in zip(best.chosen, best.theta, own, strict=True):
             if counts:
                 np.add.at(coefficients, list(c.columns), c.coefficients(theta))
-        return Share(np.cumsum(power @ coefficients), np.sqrt(spread))
+        curve = np.cumsum(power @ (coefficients if of_log else coefficients - self.coefficients))
+        if not of_log:  # what the plant does otherwise than the model, however large it is
+            moved = self.model.difference(self.nominal.end, self.flow.end)
+            curve = curve + np.cumsum(np.einsum("km,km->k", self.gradient, moved))
+        return Share(curve, np.sqrt(spread))
+
+    def _on_path(self, share: Share, defects: Array, left: Array) -> Share:
+        """The integrator's share with the errors of its weights, and of the path.
+
+        As much of the share as of the motion is not known: a defect on another path is another one.
+        """
+        intervals = self.log.intervals
+        motion = self.model.difference(intervals.start, intervals.end)
+        unknown, known = (np.sum(np.abs(self.gradient * x)) for x in (left, motion))
+        doubt = min(float(unknown / max(known, 1e-300)), 1.0)
+        slack = np.cumsum(np.einsum("km,km->k", self.slack, defects))
+        error = np.sqrt(share.curve_error**2 + (doubt * share.curve) ** 2 + slack**2)
+        return Share(share.curve, error)
 
     def _unseen(self, best: Fit, tau: float) -> dict[str, float]:
         """Energy (J) that a mistake of one number may add to ΔC at one standard error, by its name."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import casadi as ca
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.diagnosis.causes.columns import Column, ColumnKernels
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
@@ -61,7 +63,7 @@ class _Expressions:
             if p.name.kind == "damper" and p.name not in log.places
         ]
         damping = ca.SX(sum(dampers, start=ca.SX.zeros(len(at))))
-        E = ca.SX(terms.K2 + terms.K1 + terms.K0 + terms.V)
+        E = ca.SX(terms.K2 - terms.K0 + terms.V)
         along_q = ca.jtimes(s.qdot, s.u, ca.gradient(E, s.q), True)
         place = {"t": s.t, "q": s.q}
         state = {**place, "u": s.u}
@@ -72,6 +74,51 @@ class _Expressions:
         self.energy = Expression("e", state, E, ca.vertcat(along_q, ca.gradient(E, s.u)))
         self.rows_of_G, self.n = G.shape[0], len(at)
         self.damped = bool(dampers) and not damping.is_zero()
+
+
+class _Change:
+    """Causes with their coefficients: by how much M, the generalized forces and the dampers are others.
+
+    F_r + F*_r + Σ θ_j x_j = 0 with columns that are affine in u̇. Those of the geometry, M ∂u̇/∂θ, tell by how
+    much accelerations are others, constraints included.
+    """
+
+    def __init__(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> None:
+        at, self.mass, self.damped = 0, 0.0, False
+        self.parts: list[Expression] = []
+        for columns in kernels:
+            c = coefficients[at : at + len(columns.columns)]
+            at += len(c)
+            t, q, u, udot, logged, *rates = columns.inputs
+            still = [ca.SX.zeros(x.shape) for x in rates]
+            x = ca.mtimes(columns.expression[:, 1:], ca.sparsify(ca.DM(c)))
+            (x,) = ca.substitute([x], rates, still)
+            A = ca.jacobian(x, udot)
+            A = ca.substitute([A], [u, logged], [ca.SX.zeros(u.shape), ca.SX.zeros(logged.shape)])[
+                0
+            ]
+            dampers = [k for k, column in enumerate(columns.columns) if _damps(column) and c[k]]
+            damping = ca.SX.zeros(x.shape)
+            for k in dampers:
+                damping += c[k] * columns.expression[:, 1 + k]
+            (damping,) = ca.substitute([damping], rates, still)
+            self.damped |= bool(dampers)
+            inputs = {"t": t, "q": q, "u": u, "udot": udot, "logged": logged}
+            self.parts.append(Expression("x", inputs, x, A, damping))
+
+    def __call__(self, t: Array, q: Array, u: Array, a: Array, F: Array) -> list[list[Array]]:
+        """Of forces, then of the geometry: x (T, n), ∂x/∂u̇ (T, n, n), and what of x are dampers (T, n)."""
+        n = a.shape[1]
+        return [
+            [x, A.reshape(len(t), n, n).transpose(0, 2, 1), d]
+            for x, A, d in (part(t, q, u, a, F) for part in self.parts)
+        ]
+
+
+def _damps(column: Column) -> bool:
+    return column.what == "damper" or (
+        column.what == "channel" and getattr(column.element, "kind", "") == "damper"
+    )
 
 
 class Model:
@@ -91,6 +138,7 @@ class Model:
         )
         self._expressions = made
         self.rows_of_G, self.n, self.damped = made.rows_of_G, made.n, made.damped
+        self.change: _Change | None = None
         self.cost = int(made.acceleration.function.n_instructions())
         names = Kinematics.of(run.coordinates, run.speeds)
         free_q = {int(k): i for i, k in enumerate(free.q)}
@@ -106,9 +154,27 @@ class Model:
         free = self.mechanism.free
         return Rows(run.t, run.q[:, free.q], run.u[:, free.u], np.concatenate(forces, axis=1))
 
+    def changed(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> Model:
+        """The model with causes in its equations: coefficients (P,) of the columns of all kernels."""
+        other = copy(self)
+        other.change = _Change(kernels, coefficients) if coefficients.any() else None
+        other.damped = self._expressions.damped or (
+            other.change is not None and other.change.damped
+        )
+        return other
+
     def acceleration(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """u̇ (T, n) of the free speeds."""
-        return self._expressions.acceleration(t, q, u, F)[0]
+        a = self._expressions.acceleration(t, q, u, F)[0]
+        if self.change is None:
+            return a
+        # M u̇ = F + x(u̇) with x affine in u̇: exact from any u̇ that it is evaluated at.
+        forces, *geometry = self.change(t, q, u, a, F)
+        M, G = self._of_model(t, q)
+        for x, *_ in geometry:
+            a = a + np.linalg.solve(M, x[..., None])[..., 0]
+        x, A, _ = forces
+        return a + (_compliance(M - A, G) @ x[..., None])[..., 0]
 
     def at(self, rows: Rows) -> Array:
         """The same at rows."""
@@ -116,14 +182,21 @@ class Model:
 
     def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """Generalized forces (T, n) of the model's own dampers."""
-        return self._expressions.damping(t, q, u, F)[0]
+        own = self._expressions.damping(t, q, u, F)[0]
+        if self.change is None:
+            return own
+        return own + sum(d for _, _, d in self.change(t, q, u, np.zeros_like(u), F))
 
     def rate(self, t: Array, q: Array, u: Array) -> Array:
         """q̇ (T, nq) of the free coordinates."""
         return self._expressions.qdot(t, q, u)[0]
 
     def energy(self, rows: Rows) -> tuple[Array, Array]:
-        """E = K + V (T,), J, and its gradient ∂E/∂x (T, 2n)."""
+        """E = K₂ − K₀ + V (T,), J, and its gradient ∂E/∂x (T, 2n).
+
+        That is K + V but for what drives of prescribed motions do when a state jumps, which their works by the
+        equations of motion do not hold (Kane and Levinson 1990).
+        """
         value, gradient = self._expressions.energy(rows.t, rows.q, rows.u)
         return value[:, 0], gradient
 
@@ -131,22 +204,22 @@ class Model:
         """What generalized forces (T, n) or (T, n, p) add to the accelerations."""
         M, G = self.matrices(t, q)
         columns = force if force.ndim == 3 else force[..., None]
-        a = self.compliance(M, G) @ columns if self.rows_of_G else np.linalg.solve(M, columns)
+        a = _compliance(M, G) @ columns if self.rows_of_G else np.linalg.solve(M, columns)
         return np.asarray(a if force.ndim == 3 else a[..., 0])
 
     def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
         """Mass matrix M (T, n, n) and constraint Jacobian G (T, m, n)."""
+        M, G = self._of_model(t, q)
+        if self.change is not None:
+            rest = np.zeros((len(t), self.n))
+            F = np.zeros((len(t), self.symbols.logged.shape[0]))
+            M = M - self.change(t, q, rest, rest, F)[0][1]
+        return M, G
+
+    def _of_model(self, t: Array, q: Array) -> tuple[Array, Array]:
         flat, g = self._expressions.matrices(t, q)
         G = g.reshape(len(t), self.n, self.rows_of_G).transpose(0, 2, 1)
         return flat.reshape(len(t), self.n, self.n), G
-
-    def compliance(self, M: Array, G: Array) -> Array:
-        """Compliance C (T, n, n) of what constraints leave: M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
-        inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
-        response = inverse @ G.transpose(0, 2, 1)
-        # Redundant constraints leave G M⁻¹Gᵀ singular.
-        multipliers = np.linalg.pinv(G @ response, rcond=1e-10)
-        return np.asarray(inverse - response @ multipliers @ response.transpose(0, 2, 1))
 
     def moved(self, q: Array, u: Array, h: Array) -> Array:
         """Coordinates moved along constant speeds for a time h (T, 1), on the group of rotations."""
@@ -192,6 +265,17 @@ class Model:
             d *= 1.0 + float(np.nanmax(np.abs(at.u[:, k]), initial=0.0))
             J[:, n:, n + k] = (self.acceleration(at.t, at.q, at.u + d * e, at.F) - here) / d
         return J
+
+
+def _compliance(M: Array, G: Array) -> Array:
+    """Compliance C (T, n, n) of what constraints leave: M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
+    inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
+    if not G.shape[1]:
+        return inverse
+    response = inverse @ G.transpose(0, 2, 1)
+    # Redundant constraints leave G M⁻¹Gᵀ singular.
+    multipliers = np.linalg.pinv(G @ response, rcond=1e-10)
+    return np.asarray(inverse - response @ multipliers @ response.transpose(0, 2, 1))
 
 
 JACOBIAN_DIFFERENCE = 1e-7

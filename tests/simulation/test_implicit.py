@@ -301,7 +301,7 @@ def test_a_held_controller(solver: str) -> None:
 
 @pytest.mark.parametrize("solver", IMPLICIT)
 def test_nothing_recorded_changes_no_motion(solver: str) -> None:
-    """One speed and no integral is the least that a method can hold; of others there is one more entry each."""
+    """One speed and no integral is the least that a method can hold."""
     mechanism, state = oscillator(7.0)
     plain, full = (dc.simulate(mechanism, state, 0.5, 0.01, solver, r) for r in ([], ["wang"]))
     assert not plain.integrals and full.integrals

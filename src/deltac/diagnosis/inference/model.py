@@ -194,8 +194,8 @@ class Model:
     def energy(self, rows: Rows) -> tuple[Array, Array]:
         """E = K₂ − K₀ + V (T,), J, and its gradient ∂E/∂x (T, 2n).
 
-        That is K + V but for what drives of prescribed motions do when a state jumps, which their works by the
-        equations of motion do not hold (Kane and Levinson 1990).
+        That is K + V but for what drives of prescribed motions do when a state jumps, which is not in their
+        works by the equations of motion (Kane and Levinson 1990).
         """
         value, gradient = self._expressions.energy(rows.t, rows.q, rows.u)
         return value[:, 0], gradient

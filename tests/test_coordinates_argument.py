@@ -73,6 +73,37 @@ def test_states_and_places_are_told_in_absolute_angles(run: dc.Trajectory) -> No
     assert dc.localise(PENDULUM, run, coordinates="absolute").exit_code == 0
 
 
+@pytest.fixture(scope="module")
+def log(run: dc.Trajectory) -> dict[str, Array]:
+    """The table of a run in absolute angles, as somebody's own program writes it."""
+    angles, rates = (np.cumsum(x, axis=1) for x in (run.q, run.u))
+    columns = {f"q.{name}": angle for name, angle in zip(run.coordinates, angles.T)}
+    return {
+        "time": run.t,
+        **columns,
+        **{f"u.{n}": w for n, w in zip(run.speeds, rates.T)},
+    }
+
+
+def test_a_log_in_absolute_angles_is_audited_as_such(
+    run: dc.Trajectory, log: dict[str, Array]
+) -> None:
+    read = dc.audit(PENDULUM, log, coordinates="absolute")
+    np.testing.assert_allclose(read.run.q, run.q, atol=1e-12)
+    np.testing.assert_allclose(read.run.u, run.u, atol=1e-12)
+    assert read.exit_code == 0
+    assert "absolute-angles" in {f.kind for f in dc.audit(PENDULUM, log).findings}
+
+
+def test_a_log_has_the_columns_of_its_map(run: dc.Trajectory, log: dict[str, Array]) -> None:
+    by_map = dc.CoordinateMap(("a", "b"), q={"joint1": "q.a", "joint2": "q.b - q.a"})
+    renamed = {k.replace("joint1", "a").replace("joint2", "b"): v for k, v in log.items()}
+    explained = dc.explain_residual(PENDULUM, renamed, coordinates=by_map)
+    assert explained.kind == "nothing"
+    with pytest.raises(dc.InputError, match="'a'"):
+        dc.audit(PENDULUM, run, coordinates=by_map)
+
+
 @pytest.mark.parametrize(
     "call",
     [
@@ -80,6 +111,7 @@ def test_states_and_places_are_told_in_absolute_angles(run: dc.Trajectory) -> No
         lambda run: dc.balance(PENDULUM, run, coordinates="absolut"),
         lambda run: dc.residuals(PENDULUM, run, coordinates="absolut"),
         lambda run: dc.localise(PENDULUM, run, coordinates="absolut"),
+        lambda run: dc.audit(PENDULUM, run, coordinates="absolut"),
         lambda run: dc.random_states(PENDULUM, "absolut"),
         lambda run: dc.check_equations(PENDULUM, textbook, coordinates="absolut"),
         lambda run: dc.simulate(

@@ -39,6 +39,7 @@ from deltac.diagnosis.explain.explain import explain_residual as explain_residua
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation
 from deltac.diagnosis.inputs.fmu import load_fmu as load_fmu
+from deltac.diagnosis.inputs.logs import LogLike as LogLike
 from deltac.diagnosis.recommend.recommend import recommend as recommend
 from deltac.diagnosis.recommend.result import Recommendation as Recommendation
 from deltac.diagnosis.residuals.states import States as States

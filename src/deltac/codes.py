@@ -93,6 +93,7 @@ FINDINGS: dict[str, str] = {
     "speed-not-rate": "a speed is not the rate of its coordinate",
     "replayed": "MuJoCo's model, stepped from row to row, arrives at every row of the log",
     "replay-departs": "MuJoCo's model, stepped from a row of the log, misses the next one",
+    "time-limit": "an audit left out what its verdict can do without, since its time limit had passed",
     "not-replayed": "a log of a MuJoCo model that lacks forces could not be stepped again between its rows",
     "duplicated-rows": "rows repeat the previous row although the motion continues",
     "held-columns": "coordinates or speeds come from a slower sensor and repeat over several rows",

@@ -16,6 +16,7 @@ from deltac.calls.arguments import checked
 from deltac.calls.progress import Parts, Progress
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
+from deltac.diagnosis.inputs.logs import LogLike
 from deltac.diagnosis.recommend.recommend import recommend
 from deltac.diagnosis.recommend.result import Recommendation
 from deltac.diagnosis.study.simulators import SimulationOptions, handed_on
@@ -25,6 +26,7 @@ from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.solvers import find_solver
+from deltac.trajectories.formats.mapping import MappingLike
 
 SEARCH = 20.0
 """Of the seconds that a search for solver and step may take; `recommend` by itself may take more."""
@@ -141,8 +143,8 @@ def examine(
     state: StateLike = None,
     duration: float | None = None,
     *,
-    log: Any = None,
-    mapping: Any = None,
+    log: LogLike | None = None,
+    mapping: MappingLike = None,
     tolerance: float = REFINED_TOLERANCE,
     solvers: Sequence[str] = CANDIDATES,
     progress: Progress | None = None,

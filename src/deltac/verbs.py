@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from deltac.simulation.ensemble.members import States
     from deltac.simulation.step_size.time_scales import TimeScale
     from deltac.trajectories.formats.mapping import LogMapping
+    from deltac.trajectories.formats.objects import LogSource
 
 
 @checked
@@ -297,7 +298,7 @@ def symbolic_equations(model: ModelLike, *, simplify: bool = True) -> SymbolicEq
 
 @checked
 def read_trajectory(
-    log: Any, mapping: LogMapping | ModelLike | None = None, model: ModelLike | None = None
+    log: LogSource, mapping: LogMapping | ModelLike | None = None, model: ModelLike | None = None
 ) -> Trajectory:
     """Read a log of deltac or of another program, in the format of its suffix.
 

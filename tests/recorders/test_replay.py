@@ -107,6 +107,13 @@ def test_a_log_that_lacks_forces_is_replayed_unasked() -> None:
     assert len(dc.audit(str(MODEL), LOG, replay=False).run) == 61
 
 
+def test_a_time_limit_leaves_out_what_nobody_asked_for_and_says_so() -> None:
+    late = dc.audit(str(MODEL), LOG, time_limit=1e-9)
+    assert len(late.run) == 61 and finding_code("time-limit") in codes(late)
+    with pytest.raises(dc.InputError, match="time_limit"):
+        dc.audit(str(MODEL), LOG, time_limit=0.0)
+
+
 @pytest.mark.parametrize(
     "change",
     [

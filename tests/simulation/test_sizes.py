@@ -11,6 +11,7 @@ from deltac.simulation.solvers import Options
 SOLVERS: list[Options] = [
     *(dc.solvers.Scipy(name, 1e-6) for name in ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")),
     *(dc.solvers.Sundials(name, 1e-6) for name in ("CVODES", "IDAS")),
+    dc.solvers.Taylor(1e-6),
 ]
 GM = 3.986004418e14
 R = 7e6

@@ -8,6 +8,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from deltac.analysis.model import Instants, instants
 from deltac.arrays import Array
@@ -70,7 +71,7 @@ def evaluate(
     model: ModelLike,
     state: StateLike | Trajectory = None,
     *,
-    inputs: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, ArrayLike] | None = None,
 ) -> Evaluation:
     """Accelerations, mass matrix, bias, forces, energies, constraints and multipliers at a state.
 

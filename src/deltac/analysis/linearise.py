@@ -9,6 +9,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
+from numpy.typing import ArrayLike
 
 from deltac.analysis.model import Instants, instants
 from deltac.arrays import Array
@@ -141,7 +142,7 @@ class Equilibrium(Report):
 
 @checked
 def linearise(
-    model: ModelLike, state: StateLike = None, *, inputs: Mapping[str, Any] | None = None
+    model: ModelLike, state: StateLike = None, *, inputs: Mapping[str, ArrayLike] | None = None
 ) -> Linearisation:
     """Linearise the equations of motion about the motion through a state.
 
@@ -161,7 +162,7 @@ def linearise(
 
 @checked
 def equilibrium(
-    model: ModelLike, guess: StateLike = None, *, inputs: Mapping[str, Any] | None = None
+    model: ModelLike, guess: StateLike = None, *, inputs: Mapping[str, ArrayLike] | None = None
 ) -> Equilibrium:
     """Find the equilibrium near a guess, where the free speeds and their accelerations are zero.
 

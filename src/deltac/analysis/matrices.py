@@ -18,7 +18,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from deltac import rotations
 from deltac.analysis.model import instants
@@ -139,7 +139,7 @@ def matrices(
     model: ModelLike,
     state: StateLike | Trajectory = None,
     *,
-    inputs: Mapping[str, Any] | None = None,
+    inputs: Mapping[str, ArrayLike] | None = None,
     independent: Collection[str] = (),
     joints: bool = False,
 ) -> Matrices:

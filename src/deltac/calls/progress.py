@@ -1,9 +1,13 @@
-"""How far work has come."""
+"""How far work has come, and what of it is left out when its time has passed."""
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeAlias, TypeVar
+
+from deltac.errors import ArgumentsError, shown
 
 T = TypeVar("T")
 Progress: TypeAlias = Callable[[float], None]
@@ -42,3 +46,27 @@ def counted(items: Sequence[T], progress: Progress) -> Iterator[T]:
     for k, item in enumerate(items):
         progress(k / len(items))
         yield item
+
+
+class TimeLimit:
+    """So many seconds from now by the monotonic clock; None for no end.
+
+    Attributes:
+        skipped: names of the work that was left out, each once.
+
+    Raises InputError for what is no positive number of seconds.
+    """
+
+    def __init__(self, seconds: float | None = None) -> None:
+        if seconds is not None and not seconds > 0.0:
+            raise ArgumentsError(f"time_limit: found {shown(seconds)}, expected seconds above 0")
+        self.seconds = math.inf if seconds is None else float(seconds)
+        self._end = time.monotonic() + self.seconds
+        self.skipped: tuple[str, ...] = ()
+
+    def passed(self, work: str, seconds: float = 0.0) -> bool:
+        """Whether `work`, which takes about so many seconds, would end too late; it is then `skipped`."""
+        late = time.monotonic() + seconds > self._end
+        if late and work not in self.skipped:
+            self.skipped += (work,)
+        return late

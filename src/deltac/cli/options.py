@@ -160,8 +160,8 @@ OwnCoordinates = Annotated[
     str | None,
     typer.Option(
         metavar="NAME|FILE.py:MAP",
-        help="The coordinates of the equations: joint, absolute, or a CoordinateMap. By default those of "
-        "the dc.Equations, or of the problem's own equations, else joint.",
+        help="The coordinates of the equations, or of the log's columns: joint, absolute, or a "
+        "CoordinateMap. By default those of the dc.Equations, or of the problem's own equations, else joint.",
     ),
     _by("load_map", "deltac.diagnosis.inputs.equations"),
 ]

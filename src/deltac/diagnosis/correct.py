@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -21,15 +20,18 @@ from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
 from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inputs.logs import LogLike
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
 from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
 from deltac.results import Report, Section, number
 from deltac.trajectories import Trajectory
+from deltac.trajectories.formats.mapping import MappingLike
 
 SWEEPS = 5
 """Sweeps at most. Errors are squared, so that a tenth of the range is rounding after five."""
@@ -94,7 +96,13 @@ class Correction(Report, omit=("run", "audit")):
 
 @checked
 @interruptible()
-def correct_trajectory(model: ModelLike, log: Any, *, mapping: Any = None) -> Correction:
+def correct_trajectory(
+    model: ModelLike,
+    log: LogLike,
+    *,
+    mapping: MappingLike = None,
+    coordinates: CoordinateMap | str | None = None,
+) -> Correction:
     """Correct the integration error of a log by the model's equations.
 
     The first row is taken as right, and so are the model's equations and the logged forces.
@@ -103,13 +111,14 @@ def correct_trajectory(model: ModelLike, log: Any, *, mapping: Any = None) -> Co
         model: as for `audit`.
         log: as for `audit`.
         mapping: path of a mapping file, for logs whose columns have other names or units.
+        coordinates: those of the log's columns, as for `audit`.
 
     Raises:
         InputError: as `audit`; a log that contradicts the equations, which a correction would replace by the
             model's motion; impacts; a motion that cannot be followed from its first row on, as where it is
             chaotic.
     """
-    result = audit(model, log, mapping=mapping)
+    result = audit(model, log, mapping=mapping, coordinates=coordinates)
     mechanism, run = result.mechanism, result.run
     if result.verdict.kind == "equation-error":
         raise _refused(

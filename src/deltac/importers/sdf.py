@@ -231,7 +231,7 @@ class _Reader:
             "child_rotation": (R_link.T @ R_joint).tolist(),
         }
         axes = [self.axis(name, joint, tag, R_joint, R_parent) for tag in ("axis", "axis2")]
-        options = self.dynamics(name, joint, kind)
+        options: dict[str, Any] = dict(self.dynamics(name, joint, kind))
         match kind:
             case "fixed":
                 return joints.fixed(name, parent, link, **place)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from deltac.errors import ModelError
-from deltac.mechanism.laws import as_law
+from deltac.mechanism.laws import LawLike, VectorLike, as_law
 from deltac.mechanism.parts import NonNegative, Part, Point, constructor
 from deltac.mechanism.quantities import (
     ZERO,
@@ -53,9 +53,9 @@ class Body(Part):
 @constructor
 def body(
     name: str,
-    mass: Any,
-    inertia: Sequence[Any],
-    mass_centre: Sequence[Any] = ZERO,
+    mass: LawLike,
+    inertia: VectorLike | Sequence[VectorLike],
+    mass_centre: VectorLike = ZERO,
 ) -> Body:
     """A body of any shape; `inertia` is three principal values or a symmetric 3 by 3 matrix.
 
@@ -86,10 +86,10 @@ def body(
 @constructor
 def rod(
     name: str,
-    mass: Any,
-    length: Any,
+    mass: LawLike,
+    length: LawLike,
     along: str | Sequence[float] = "x",
-    start: Sequence[Any] = ZERO,
+    start: VectorLike = ZERO,
 ) -> Body:
     """A uniform slender rod from the point `start` along the direction `along`; I = m l²/12."""
     n = unit_vector(along, f"direction of rod {name!r}")
@@ -101,7 +101,7 @@ def rod(
 
 
 @constructor
-def box(name: str, mass: Any, size: Sequence[Any], mass_centre: Sequence[Any] = ZERO) -> Body:
+def box(name: str, mass: LawLike, size: VectorLike, mass_centre: VectorLike = ZERO) -> Body:
     """A uniform box with edges `size` along the body axes, centred at `mass_centre`."""
     m = positive(mass, f"mass of body {name!r}")
     sides = vector(size, f"size of box {name!r}")
@@ -113,11 +113,11 @@ def box(name: str, mass: Any, size: Sequence[Any], mass_centre: Sequence[Any] = 
 @constructor
 def disc(
     name: str,
-    mass: Any,
-    radius: Any,
+    mass: LawLike,
+    radius: LawLike,
     axis: str | Sequence[float] = "z",
-    thickness: Any = 0.0,
-    mass_centre: Sequence[Any] = ZERO,
+    thickness: LawLike = 0.0,
+    mass_centre: VectorLike = ZERO,
 ) -> Body:
     """A uniform disc (a cylinder of length `thickness`) about `axis`, centred at `mass_centre`."""
     m = positive(mass, f"mass of body {name!r}")
@@ -128,7 +128,7 @@ def disc(
 
 
 @constructor
-def sphere(name: str, mass: Any, radius: Any, mass_centre: Sequence[Any] = ZERO) -> Body:
+def sphere(name: str, mass: LawLike, radius: LawLike, mass_centre: VectorLike = ZERO) -> Body:
     """A uniform solid sphere centred at `mass_centre`; I = 2/5 m r²."""
     m = positive(mass, f"mass of body {name!r}")
     r = positive(radius, f"radius of sphere {name!r}")
@@ -137,7 +137,7 @@ def sphere(name: str, mass: Any, radius: Any, mass_centre: Sequence[Any] = ZERO)
 
 
 @constructor
-def point_mass(name: str, mass: Any, at: Sequence[Any] = ZERO) -> Body:
+def point_mass(name: str, mass: LawLike, at: VectorLike = ZERO) -> Body:
     """A particle at the point `at` of its body frame; it has no inertia of its own."""
     return body(name, mass, ZERO, at)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeAlias
 
 from deltac.errors import ModelError
-from deltac.mechanism.laws import as_law, symbol_names, symbol_of
+from deltac.mechanism.laws import LawLike, as_law, symbol_names, symbol_of
 from deltac.mechanism.parts import (
     AnyBody,
     Axis,
@@ -307,7 +307,9 @@ class Holonomic(Constraint):
 
 
 @constructor
-def gear(name: str, coordinate1: str, coordinate2: str, ratio: Any, phase: Any = 0.0) -> Holonomic:
+def gear(
+    name: str, coordinate1: str, coordinate2: str, ratio: LawLike, phase: LawLike = 0.0
+) -> Holonomic:
     """Couple two coordinates: q1 = ratio q2 + phase (one row)."""
     where = Holonomic.called(name)
     first, second = (symbol_of(f"q.{coordinate}") for coordinate in (coordinate1, coordinate2))
@@ -319,12 +321,12 @@ def gear(name: str, coordinate1: str, coordinate2: str, ratio: Any, phase: Any =
 def belt(
     name: str,
     coordinate1: str,
-    radius1: Any,
+    radius1: LawLike,
     coordinate2: str,
-    radius2: Any,
+    radius2: LawLike,
     *,
     crossed: bool = False,
-    phase: Any = 0.0,
+    phase: LawLike = 0.0,
 ) -> Holonomic:
     """A belt or chain over two pulleys: r1 q1 = ± r2 q2 + phase (one row, m), − where it is `crossed`.
 
@@ -345,7 +347,12 @@ def belt(
 
 @constructor
 def differential(
-    name: str, coordinate1: str, coordinate2: str, carrier: str, ratio: Any = 1.0, phase: Any = 0.0
+    name: str,
+    coordinate1: str,
+    coordinate2: str,
+    carrier: str,
+    ratio: LawLike = 1.0,
+    phase: LawLike = 0.0,
 ) -> Holonomic:
     """A differential or planetary gear: (q1 − qc) + ratio (q2 − qc) = phase (one row; Willis 1841).
 
@@ -361,7 +368,12 @@ def differential(
 
 @constructor
 def bevel_gear(
-    name: str, coordinate1: str, teeth1: Any, coordinate2: str, teeth2: Any, phase: Any = 0.0
+    name: str,
+    coordinate1: str,
+    teeth1: LawLike,
+    coordinate2: str,
+    teeth2: LawLike,
+    phase: LawLike = 0.0,
 ) -> Holonomic:
     """Two toothed wheels that mesh from outside, bevel or spur: teeth1 q1 + teeth2 q2 = teeth1 phase.
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 from deltac.errors import ModelError, UnknownName, closest
+from deltac.mechanism.laws import LawLike
 from deltac.mechanism.parts import Constant, LawOfMotion, LawOfTime, NonNegative, Part, constructor
 from deltac.mechanism.scope import Scope, require_name
 from deltac.mechanism.shapes import Shape, check_pair
@@ -171,9 +172,9 @@ def joint_stop(
     name: str,
     joint: str,
     *,
-    lower: Any = None,
-    upper: Any = None,
-    restitution: Any = 0.0,
+    lower: LawLike | None = None,
+    upper: LawLike | None = None,
+    restitution: LawLike = 0.0,
     allow_energy_source: bool = False,
     simultaneous: Simultaneous = "moreau",
 ) -> JointStop:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, TypeAlias
 
 from deltac.errors import ModelError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import Channel
-from deltac.mechanism.laws import as_law, symbol_names
+from deltac.mechanism.laws import LawLike, LawsLike, VectorLike, as_law, symbol_names
 from deltac.mechanism.parts import (
     AnyBody,
     Constants,
@@ -467,11 +467,11 @@ def _spring_kinds(*laws: Any) -> tuple[str, ...]:
 def joint_spring(
     name: str,
     joint: str,
-    stiffness: Any = None,
-    rest: Any = 0.0,
+    stiffness: LawLike | None = None,
+    rest: LawLike = 0.0,
     *,
-    torque: Any = None,
-    potential: Any = None,
+    torque: LawLike | None = None,
+    potential: LawLike | None = None,
 ) -> JointSpring:
     """A spring on a joint's coordinates; see `JointSpring`.
 
@@ -493,13 +493,13 @@ def joint_spring(
 @constructor
 def tendon(
     name: str,
-    path: Sequence[tuple[str, Sequence[Any]]] = (),
+    path: Sequence[tuple[str, VectorLike]] = (),
     *,
-    coordinates: Mapping[str, Any] | None = None,
-    branches: Sequence[tuple[Sequence[tuple[str, Sequence[Any]]], Any]] = (),
-    stiffness: Any = 0.0,
-    damping: Any = 0.0,
-    length: Any = 0.0,
+    coordinates: Mapping[str, LawLike] | None = None,
+    branches: Sequence[tuple[Sequence[tuple[str, VectorLike]], LawLike]] = (),
+    stiffness: LawsLike = 0.0,
+    damping: LawsLike = 0.0,
+    length: LawsLike = 0.0,
 ) -> Tendon:
     """A cord through points of bodies, or a linear combination of coordinates; see `Tendon`.
 
@@ -533,7 +533,7 @@ def tendon(
     return made
 
 
-def _branch(points: Sequence[tuple[str, Sequence[Any]]], factor: Any, where: str) -> Branch:
+def _branch(points: Sequence[tuple[str, VectorLike]], factor: Any, where: str) -> Branch:
     if len(points) < 2:
         raise ModelError(f"{where}: a path needs two points or more, found {len(points)}")
     try:
@@ -548,7 +548,7 @@ def _branch(points: Sequence[tuple[str, Sequence[Any]]], factor: Any, where: str
     )
 
 
-def _integral(torque: Any, joint: str, where: str) -> Any:
+def _integral(torque: LawLike, joint: str, where: str) -> Any:
     """−∫ torque dq from 0 to q, in closed form."""
     import sympy
 

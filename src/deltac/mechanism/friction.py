@@ -13,7 +13,7 @@ from typing import Annotated, Any, TypeAlias
 
 from deltac.errors import ModelError
 from deltac.mechanism.channels import Channel
-from deltac.mechanism.laws import as_law
+from deltac.mechanism.laws import LawsLike, as_law
 from deltac.mechanism.parts import (
     AnyBody,
     Axis,
@@ -216,12 +216,12 @@ class PointFriction(Element):
 def joint_friction(
     name: str,
     joint: str,
-    coulomb: Any = 0.0,
+    coulomb: LawsLike = 0.0,
     *,
-    static: Any = None,
-    stribeck: Any = None,
-    viscous: Any = 0.0,
-    width: Any = WIDTH,
+    static: LawsLike | None = None,
+    stribeck: LawsLike | None = None,
+    viscous: LawsLike = 0.0,
+    width: LawsLike = WIDTH,
     allow_energy_source: bool = False,
 ) -> JointFriction:
     """Friction of a joint; see `JointFriction` and `FrictionLaw`.

@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypedDict, Unpack
 
 from deltac.calls.arguments import Target
 from deltac.errors import ModelError
-from deltac.mechanism.laws import as_law
+from deltac.mechanism.laws import LawLike, LawsLike, VectorLike, as_law
 from deltac.mechanism.parts import (
     Constant,
     Kind,
@@ -25,7 +25,7 @@ from deltac.mechanism.parts import (
     Rotation,
     constructor,
 )
-from deltac.mechanism.quantities import IDENTITY, ZERO, unit_vector
+from deltac.mechanism.quantities import IDENTITY, ZERO, RotationLike, unit_vector
 from deltac.mechanism.scope import GROUND, require_name
 
 
@@ -135,15 +135,15 @@ def _joint(
     parent: str,
     child: str,
     *axes: str | Sequence[float],
-    position: Sequence[Any] = ZERO,
-    rotation: Any = IDENTITY,
-    child_position: Sequence[Any] = ZERO,
-    child_rotation: Any = IDENTITY,
-    stiffness: Any = None,
-    rest: Any = None,
-    damping: Any = None,
-    armature: Any = None,
-    motion: Any = None,
+    position: VectorLike = ZERO,
+    rotation: RotationLike = IDENTITY,
+    child_position: VectorLike = ZERO,
+    child_rotation: RotationLike = IDENTITY,
+    stiffness: LawsLike | None = None,
+    rest: LawsLike | None = None,
+    damping: LawsLike | None = None,
+    armature: LawsLike | None = None,
+    motion: LawsLike | None = None,
 ) -> Joint:
     where = f"of {Joint.called(name)}"
     for end in (parent, child):
@@ -192,15 +192,15 @@ def _joint(
 class JointOptions(TypedDict, total=False):
     """What every joint takes by keyword; see `revolute`."""
 
-    position: Any
-    rotation: Any
-    child_position: Any
-    child_rotation: Any
-    stiffness: Any
-    rest: Any
-    damping: Any
-    armature: Any
-    motion: Any
+    position: VectorLike
+    rotation: RotationLike
+    child_position: VectorLike
+    child_rotation: RotationLike
+    stiffness: LawsLike | None
+    rest: LawsLike | None
+    damping: LawsLike | None
+    armature: LawsLike | None
+    motion: LawsLike | None
 
 
 def _joint_constructor(made: Target) -> Target:
@@ -263,7 +263,7 @@ def screw(
     child: str,
     axis: str | Sequence[float] = "z",
     *,
-    pitch: Any,
+    pitch: LawLike,
     **options: Unpack[JointOptions],
 ) -> Joint:
     """A screw: turns by q (rad) about `axis` and advances by `pitch` q/(2π); `pitch` in m per turn."""

@@ -18,13 +18,14 @@ import difflib
 import math
 import numbers
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import ModelError, UnknownName, WrongType
@@ -35,6 +36,24 @@ Expr: TypeAlias = Any
 
 Law: TypeAlias = float | Expr
 """A finite number, or a SymPy expression of real symbols that `as_law` has checked."""
+
+
+class Expression(Protocol):
+    """A SymPy expression."""
+
+    @property
+    def free_symbols(self) -> Collection[Any]:
+        """Its symbols."""
+
+
+LawLike: TypeAlias = float | str | Expression
+"""What users may give for a number or a law: see `as_law`."""
+
+VectorLike: TypeAlias = Sequence[LawLike] | NDArray[Any]
+"""What users may give for three components."""
+
+LawsLike: TypeAlias = LawLike | VectorLike
+"""What users may give for one law, or for one of each coordinate."""
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,14 @@ import math
 from collections.abc import Sequence
 from typing import Any, TypeAlias
 
+from numpy.typing import NDArray
+
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, UnknownName
-from deltac.mechanism.laws import as_law
+from deltac.mechanism.laws import VectorLike, as_law
+
+RotationLike: TypeAlias = "Sequence[Sequence[float]] | Sequence[float] | NDArray[Any] | None"
+"""What users may give for a rotation: see `as_rotation`."""
 
 Quantity: TypeAlias = Any
 """A float, or a SymPy expression."""
@@ -39,7 +44,7 @@ def part_name(name: Any, what: str) -> str:
     return name
 
 
-def vector(value: Sequence[Any], where: str) -> Vector:
+def vector(value: VectorLike, where: str) -> Vector:
     """Three quantities; InputError names `where` when there are not three."""
     single = (
         isinstance(value, str) or not hasattr(value, "__len__") or getattr(value, "ndim", 1) == 0

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
 from deltac.errors import ModelError
+from deltac.mechanism.laws import LawLike, VectorLike
 from deltac.mechanism.parts import (
     Axis,
     Declared,
@@ -27,6 +28,7 @@ from deltac.mechanism.quantities import (
     ZERO,
     Matrix,
     Quantity,
+    RotationLike,
     Vector,
     part_name,
     positive,
@@ -141,13 +143,13 @@ class HalfSpace(Shape):
 
 
 @constructor
-def point(body: str, position: Sequence[Any] = ZERO) -> Sphere:
+def point(body: str, position: VectorLike = ZERO) -> Sphere:
     """A point of a body (or of the ground), as a sphere of radius 0."""
     return Sphere(body, position, 0.0)
 
 
 @constructor
-def sphere(body: str, radius: Any, position: Sequence[Any] = ZERO) -> Sphere:
+def sphere(body: str, radius: LawLike, position: VectorLike = ZERO) -> Sphere:
     """A sphere of `radius` (m) about `position` in the body's frame."""
     return Sphere(body, position, positive(radius, f"radius of sphere shape of body {body!r}"))
 
@@ -155,10 +157,10 @@ def sphere(body: str, radius: Any, position: Sequence[Any] = ZERO) -> Sphere:
 @constructor
 def capsule(
     body: str,
-    radius: Any,
-    length: Any,
+    radius: LawLike,
+    length: LawLike,
     axis: str | Sequence[float] = "x",
-    position: Sequence[Any] = ZERO,
+    position: VectorLike = ZERO,
 ) -> Capsule:
     """A capsule: a cylinder of `radius` and `length` (m) with half spheres on its ends.
 
@@ -169,7 +171,7 @@ def capsule(
 
 @constructor
 def box(
-    body: str, size: Sequence[Any], position: Sequence[Any] = ZERO, rotation: Any = None
+    body: str, size: VectorLike, position: VectorLike = ZERO, rotation: RotationLike = None
 ) -> Box:
     """A box with edges `size` (m), its middle at `position`, turned by `rotation` in the body's frame."""
     return Box(body, position, rotation, size)
@@ -177,7 +179,7 @@ def box(
 
 @constructor
 def half_space(
-    body: str = "ground", normal: str | Sequence[float] = "z", position: Sequence[Any] = ZERO
+    body: str = "ground", normal: str | Sequence[float] = "z", position: VectorLike = ZERO
 ) -> HalfSpace:
     """The plane through `position` and all that is behind it; `normal` points out of the matter.
 

@@ -9,6 +9,7 @@ from deltac.mechanism.bodies import body
 from deltac.mechanism.constraints import loop_revolute
 from deltac.mechanism.forces import joint_torque, spring_damper
 from deltac.mechanism.joints import revolute
+from deltac.mechanism.laws import LawLike
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Reference, Signal, coordinate, energy, instant, speed
 from deltac.trajectories import Trajectory
@@ -187,7 +188,7 @@ def _last() -> list[Reference]:
 def _mechanism() -> Mechanism:
     masses = [f"m{k}" for k in range(1, 8)]
     inertias = [f"I{k}" for k in range(1, 8)]
-    centres = [
+    centres: list[tuple[LawLike, LawLike]] = [
         ("ra", 0.0),
         ("-da", 0.0),
         ("sb", "-sa"),

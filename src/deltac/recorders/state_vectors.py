@@ -11,8 +11,9 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.dynamics.system import System, trace
-from deltac.errors import LogError, ModelError, WrongType
+from deltac.errors import LogError, ModelError, WrongType, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.simulation.equations import (
     Equations,
@@ -23,7 +24,7 @@ from deltac.simulation.equations import (
 )
 from deltac.simulation.state_form import Order, state_names, told_order, usual_orders
 from deltac.trajectories import Provenance, Trajectory
-from deltac.trajectories.trajectory import INTERPOLATED, ROWS
+from deltac.trajectories.trajectory import INTERPOLATED, ROWS, SolverResult
 
 MISREAD = 0.3
 """Changes of the coordinates that differ by more than this (relative) from the integrals of their rates."""
@@ -43,7 +44,7 @@ def is_solver_result(source: Any) -> bool:
 
 
 def trajectory_of_states(
-    source: Any,
+    source: SolverResult,
     model: ModelLike,
     *,
     order: Order = None,
@@ -59,13 +60,7 @@ def trajectory_of_states(
     if own_equations is not None and order is None:
         order = own_equations.order
     system = trace(mechanism)
-    symbols = state_symbols(system, chosen)
-    if symbols.own is not None and symbols.own.told is not None:
-        raise ModelError(
-            f"coordinates: {', '.join(symbols.coordinates)} leave the other joints of {mechanism.name!r} to "
-            "assembly, which results of a solver do not hold; let deltac.simulate(model, equations=...) "
-            "integrate these equations, or give a map with laws for all joints"
-        )
+    symbols = _complete(state_symbols(system, chosen), mechanism)
     names = state_names(symbols.coordinates, symbols.speeds)
     t, y, source_facts = _states(source, len(names))
     if y.shape != (len(t), len(names)):
@@ -100,6 +95,50 @@ def trajectory_of_states(
         speeds=mechanism.speeds.names,
         provenance=provenance or source_facts,
     )
+
+
+def in_joint_coordinates(run: Trajectory, mechanism: Mechanism, own: CoordinateMap) -> Trajectory:
+    """A run whose columns hold own coordinates and speeds, in those of the mechanism's joints.
+
+    Forces stay as they are: a force is logged by the joint or body that it acts on.
+
+    Raises InputError for a map that does not fit, and columns that are not those of the map.
+    """
+    system = trace(mechanism)
+    symbols = _complete(state_symbols(system, own), mechanism)
+    udot = np.zeros_like(run.u) if run.udot is None else run.udot
+    columns = []
+    for what, names, expected, values in (
+        ("coordinate", run.coordinates, symbols.coordinates, run.q),
+        ("speed", run.speeds, symbols.speeds, run.u),
+        ("speed", run.speeds, symbols.speeds, udot),
+    ):
+        missing = [name for name in expected if name not in names]
+        if missing:
+            raise LogError(
+                f"coordinates: the log has no {what} {missing[0]!r} of the map{closest(missing[0], names)}"
+            )
+        columns.append(values[:, [names.index(name) for name in expected]])
+    q, u, rates = _full(system, symbols)(run.t, *columns)
+    return replace(
+        run,
+        q=q,
+        u=u,
+        udot=None if run.udot is None else rates,
+        coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names,
+    )
+
+
+def _complete(symbols: StateSymbols, mechanism: Mechanism) -> StateSymbols:
+    """The state of a map that has laws for all joints; InputError for one that leaves some to assembly."""
+    if symbols.own is not None and symbols.own.told is not None:
+        raise ModelError(
+            f"coordinates: {', '.join(symbols.coordinates)} leave the other joints of {mechanism.name!r} to "
+            "assembly, which the result or log does not hold; let deltac.simulate(model, equations=...) "
+            "integrate these equations, or give a map with laws for all joints"
+        )
+    return symbols
 
 
 def _states(source: Any, width: int) -> tuple[Array, Array, Provenance]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -273,13 +274,17 @@ def _stepper(
         return FixedSteps(method, rate, p, compiled=compiled)
     if isinstance(method, ImplicitMethod):
         return ImplicitSteps(method, rate, p, getattr(options, "spectral_radius", DEFAULT_RADIUS))
-    if isinstance(options, Taylor):
-        return TaylorSteps(flow, p, options.tolerance, quad=options.quad)
-    assert isinstance(options, Sundials | Scipy)
+    assert isinstance(options, Sundials | Scipy | Taylor)
 
+    def interpreted(t: float, x: Array) -> Array:
+        return evaluate_at(flow.rate, t, x, p)[0]
+
+    if isinstance(options, Taylor):  # rounding is too smooth along a step to be followed
+        sizes = state_sizes(flow, interpreted, t, x, p, duration, math.inf)
+        return TaylorSteps(flow, p, options.tolerance, sizes, quad=options.quad)
     sized = (t, x, p, duration, options.tolerance)
     if isinstance(options, Sundials):  # on CasADi's own evaluator, whose rounding is another
-        sizes = state_sizes(flow, lambda *at: evaluate_at(flow.rate, *at, p)[0], *sized)
+        sizes = state_sizes(flow, interpreted, *sized)
         return SundialsSteps(flow, options.solver, p, options.tolerance, sizes)
     sizes = state_sizes(flow, rate, *sized)
     return ScipySteps(flow, options.solver, rate, p, options.tolerance, sizes, compiled=compiled)

@@ -177,7 +177,8 @@ class Sundials(Options):
 class Taylor(Options):
     """Heyoka's adaptive Taylor method, the reference: its order follows from the tolerance.
 
-    `tolerance` None is the precision of the numbers, double or, with `quad`, quadruple.
+    `tolerance` is relative to the size of each state, which is estimated at the start; None is the precision
+    of the numbers, double or, with `quad`, quadruple.
     """
 
     tolerance: float | None = None

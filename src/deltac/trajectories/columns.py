@@ -8,9 +8,9 @@ of a coordinate's own name is its rate; ``<joint>.vx`` is the rate of ``<joint>.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from deltac.errors import WrongType
 from deltac.mechanism.laws import Law, rate, with_values
@@ -42,7 +42,7 @@ class MechanismNames:
     branches: bool = False
 
     @classmethod
-    def of(cls, model: Any) -> MechanismNames:
+    def of(cls, model: NamesLike) -> MechanismNames:
         """The names and units of a mechanism's coordinates and speeds, or of the mechanism that `model` has.
 
         Raises WrongType where it has none.
@@ -77,6 +77,35 @@ class MechanismNames:
             dict(_laws(mechanism)),
             _branches(mechanism),
         )
+
+    def renamed(self, coordinates: Sequence[str], speeds: Sequence[str]) -> MechanismNames:
+        """With own coordinates and speeds; the unit of a new name is that of its place."""
+
+        def entries(names: Sequence[str], units: Mapping[str, str]) -> Mapping[str, str]:
+            if len(names) != len(units) or not names:
+                return {name: units.get(name, "1") for name in names} or units
+            return {
+                name: units.get(name, unit)
+                for name, unit in zip(names, units.values(), strict=True)
+            }
+
+        return replace(
+            self,
+            coordinates=entries(coordinates, self.coordinates),
+            speeds=entries(speeds, self.speeds),
+        )
+
+
+class HasMechanism(Protocol):
+    """A Problem, a Model, or whatever else has one."""
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """What moves."""
+
+
+NamesLike: TypeAlias = "MechanismNames | Mechanism | HasMechanism"
+"""What says which columns a log has."""
 
 
 def _branches(mechanism: Mechanism) -> bool:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ import numpy.typing as npt
 from deltac import rotations
 from deltac.calls.arguments import checked
 from deltac.errors import LogError, WrongType
-from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
+from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, NamesLike, si_unit
 from deltac.trajectories.motion import Fit, Movement
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
@@ -73,7 +73,7 @@ class Suspicion:
 
 
 @checked
-def suspicions(run: Trajectory, model: Any = None) -> list[Suspicion]:
+def suspicions(run: Trajectory, model: NamesLike | None = None) -> list[Suspicion]:
     """What seems wrong with the units, quaternions and times of a run; empty if nothing does.
 
     `model` distinguishes angles from lengths; without it both are considered.

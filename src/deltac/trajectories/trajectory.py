@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ from deltac.calls.caching import Once
 from deltac.calls.services import service
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Section, Shown, Table, number
 from deltac.trajectories.occurrences import Occurrence
@@ -28,6 +29,24 @@ if TYPE_CHECKING:
     import polars
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
+
+
+class OdeResult(Protocol):
+    """What SciPy's `solve_ivp` returns: times t (T,), states y (n, T)."""
+
+    t: Any
+    y: Any
+
+
+class Solution(Protocol):
+    """What diffrax returns: times ts (T,), states ys (T, n)."""
+
+    ts: Any
+    ys: Any
+
+
+SolverResult: TypeAlias = OdeResult | Solution | tuple[npt.ArrayLike, npt.ArrayLike]
+"""What an ODE solver returns; a pair are times (T,) and states (T, n)."""
 
 ROWS, INTERPOLATED = "rows", "interpolated"
 """The note of a provenance that rows lie between the steps of the solver, on its interpolant."""
@@ -465,12 +484,12 @@ class Trajectory(Shown, Once):
     @classmethod
     def from_scipy(
         cls,
-        result: Any,
-        model: Any,
+        result: SolverResult,
+        model: object,
         *,
         order: str | Sequence[str] | None = None,
-        coordinates: Any = None,
-        equations: Any = None,
+        coordinates: CoordinateMap | str | None = None,
+        equations: object = None,
         provenance: Provenance | None = None,
     ) -> Trajectory:
         """The trajectory of what an ODE solver returned, for a model.

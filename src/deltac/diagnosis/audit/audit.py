@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.calls.progress import Parts, Progress, untold
+from deltac.calls.progress import Parts, Progress, TimeLimit, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
 from deltac.diagnosis.audit.prediction import step_with
@@ -23,7 +23,7 @@ from deltac.diagnosis.inference.flow import FORCES
 from deltac.diagnosis.inference.inference import Inference, infer
 from deltac.diagnosis.inference.integrators import IntegratorEstimate
 from deltac.diagnosis.inputs import channels as motors
-from deltac.diagnosis.inputs.logs import Log, read_log
+from deltac.diagnosis.inputs.logs import Log, LogLike, read_log, read_run
 from deltac.diagnosis.verdict import (
     RUN_TOLERANCE,
     Finding,
@@ -36,10 +36,12 @@ from deltac.energy import Ledger, balance
 from deltac.energy.streaming import KEPT
 from deltac.errors import InputError, SolverError
 from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, load_model
+from deltac.models import ModelLike, chosen_map, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.trajectories import Trajectory
+from deltac.trajectories.formats.mapping import MappingLike
 
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
@@ -305,13 +307,15 @@ SHARES = {"read": 0.4, "evidence": 0.6}
 @interruptible()
 def audit(
     model: ModelLike,
-    log: Any,
+    log: LogLike,
     *,
     tolerance: float = RUN_TOLERANCE,
     work: str | None = None,
-    mapping: Any = None,
+    mapping: MappingLike = None,
+    coordinates: CoordinateMap | str | None = None,
     strict: bool = False,
     replay: bool | None = None,
+    time_limit: float | None = None,
     progress: Progress | None = None,
 ) -> Audit:
     """Judge a log against a model.
@@ -326,10 +330,15 @@ def audit(
             where the run has that, discrete where it holds every step of an engine that holds its forces over
             a step.
         mapping: path of a mapping file, for logs whose columns have other names or units.
+        coordinates: those of the log's columns, where they are not the joints': "absolute" for angles against
+            the ground, or a CoordinateMap. Forces are those of joints and bodies in any case.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
         replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
             every step: tells whether the log is this model's, and audits every step. By default where the log
             has controls, lacks forces that the model's file has, and is reproduced; the findings say so.
+        time_limit: seconds after which no more work begins that the verdict can do without: a replay that
+            nobody asked for, other conventions of the log, places and axes as causes. What was left out is a
+            finding. By default none.
         progress: called with the fraction done.
 
     Returns:
@@ -338,20 +347,26 @@ def audit(
     Raises:
         InputError: model or log cannot be read, or the log is not of this model.
     """
+    limit = TimeLimit(time_limit)
     reference = _reference(model, tolerance, work)
     parts = Parts(progress, SHARES)
     findings: tuple[Finding, ...] = ()
+    if coordinates is not None:
+        own = chosen_map(load_model(model), coordinates)
+        log, mapping = read_run(reference.mechanism, log, mapping, own), None
     if replay is not False and (replay or reference.import_report is not None):
         from deltac.diagnosis.audit import replayed
 
-        again = replayed.replayed(model, reference, log, mapping, required=bool(replay))
+        again = replayed.replayed(
+            model, reference, log, mapping, required=bool(replay), limit=limit
+        )
         findings = again.findings
         if again.run is not None:
             log, mapping = again.run, None
     source = read_log(
         reference.mechanism, log, work, mapping, keep=KEPT, progress=parts.part("read")
     )
-    return _judged(reference, source, findings, strict, parts.part("evidence"))
+    return _judged(reference, source, findings, strict, limit, parts.part("evidence"))
 
 
 def audit_together(
@@ -368,7 +383,7 @@ def audit_together(
     for run in runs:
         try:
             source = read_log(reference.mechanism, run, work, None, keep=KEPT)
-            results.append(_judged(reference, source, [], strict))
+            results.append(_judged(reference, source, [], strict, TimeLimit()))
         except InputError as error:
             results.append(error)
     return results
@@ -395,6 +410,7 @@ def _judged(
     log: Log,
     known: Sequence[Finding],
     strict: bool,
+    limit: TimeLimit,
     progress: Progress = untold,
 ) -> Audit:
     """The audit of a log: what its columns say, the inference of its rows, the verdict."""
@@ -409,15 +425,19 @@ def _judged(
     findings += checks.assumed_zero_finding(missing)
     progress(0.2)
     doubted = any(f.weight == "doubt" for f in findings)
-    inference = None if doubted else infer(mechanism, log.consecutive, ledger.energy_exchanged)
+    inference = (
+        None if doubted else infer(mechanism, log.consecutive, ledger.energy_exchanged, limit)
+    )
     progress(0.7)
     reading = None
     certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]
     if inference is not None and not certain:
-        reading = convention(mechanism, log.consecutive, inference)
+        if not limit.passed("other conventions of the log"):
+            reading = convention(mechanism, log.consecutive, inference)
         if reading is not None:  # in which forces of the log's states are others, too
             findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
         findings += checks.missing_equalities(mechanism, report, run, inference)
+    findings += checks.left_out(limit)
     function = function_of(ledger)
     in_loop = ledger.method == "in-loop" and bool(run.integrals or run.works)
     log = _with_held_works(reference, log, inference)

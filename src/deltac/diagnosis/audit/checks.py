@@ -11,6 +11,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.calls.progress import TimeLimit
 from deltac.codes import FINDINGS
 from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.measurements.digits import scatter
@@ -399,3 +400,18 @@ def _equality(constraint: Constraint, left: float, together: int) -> Finding:
         "cause",
         f"constraint {name}",
     )
+
+
+def left_out(limit: TimeLimit) -> list[Finding]:
+    """What the audit could do without and did not begin, since its time had passed."""
+    if not limit.skipped:
+        return []
+    return [
+        Finding(
+            "time-limit",
+            f"the audit ended early and left out: {', '.join(limit.skipped)}",
+            f"time limit {limit.seconds:g} s",
+            "Raise time_limit (--time-limit), or audit a part of the log",
+            "note",
+        )
+    ]

@@ -268,7 +268,8 @@ def _orders_and_signs(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading
             "absolute-angles",
             "",
             "angles are relative to the ground, not to the parent body",
-            "Subtract the angle and the speed of the parent's joint; deltac's joints count from their parent",
+            'Read them so: coordinates="absolute" (--coordinates absolute); deltac\'s joints count from '
+            "their parent",
             same - before,
         )
     for a, b in combinations(range(len(names)), 2):

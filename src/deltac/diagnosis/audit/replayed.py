@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,15 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.audit.checks import assumed_zero
-from deltac.diagnosis.inputs.logs import in_model_order
+from deltac.diagnosis.inputs.logs import LogLike, in_model_order
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.errors import ArgumentsError, InputError, LogError, listed
 from deltac.mechanism.mechanism import Mechanism
+from deltac.models import ModelLike
 from deltac.recorders.mujoco_recorder import compiled_model
 from deltac.recorders.replay import TRIED, Replay, replay_mujoco
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.files import log_reading, naming
+from deltac.trajectories.formats.mapping import MappingLike
 from deltac.trajectories.formats.objects import is_table
 from deltac.trajectories.formats.reading import LogReading
 from deltac.trajectories.formats.recognition import arrays_named
@@ -42,7 +46,13 @@ class Attempt:
 
 
 def replayed(
-    model: Any, reference: Reference, log: Any, mapping: Any, *, required: bool
+    model: ModelLike,
+    reference: Reference,
+    log: LogLike,
+    mapping: MappingLike,
+    *,
+    required: bool,
+    limit: TimeLimit,
 ) -> Attempt:
     """Every step of a log's motion, and whether it is the model's.
 
@@ -73,7 +83,7 @@ def replayed(
             missing = assumed_zero(reading.trajectory(), report)
         except InputError:  # the audit says what is wrong with the log
             return Attempt(None)
-        return _unasked(program, mechanism, reading, missing) if missing else Attempt(None)
+        return _unasked(program, mechanism, reading, missing, limit) if missing else Attempt(None)
 
 
 def _attempt(program: Any, mechanism: Mechanism, reading: LogReading) -> Attempt:
@@ -84,7 +94,11 @@ def _attempt(program: Any, mechanism: Mechanism, reading: LogReading) -> Attempt
 
 
 def _unasked(
-    program: Any, mechanism: Mechanism, reading: LogReading, missing: Sequence[str]
+    program: Any,
+    mechanism: Mechanism,
+    reading: LogReading,
+    missing: Sequence[str],
+    limit: TimeLimit,
 ) -> Attempt:
     """The replay of a log that lacks the forces of the channels `missing`, or why there is none."""
     if program.nu and not _arrays(reading, CONTROLS, program.nu):
@@ -95,12 +109,19 @@ def _unasked(
             "Of this log can be judged whether coordinates move as their speeds say and, in free flight, the "
             "momentum of the whole",
         )
+    if limit.passed("the replay of the log by MuJoCo"):
+        return Attempt(None)
     try:
+        start = time.monotonic()
         replay, _ = _stepped(program, mechanism, reading, TRIED + 1)
         if 2 * len(replay.departures) > len(replay.missed):
             departs = replace(_of(replay), kind="not-replayed", weight="note")
             return Attempt(None, (departs,))
-        steps = replay.steps * (len(reading.trajectory()) - 1)
+        intervals = len(reading.trajectory()) - 1
+        seconds = (time.monotonic() - start) * intervals / len(replay.missed)
+        if limit.passed("the replay of the log by MuJoCo", seconds):
+            return Attempt(None)
+        steps = replay.steps * intervals
         if steps > MOST_STEPS:
             return _not_replayed(
                 "the log is long, and was not stepped again",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -15,9 +14,12 @@ from deltac.diagnosis.explain.separation import advice
 from deltac.diagnosis.inference.hypotheses import CERTAIN, Fit, nothing
 from deltac.diagnosis.inference.inference import Inference, infer
 from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_words, other_gears
-from deltac.diagnosis.inputs.logs import in_model_order
-from deltac.errors import ArgumentsError, LogError, ModelError
+from deltac.diagnosis.inputs.logs import LogLike, in_model_order, read_run
+from deltac.errors import LogError, ModelError
+from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.models import ModelLike, chosen_map, load_model
 from deltac.trajectories import Trajectory
+from deltac.trajectories.formats.mapping import MappingLike
 
 PASSIVE = ("spring", "damper")
 """Kinds of which the model's own forces are tested, where it is asked to explain a run by itself."""
@@ -32,7 +34,12 @@ UNSEEN = 0.3
 @checked
 @interruptible()
 def explain_residual(
-    model: Any, log: Any, *, mapping: Any = None, progress: Progress | None = None
+    model: ModelLike,
+    log: LogLike,
+    *,
+    mapping: MappingLike = None,
+    coordinates: CoordinateMap | str | None = None,
+    progress: Progress | None = None,
 ) -> Explanation:
     """Find the few changes of a model that explain the residual of its equations along a log.
 
@@ -45,8 +52,9 @@ def explain_residual(
 
     Args:
         model: as for `audit`.
-        log: a Trajectory, or the path of a log.
+        log: as for `audit`.
         mapping: path of a mapping file, for logs whose columns have other names or units.
+        coordinates: those of the log's columns, as for `audit`.
         progress: called with the fraction done.
 
     Returns:
@@ -55,16 +63,10 @@ def explain_residual(
     Raises:
         InputError: model or log cannot be read, the log is not of this model, or it is too short.
     """
-    from deltac.models import load_model
-    from deltac.trajectories import read_trajectory
-
     loaded = load_model(model)
     mechanism = loaded.mechanism
-    if not isinstance(log, Trajectory):
-        log = read_trajectory(log, mapping, mechanism)
-    elif mapping is not None:
-        raise ArgumentsError("mapping= is for log files; this log is a Trajectory already")
-    run, _ = in_model_order(mechanism, log)
+    chosen = None if coordinates is None else chosen_map(loaded, coordinates)
+    run, _ = in_model_order(mechanism, read_run(mechanism, log, mapping, chosen))
     if not len(mechanism.free.u):
         raise ModelError(
             "every joint of the model is prescribed: no equation of motion is left to explain"

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.integrate import simpson
 
 from deltac.arrays import Array
+from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
 from deltac.diagnosis.causes.geometry import geometry_columns
@@ -193,10 +194,13 @@ class Inference:
         return _deviation(self.blocks, c, self.posterior.best, self.tau)
 
 
-def infer(mechanism: Mechanism, run: Trajectory, energy: float = 0.0) -> Inference | None:
+def infer(
+    mechanism: Mechanism, run: Trajectory, energy: float = 0.0, limit: TimeLimit | None = None
+) -> Inference | None:
     """The inference for a run whose columns are in the mechanism's order; None for too few rows.
 
     `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it are not told.
+    Places and axes are no causes where the time `limit` has passed.
     """
     if not len(mechanism.free.u) or len(run) < 3:
         return None
@@ -210,7 +214,11 @@ def infer(mechanism: Mechanism, run: Trajectory, energy: float = 0.0) -> Inferen
         with np.errstate(all="ignore"), compiled():
             inferring = _Inferring(model, run, log, evaluator, kernels, energy)
             result = inferring.result()
-            if result.finds_something and kernels.cost < MOST_COST:
+            if (
+                result.finds_something
+                and kernels.cost < MOST_COST
+                and not (limit is not None and limit.passed("places and axes as causes"))
+            ):
                 # Only then is it asked for places and axes: their columns are as many again.
                 inferring.add(geometry_columns(evaluator))
                 result = inferring.result()

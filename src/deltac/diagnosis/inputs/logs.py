@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 
@@ -18,13 +18,18 @@ from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import OVERLAP, balance_chunks
 from deltac.errors import ArgumentsError, LogError, closest, listed
+from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.coordinates import Entries
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
+from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.trajectory import BY_LAW, FRAMES, LEFT_OUT, row_name
 
 if TYPE_CHECKING:
     from deltac.trajectories import Chunk
+    from deltac.trajectories.formats.mapping import MappingLike
+    from deltac.trajectories.formats.objects import LogSource
+    from deltac.trajectories.trajectory import SolverResult
 
 
 def in_model_order(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:
@@ -113,11 +118,48 @@ class Log:
     comparisons: Mapping[str, Comparison] = field(default_factory=dict)
 
 
+LogLike: TypeAlias = "Trajectory | LogSource | SolverResult"
+"""What every verb takes for a log: a run, a file, a table, or what an ODE solver returned."""
+
+
+def read_run(
+    mechanism: Mechanism,
+    source: LogLike,
+    mapping: MappingLike,
+    coordinates: CoordinateMap | None = None,
+) -> Trajectory:
+    """The run that `source` means, by its joints; its columns may be own `coordinates` and speeds.
+
+    Raises InputError for a log that cannot be read, or is of another model.
+    """
+    # Runs that were simulated need no reader of files.
+    if isinstance(source, Trajectory):
+        if mapping is not None:
+            raise ArgumentsError("mapping= is for log files; this log is a Trajectory already")
+        run = source
+    else:
+        from deltac.trajectories import read_trajectory
+        from deltac.trajectories.formats.objects import is_table
+
+        if not (isinstance(source, str | Path) or is_table(source)):
+            result = cast("SolverResult", source)
+            return Trajectory.from_scipy(result, mechanism, coordinates=coordinates)
+        names = MechanismNames.of(mechanism)
+        if coordinates is not None:
+            names = names.renamed(coordinates.coordinates, coordinates.speeds)
+        run = read_trajectory(source, mapping, names)
+    if coordinates is None:
+        return run
+    from deltac.recorders.state_vectors import in_joint_coordinates
+
+    return in_joint_coordinates(run, mechanism, coordinates)
+
+
 def read_log(
     mechanism: Mechanism,
-    source: Any,
+    source: LogLike,
     work: str | None,
-    mapping: Any,
+    mapping: MappingLike,
     *,
     measured: bool = True,
     keep: int | None = None,
@@ -134,25 +176,13 @@ def read_log(
 
     Raises InputError for a log that cannot be read, or is of another model.
     """
-    if isinstance(source, Trajectory):
-        if mapping is not None:
-            raise ArgumentsError("mapping= is for log files; this log is a Trajectory already")
-        return _whole(mechanism, source, work, measured=measured, keep=keep)
-    # Runs that were simulated need no reader of files.
-    from deltac.trajectories import read_trajectory
-    from deltac.trajectories.formats.objects import is_table
-
-    if is_table(source):
-        run = read_trajectory(source, mapping, mechanism)
-    elif isinstance(source, str | Path):
+    if isinstance(source, str | Path):
         path = Path(source)
         rows, columns = _size(path)
         if rows * columns > LARGE:
             part = max(4, PART // columns // 4 * 4)
             return _in_parts(mechanism, path, work, mapping, part, progress)
-        run = read_trajectory(path, mapping, mechanism)
-    else:
-        run = Trajectory.from_scipy(source, mechanism)
+    run = read_run(mechanism, source, mapping)
     return _whole(mechanism, run, work, measured=measured, keep=keep)
 
 
@@ -227,7 +257,12 @@ def balanced(
 
 
 def _in_parts(
-    mechanism: Mechanism, path: Path, work: str | None, mapping: Any, rows: int, progress: Progress
+    mechanism: Mechanism,
+    path: Path,
+    work: str | None,
+    mapping: MappingLike,
+    rows: int,
+    progress: Progress,
 ) -> Log:
     from deltac.trajectories import scan_trajectory
 

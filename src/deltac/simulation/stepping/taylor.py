@@ -43,10 +43,14 @@ KINKED = (
 class TaylorSteps(Stepper):
     """Taylor's method from sample to sample; its own steps within, and its state, are its own.
 
-    The state is kept in the method's precision, and only what is recorded is rounded.
+    The state is kept in the method's precision, and only what is recorded is rounded. Each is a share of
+    its size, since the method goes by the largest of all; sizes are powers of two, so that scaling rounds
+    nothing.
     """
 
-    def __init__(self, flow: Flow, p: Array, tolerance: float | None, *, quad: bool) -> None:
+    def __init__(
+        self, flow: Flow, p: Array, tolerance: float | None, sizes: Array, *, quad: bool
+    ) -> None:
         """Its order follows from the tolerance, whose default is the precision of the numbers.
 
         Raises InputError where heyoka is not installed.
@@ -61,6 +65,7 @@ class TaylorSteps(Stepper):
         self._flow, self._tolerance = flow, tolerance
         self._real: Any = hy.real128 if quad else float
         self._quaternions = flow.quaternions
+        self._sizes = np.exp2(np.round(np.log2(sizes)))
         self._p, self._at, self._pair = p, math.nan, dict[tuple[float, ...], tuple[Any, Any]]()
 
     @property
@@ -73,6 +78,9 @@ class TaylorSteps(Stepper):
         if key not in self._pair:
             kept = _taylor_method(self._flow, key, self._tolerance, self._real)
             self._pair[key] = copy.copy(kept), copy.copy(kept)
+            for method in self._pair[key]:
+                used = len(method.pars)  # those of states that neither change nor act are left out
+                method.pars[:] = self._sizes[:used].astype(self._real)
         return self._pair[key]
 
     def attempt(self, t: float, x: Array, until: float) -> Step:
@@ -84,14 +92,14 @@ class TaylorSteps(Stepper):
                 return x
             self._place(probe, t, x)
             probe.propagate_until(self._real(time))
-            return np.asarray(probe.state).astype(np.float64)
+            return self._state(probe.state)
 
         if self._at != t:
             self._place(method, t, x)
             method.propagate_until(self._real(t + self._first(method, until - t)))
         method.propagate_until(self._real(until))
         self._at = until
-        return Step(t, x, until, np.asarray(method.state).astype(np.float64), exact)
+        return Step(t, x, until, self._state(method.state), exact)
 
     def accept(self, t: float, x: Array) -> None:
         """The method goes on by itself, unless it is ahead of what is accepted."""
@@ -111,7 +119,7 @@ class TaylorSteps(Stepper):
             times = times[:2]
             limit = {"max_delta_t": self._real(self._first(method, times[1] - times[0]))}
         outcome = method.propagate_grid(times.astype(self._real), **limit)
-        found = np.asarray(outcome[-1]).astype(np.float64)[1:]
+        found = self._state(outcome[-1])[1:]
         # What was not reached is not finite.
         states = np.full((len(times) - 1, len(x)), np.nan)
         states[: len(found)] = found
@@ -122,7 +130,11 @@ class TaylorSteps(Stepper):
 
     def _place(self, method: Any, t: float, x: Array) -> None:
         method.time = self._real(t)
-        method.state[:] = x.astype(self._real)
+        method.state[:] = (x / self._sizes).astype(self._real)
+
+    def _state(self, shares: Any) -> Array:
+        """States in their units."""
+        return np.asarray(shares).astype(np.float64) * self._sizes
 
     def _first(self, method: Any, most: float) -> float:
         """A safe length of the first step, from all Taylor coefficients at the start.
@@ -146,7 +158,10 @@ class TaylorSteps(Stepper):
 def _taylor_method(
     flow: Flow, p: tuple[float, ...], tolerance: float | None, real: type[Any]
 ) -> Any:
-    """Heyoka's integrator of the flow, at no state in particular: made once, or from the disk cache."""
+    """Heyoka's integrator of the flow, at no state in particular: made once, or from the disk cache.
+
+    Its states are shares of their sizes, which are its parameters.
+    """
     import heyoka as hy
 
     from deltac.kernels import compiled, prepare_heyoka, to_heyoka
@@ -155,11 +170,13 @@ def _taylor_method(
     xdot = ca.densify(ca.substitute(flow.xdot, flow.p, ca.DM(p))) if p else ca.densify(flow.xdot)
     function = ca.Function("xdot", [flow.t, flow.x], [ca.cse(xdot)])
     _require_smooth(flow, function)
-    source = (prepare_heyoka(), real.__name__, tolerance, function.serialize())
+    source = ("shares of sizes", prepare_heyoka(), real.__name__, tolerance, function.serialize())
 
     def made() -> Any:
         names = [hy.expression(f"x{k}") for k in range(flow.x.shape[0])]
-        (rates,) = to_heyoka(function, [[hy.time], names])
+        states = [hy.par[k] * x for k, x in enumerate(names)]
+        (rates,) = to_heyoka(function, [[hy.time], states])
+        rates = [rate / hy.par[k] for k, rate in enumerate(rates)]
         options: dict[str, Any] = {"tol": real(tolerance)} if tolerance is not None else {}
         nowhere = np.zeros(len(names)).astype(real)
         return hy.taylor_adaptive(

@@ -8,21 +8,21 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, TypeAlias
+from typing import BinaryIO, TypeAlias
 
 from deltac.calls.arguments import checked
 from deltac.calls.stubs import registered
 from deltac.errors import FileError, InputError, LimitError, UnknownName, closest
 from deltac.foreign.files import appearing, opened
 from deltac.foreign.limits import Limits, require_memory
-from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.columns import MechanismNames, NamesLike
 from deltac.trajectories.formats.delimited import read_csv, write_csv
 from deltac.trajectories.formats.episodes import first_episode, only_episode
 from deltac.trajectories.formats.hdf5 import read_hdf5, write_hdf5
-from deltac.trajectories.formats.mapping import LogMapping, as_mapping
+from deltac.trajectories.formats.mapping import MappingLike, as_mapping
 from deltac.trajectories.formats.matlab import read_mat, write_mat
 from deltac.trajectories.formats.npz import read_npy, read_npz, write_npz
-from deltac.trajectories.formats.objects import read_table
+from deltac.trajectories.formats.objects import LogSource, read_table
 from deltac.trajectories.formats.opensim import is_opensim_folder, read_opensim, read_opensim_folder
 from deltac.trajectories.formats.parquet import read_parquet, write_parquet
 from deltac.trajectories.formats.raw import RawLog, checked_raw
@@ -116,9 +116,9 @@ def write_trajectory(run: Trajectory, path: str | Path) -> None:
 
 @checked
 def read_trajectory(
-    log: Any,
-    mapping: LogMapping | str | Path | None = None,
-    model: Any = None,
+    log: LogSource,
+    mapping: MappingLike = None,
+    model: NamesLike | None = None,
 ) -> Trajectory:
     """Read a log in the format of its suffix (see `FORMATS`), of deltac or of another program.
 
@@ -143,7 +143,7 @@ def read_trajectory(
 
 
 def explain(
-    log: Any, mapping: LogMapping | str | Path | None = None, model: Any = None
+    log: LogSource, mapping: MappingLike = None, model: NamesLike | None = None
 ) -> list[ColumnReading]:
     """How `read_trajectory` reads each column of a file, without judging the values.
 
@@ -153,7 +153,7 @@ def explain(
         return log_reading(log, mapping, model, lambda raw: raw).explain()
 
 
-def draft_mapping(log: Any, model: Any) -> str:
+def draft_mapping(log: LogSource, model: NamesLike) -> str:
     """A mapping file (TOML) for a log of another program: what is recognised, guessed and missing.
 
     Raises InputError for a log that cannot be read, or is deltac's own.
@@ -164,7 +164,10 @@ def draft_mapping(log: Any, model: Any) -> str:
 
 
 def log_reading(
-    log: Any, mapping: Any, model: Any, episode: Callable[[RawLog], RawLog] = only_episode
+    log: LogSource,
+    mapping: MappingLike,
+    model: NamesLike | None,
+    episode: Callable[[RawLog], RawLog] = only_episode,
 ) -> LogReading:
     """How a log is read, with its columns as they are (`raw`): `episode` chooses one of several."""
     names = None if model is None else MechanismNames.of(model)
@@ -192,7 +195,7 @@ def read_raw(path: str | Path) -> RawLog:
 
 
 @contextmanager
-def naming(path: Any) -> Iterator[None]:
+def naming(path: object) -> Iterator[None]:
     """Put the file's name before the message of an InputError; a table has none."""
     try:
         yield

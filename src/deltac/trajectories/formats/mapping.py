@@ -38,7 +38,7 @@ import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from deltac.errors import InputError, LogError, WrongType, closest, shown
 from deltac.foreign.files import read_text
@@ -108,7 +108,11 @@ def read_mapping(path: str | Path) -> LogMapping:
     return _Parser(document, str(path), _places(text)).mapping()
 
 
-def as_mapping(mapping: LogMapping | str | Path | None) -> LogMapping | None:
+MappingLike: TypeAlias = LogMapping | str | Path | None
+"""What every verb takes for the mapping of a log's columns: see `as_mapping`."""
+
+
+def as_mapping(mapping: MappingLike) -> LogMapping | None:
     """A mapping from its file, or as it is."""
     if isinstance(mapping, str | Path):
         return read_mapping(mapping)
@@ -120,7 +124,7 @@ def as_mapping(mapping: LogMapping | str | Path | None) -> LogMapping | None:
     return mapping
 
 
-def with_step(mapping: LogMapping | str | Path | None, step: float) -> LogMapping:
+def with_step(mapping: MappingLike, step: float) -> LogMapping:
     """The mapping, or none, for rows that are `step` (s) apart whatever times the log has.
 
     Raises InputError for a step that is not positive and finite.

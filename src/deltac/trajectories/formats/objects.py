@@ -3,15 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol, TypeAlias, TypeGuard
 
 import numpy as np
+import numpy.typing as npt
 
 from deltac.errors import NO_NUMBER, WrongType
 from deltac.trajectories.formats.raw import Collector, RawLog, entries
 
 
-def is_table(source: Any) -> bool:
+class Frame(Protocol):
+    """A DataFrame of pandas or polars."""
+
+    @property
+    def columns(self) -> Any:
+        """The names of its columns."""
+
+    def __getitem__(self, name: Any, /) -> Any:
+        """A column."""
+
+
+class Dataset(Protocol):
+    """A Dataset of xarray."""
+
+    @property
+    def data_vars(self) -> Any:
+        """Its arrays by name."""
+
+
+Table: TypeAlias = Mapping[str, Any] | npt.NDArray[Any] | Frame | Dataset
+"""A log in memory: arrays by name, nested or not; a frame; an array (T, n)."""
+
+LogSource: TypeAlias = str | Path | Table
+"""A log that is read: a file, or a table."""
+
+
+def is_table(source: object) -> TypeGuard[Table]:
     """Whether this is a table, by what it offers: pandas, polars and xarray need not be loaded for that."""
     if isinstance(source, Mapping):
         return not hasattr(source, "y")  # SciPy's result is a dictionary too
@@ -22,7 +50,7 @@ def is_table(source: Any) -> bool:
     )
 
 
-def read_table(source: Any) -> RawLog:
+def read_table(source: object) -> RawLog:
     """The columns of a table, as those of a file; nested dictionaries are joined by dots.
 
     Raises WrongType for what is no table.

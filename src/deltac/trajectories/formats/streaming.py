@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError, LogError
 from deltac.foreign.files import opened
-from deltac.trajectories.columns import MechanismNames
+from deltac.trajectories.columns import MechanismNames, NamesLike
 from deltac.trajectories.formats.files import naming
-from deltac.trajectories.formats.mapping import LogMapping, as_mapping
+from deltac.trajectories.formats.mapping import LogMapping, MappingLike, as_mapping
 from deltac.trajectories.formats.parquet import parquet_facts, read_parquet_part
 from deltac.trajectories.formats.reading import LogReading
 from deltac.trajectories.trajectory import Trajectory
@@ -40,8 +39,8 @@ def scan_trajectory(
     path: str | Path,
     rows: int = 100_000,
     overlap: int = 1,
-    mapping: LogMapping | str | Path | None = None,
-    model: Any = None,
+    mapping: MappingLike = None,
+    model: NamesLike | None = None,
 ) -> Iterator[Chunk]:
     """Read a Parquet log in chunks of `rows` rows that see `overlap` rows of their neighbours.
 

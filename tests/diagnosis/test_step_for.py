@@ -40,8 +40,22 @@ def test_a_run_at_that_step_has_that_error(case: tuple[str, str]) -> None:
 
 def test_it_is_refused_where_nothing_is_known() -> None:
     pendulum = dc.problems.load("simple-pendulum")
-    with pytest.raises(dc.InputError, match="within their error"):
+    with pytest.raises(dc.InputError, match="of the log"):
         dc.audit(pendulum, log_of(pendulum, "ode8", 2e-3)).step_for(1e-6)
     disc = dc.problems.load("rolling-disc")
     with pytest.raises(dc.InputError, match="constraints"):
         dc.audit(disc, log_of(disc, "implicit-midpoint", 4e-3)).step_for(1e-6)
+
+
+@pytest.mark.parametrize("rated", [True, False])
+@pytest.mark.parametrize("name", ["bead-on-hoop", "driven-pendulum"])
+def test_joules_of_the_integrator_where_joints_are_driven(name: str, rated: bool) -> None:
+    """ΔC of a right model is all of the integrator: by the ledger, and by the error of each step."""
+    problem = dc.problems.load(name)
+    run = dc.simulate(problem, None, 1.0, 2e-3, "ode1")
+    log = replace(run, udot=run.udot if rated else None, forces={}, works={}, integrals={})
+    audit = dc.audit(problem, log)
+    assert audit.attribution is not None
+    delta_c = audit.ledger.delta_c["wang"]
+    apart = np.abs(audit.attribution.integrator.curve - delta_c)
+    assert apart.max() < 0.04 * np.abs(delta_c).max()

@@ -158,9 +158,9 @@ class Audit(
         energy, error = self.attribution.integrator.largest
         if energy <= SIGNIFICANT * error:
             return f"its joules, {energy:.2g} J, are within their error"
-        others = self.attribution.log.largest[0]
+        others = float(np.hypot(*self.attribution.log.largest))
         if energy <= SIGNIFICANT * others:
-            return f"beside its {energy:.2g} J, {others:.2g} J of ΔC are of the log"
+            return f"beside its {energy:.2g} J, up to {others:.2g} J of ΔC are of the log"
         return ""
 
     @property

@@ -1,7 +1,7 @@
 """What the integrator of a log would do at another step: its joules, along the rows of the log.
 
-A method that closes the rows is tried at the other step from each of them: what the energy at the end of such
-a step is beyond that of the exact flow, divided by the step, is the power of its error, with all orders of the
+A method that closes the rows is tried at the other step from each of them: the energy at the end of such a
+step beyond that of the exact flow, divided by the step, is the power of its error, with all orders of the
 step. Where only the numbers of a method are known, its joules grow with the power that is its order.
 """
 
@@ -90,7 +90,8 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
         intervals = Intervals(start, Rows(start.t + step, start.q, start.u, last))
         end = predict(model, intervals, force, np.zeros((len(start.t), 2 * model.n))).end
         after = _stepped(inference, method, intervals, end, force)
-        power = (model.energy(after)[0] - model.energy(end)[0]) / step
+        slope = 0.5 * (model.energy_gradient(end) + model.energy_gradient(after))
+        power = np.einsum("km,km->k", slope, model.difference(end, after)) / step
         return float(np.abs(np.cumsum(power * weight)).max())
 
     return joules

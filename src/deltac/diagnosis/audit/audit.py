@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Parts, Progress, TimeLimit, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
-from deltac.diagnosis.audit.prediction import step_with
+from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Evidence, judge
 from deltac.diagnosis.explain.explain import explanation_of
 from deltac.diagnosis.explain.result import Cause
@@ -74,6 +75,7 @@ class Audit(
         "method",
         "delta_c",
         "error_bar",
+        "momenta",
         "rows",
         "samples",
         "imported",
@@ -131,7 +133,8 @@ class Audit(
         """The step (s) that would keep |ΔC| of the integrator within a fraction of `reference_energy`.
 
         Predicted from this log, not run: a known method is tried at other steps from the rows of the log; of
-        one that only its numbers tell, the joules grow with the power of the step that is its order.
+        one that only its numbers tell, the joules grow with the power of the step that is its order. At most
+        ten times the step of the log: what longer ones would do its rows do not tell.
 
         Raises InputError (E-SOLVER) where that is not known: wrong equations, constraints or impacts, whose
         errors have no such order, an integrator that is not identified, joules within their own error or
@@ -143,6 +146,20 @@ class Audit(
                 f"step_for: {self._unpredictable}. `deltac.recommend` finds a step by running the model"
             )
         return step_with(self.inference, self.attribution.integrator.largest[0], accepted)
+
+    @cached_property
+    def _predicted(self) -> str:
+        """The step for the tolerance, or why none can be predicted; empty where the equations are wrong."""
+        if self.verdict.kind == "equation-error" or self.inference is None:
+            return ""
+        if self._unpredictable:
+            return f"No step can be predicted for the tolerance: {self._unpredictable}."
+        step = self.step_for(self.tolerance)
+        longest = step >= 0.999 * LONGEST * self.inference.integrator.step
+        return (
+            f"Steps of {1e3 * step:.2g} ms {'or more ' if longest else ''}would keep ΔC below "
+            f"{100 * self.tolerance:g} %: predicted, not run."
+        )
 
     @property
     def _unpredictable(self) -> str:
@@ -238,6 +255,10 @@ class Audit(
         """Largest error bar of each testing function, J."""
         return {name: float(x.max()) for name, x in self.ledger.error_bar.items()}
 
+    def momenta(self) -> dict[str, dict[str, float]]:
+        """Of each speed: largest |ΔP_r|, its error bar (kg·m/s, kg·m²/s), its share of p_r's changes."""
+        return self.ledger.momenta()
+
     @property
     def samples(self) -> int:
         """How many samples were judged."""
@@ -281,6 +302,8 @@ class Audit(
                 ),
             )
         yield from self.verdict.sections()
+        if self._predicted:
+            yield self._predicted
         if self.import_report is not None:
             yield from self.import_report.sections()
 

@@ -17,8 +17,11 @@ from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.inference.integrators import Integrator
 from deltac.diagnosis.inference.model import Rows
 
-ROWS = 400
+ROWS = 200
 """Rows of the log from which a method is tried, at most: the largest of a sum needs two digits."""
+
+SHARE = 0.1
+"""Share of the errors of a step that is noise to the flow from which they are measured."""
 
 CORRECTIONS = 60
 """Corrections of an implicit step by its fixed point, which contracts where the step is small enough."""
@@ -29,6 +32,12 @@ SETTLED = 1e-10
 TRIALS = 6
 """Steps that are tried, at most; the secant's error is below a per cent after three."""
 
+LONGEST = 10.0
+"""Steps, in steps of the log, up to which its rows tell what a method does."""
+
+LEAST_ORDER = 0.5
+"""Slope below which the joules are not in an order of the step."""
+
 CLOSE = 0.01
 """Relative error of a predicted step."""
 
@@ -36,29 +45,26 @@ CLOSE = 0.01
 def step_with(inference: Inference, energy: float, accepted: float) -> float:
     """The step (s) at which the integrator's joules reach `accepted`, if they reach `energy` at its own.
 
-    The secant of log energy over log step, from the power law of the order on.
+    The secant of log energy over log step, from the power law of the order on. At most `LONGEST` times the
+    step of the log.
     """
-    integrator = inference.integrator
-    own, order = integrator.step, float(integrator.order)
-    goal = np.log(accepted / energy)
+    own, order = inference.integrator.step, float(inference.integrator.order)
+    goal, farthest = float(np.log(accepted / energy)), float(np.log(LONGEST))
     size = _size(inference)
-    if size is None:
-        return float(own * np.exp(goal / order))
-    at = size(own)
-    if not (np.isfinite(at) and at > 0.0):
-        return float(own * np.exp(goal / order))
+    at = 0.0 if size is None else size(own)
     x, y, slope = 0.0, 0.0, order
-    for _ in range(TRIALS):
-        after = x + (goal - y) / slope
-        value = size(own * np.exp(after))
+    for _ in range(TRIALS if size is not None and np.isfinite(at) and at > 0.0 else 0):
+        after = min(x + (goal - y) / slope, farthest)
+        value = size(own * np.exp(after)) if size is not None else 0.0
         if not (np.isfinite(value) and value > 0.0):
-            return float(own * np.exp(x + (goal - y) / slope))
-        gap, reached = after - x, float(np.log(value / at))
-        if abs(reached - goal) < CLOSE * slope:
-            return float(own * np.exp(after + (goal - reached) / slope))
-        slope = (reached - y) / gap if (reached - y) / gap > 0.5 else slope
+            break  # the method leaves all bounds there: the law of the steps before stands
+        reached = float(np.log(value / at))
+        secant = (reached - y) / (after - x) if after != x else slope
+        slope = secant if secant > LEAST_ORDER else slope
         x, y = after, reached
-    return float(own * np.exp(x + (goal - y) / slope))
+        if abs(goal - y) < CLOSE * slope or (x == farthest and y < goal):
+            break
+    return float(own * np.exp(min(x + (goal - y) / slope, farthest)))
 
 
 def _size(inference: Inference) -> Callable[[float], float] | None:
@@ -74,12 +80,14 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
     start, t = log.intervals.start.take(some), log.intervals.start.t
     duration = log.intervals.h[:, 0]
     weight = np.add.reduceat(duration, np.arange(len(duration))[some])
+    own, order = inference.integrator.step, inference.integrator.order
     a, b, _ = np.array([FORCES[kind] for kind in inference.forces]).reshape(-1, 3).T
 
     def logged(at: Array) -> Array:
         columns = [np.interp(at, t, column) for column in log.intervals.start.F.T]
         return np.stack(columns, axis=1) if columns else np.zeros((len(at), 0))
 
+    @np.errstate(all="ignore")
     def joules(step: float) -> float:
         last = logged(start.t + step)
 
@@ -88,7 +96,8 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
             return np.where(b > 0.0, logged(start.t + share * step), held)
 
         intervals = Intervals(start, Rows(start.t + step, start.q, start.u, last))
-        end = predict(model, intervals, force, np.zeros((len(start.t), 2 * model.n))).end
+        defects = np.abs(inference.w[some]) * min(step / own, 1.0) ** (order + 1)
+        end = predict(model, intervals, force, SHARE * defects).end
         after = _stepped(inference, method, intervals, end, force)
         slope = 0.5 * (model.energy_gradient(end) + model.energy_gradient(after))
         power = np.einsum("km,km->k", slope, model.difference(end, after)) / step

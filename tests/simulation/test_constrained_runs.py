@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -348,7 +349,7 @@ def test_a_mechanism_at_the_end_of_its_reach_stops_with_words() -> None:
 WHEEL = 0.3
 
 
-def car(*, sprung: bool, torque: float = 20.0, aside: float = 0.0) -> dc.Mechanism:
+def car(*, sprung: bool, torque: float = 20.0, aside: Any = 0.0, **options: Any) -> dc.Mechanism:
     """500 kg on four wheels of 10 kg that roll; the rear ones are driven. Sprung, it may lean and pitch."""
     bodies = [dc.bodies.box("body", 500.0, (2.0, 1.0, 0.4))]
     joints, constraints = [dc.free("base", "body")], []
@@ -366,7 +367,8 @@ def car(*, sprung: bool, torque: float = 20.0, aside: float = 0.0) -> dc.Mechani
         joints.append(dc.revolute(f"axle {k}", f"hub {k}", f"wheel {k}", "y"))
         constraints.append(dc.constraints.rolling(f"tyre {k}", f"wheel {k}", WHEEL))
     motors = [dc.forces.joint_torque(f"motor {k}", f"axle {k}", torque) for k in (2, 3)]
-    return dc.Mechanism(bodies, joints, motors, constraints=constraints, gravity=(0, aside, -9.81))
+    gravity = (0, aside, -9.81)
+    return dc.Mechanism(bodies, joints, motors, constraints=constraints, gravity=gravity, **options)
 
 
 def rolling(mechanism: dc.Mechanism, speed: float) -> dc.State:
@@ -401,3 +403,19 @@ def test_a_car_that_leans_cannot_roll_on_four_wheels() -> None:
     with pytest.warns(dc.SimulationStoppedWarning, match="'tyre [0-9]' can no longer be met"):
         run = dc.simulate(mechanism, rolling(mechanism, 2.0), 2.0, 0.005)
     assert 0.01 < run.t[-1] < 0.5
+
+
+@pytest.mark.parametrize("every", [1, 100])
+def test_members_of_an_ensemble_end_where_their_constraints_do(every: int) -> None:
+    """The car that leans ends as it does alone, whenever records are taken; the other goes on."""
+    mechanism = car(sprung=True, aside="g", parameters={"g": 0.0})
+    states = [rolling(mechanism, 2.0)] * 2
+    many = dc.simulate_ensemble(mechanism, states, 0.5, 0.005, vary={"g": [0.0, 2.0]}, record=every)
+    with pytest.warns(dc.SimulationStoppedWarning):
+        alone = dc.simulate(mechanism.with_parameters(g=2.0), states[1], 0.5, 0.005)
+    assert math.isnan(many.stopped[0]) and alone.t[-1] - many.stopped[1] == pytest.approx(
+        0, abs=0.005 + 1e-9
+    )
+    assert not many.member(1).provenance.completed and many.member(0).provenance.completed
+    assert np.isfinite(many.delta_c["wang"][:, 0]).all()
+    assert np.isnan(many.delta_c["wang"][-1, 1])

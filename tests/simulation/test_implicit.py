@@ -299,6 +299,15 @@ def test_a_held_controller(solver: str) -> None:
     np.testing.assert_allclose(runs[0].q, runs[1].q, atol=1e-13)
 
 
+@pytest.mark.parametrize("solver", IMPLICIT)
+def test_nothing_recorded_changes_no_motion(solver: str) -> None:
+    """One speed and no integral is the least that a method can hold."""
+    mechanism, state = oscillator(7.0)
+    plain, full = (dc.simulate(mechanism, state, 0.5, 0.01, solver, r) for r in ([], ["wang"]))
+    assert not plain.integrals and full.integrals
+    np.testing.assert_allclose(plain.q, full.q, atol=1e-13)
+
+
 def test_progress_and_rows() -> None:
     mechanism = pendulum()
     told: list[float] = []

@@ -44,6 +44,9 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import ByHand, Equations
 
+LOST = 1e-3
+"""A state this far off a constraint (m or rad, per s of motion constraints) is not on it."""
+
 
 @checked
 @dataclass(frozen=True)
@@ -136,6 +139,17 @@ class Flow(Once):
     energies: SX
     slip: SX
     slipping: tuple[str, ...]
+
+    @property
+    def departures(self) -> tuple[tuple[str, ...], SX]:
+        """What is off (`LOST`) where a run cannot meet its constraints: the name of each row, and ψ, then φ.
+
+        ψ is of the motion rows `slipping`, φ (if it is projected) of those that the equations are built on.
+        """
+        if self.bound is None or not self.projecting:
+            return self.slipping, self.slip
+        rows = self.bound.rows
+        return self.slipping + rows.names, ca.vertcat(self.slip, rows.phi)
 
     @cached_property
     def traced(self) -> bool:
@@ -327,7 +341,7 @@ def build_flow(
         "driving": reactions.driving,
         "P": _integrands(known, list(working.values()), names, integrals, momenta),
         "E": ca.vertcat(*(function.E(known) for function in functions), known.K, known.V),
-        "slip": mechanics.rows.psi[idle],
+        "slip": mechanics.rows.psi[idle, :],
         **{str(name): force for name, force in tied.items()},
     }
     if written is not None:

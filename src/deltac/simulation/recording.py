@@ -16,12 +16,9 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT, smallest_pivot
 from deltac.simulation.constraints.singular import SingularMotion
 from deltac.simulation.events.run import Happened
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import LOST, Flow
 from deltac.simulation.stepping.protocol import Motion
 from deltac.trajectories import Occurrence, Provenance, Trajectory
-
-LOST = 1e-3
-"""A projected state this far off a constraint (m or rad) is not on it."""
 
 NEARLY_DEPENDENT = 1e-3
 """Smallest pivot of the constraints at a sample that an adaptive run is told of."""
@@ -78,8 +75,7 @@ def observer(flow: Flow) -> Kernel:
             **({"energies": flow.energies} if flow.testing else {}),
             **{str(name): force for name, force in flow.reactions.items()},
             **({} if flow.bound is None else {"pivot": smallest_pivot(flow)}),
-            **({"phi": flow.bound.rows.phi} if flow.bound is not None and flow.projecting else {}),
-            **({"slip": flow.slip} if flow.slipping else {}),
+            **({"departures": flow.departures[1]} if flow.departures[0] else {}),
         },
         flow.p,
         name="observation",
@@ -178,16 +174,11 @@ def while_assembled(flow: Flow, motion: Motion, seen: dict[str, Array]) -> Motio
     A mechanism at the end of its reach cannot follow a constraint that moves on: projection fails, and
     what comes after is no motion. Motion constraints that were redundant at the start may cease to be so.
     """
-    names: tuple[str, ...] = flow.slipping
-    columns = [seen["slip"].reshape(len(motion.t), -1)] if names else []
-    if "phi" in seen and flow.bound is not None:
-        names += flow.bound.rows.names
-        columns.append(seen["phi"].reshape(len(motion.t), -1))
-    if not columns:
+    if "departures" not in seen:
         return motion
-    off = np.abs(np.hstack(columns))
+    off = np.abs(seen["departures"].reshape(len(motion.t), -1))
     if off.max(initial=0.0) <= LOST:  # no NaN is
-        if not motion.message or "phi" not in seen:
+        if not motion.message or not flow.projecting:
             return motion
         locked = "; or the mechanism is locked, and its constraints cannot be met any further"
         return replace(motion, message=motion.message + locked)
@@ -200,9 +191,10 @@ def while_assembled(flow: Flow, motion: Motion, seen: dict[str, Array]) -> Motio
     else:
         unit, why = "m or rad", "the mechanism is locked or at the end of its reach"
         remedy = "let the motion end earlier, or change the constraint"
+    name, t = flow.departures[0][worst], motion.t[first]
     message = (
-        f"stopped: constraint {names[worst]!r} can no longer be met at t = {motion.t[first]:.9g} s (off by "
-        f"{np.nanmax(off[first]):.2g} {unit}): {why}. What was computed until then is kept; {remedy}"
+        f"stopped: constraint {name!r} can no longer be met at t = {t:.9g} s (off by "
+        f"{off[first, worst]:.2g} {unit}): {why}. What was computed until then is kept; {remedy}"
     )
     return Motion(motion.t[:first], motion.x[:first], motion.inputs[:first], message)
 

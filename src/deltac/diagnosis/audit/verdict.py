@@ -320,7 +320,7 @@ def _departing_equations(e: Evidence) -> Finding | None:
     return Finding(
         "equation-departs",
         f"the equation{'s' if len(names) > 1 else ''} of {', '.join(map(repr, names[:NAMED]))} "
-        f"{'do' if len(names) > 1 else 'does'} not hold: their momentum changes by more than the forces of the model",
+        f"{'do' if len(names) > 1 else 'does'} not hold: no force of the model makes up for its momentum",
         f"largest |ΔP| in kg, m, s: {sizes}{others}",
         "",
         element=names[0],

@@ -8,11 +8,12 @@ components: δq = W δθ, so that quaternions have three.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.model import Model, Rows
@@ -63,6 +64,10 @@ interval, as
 (a, b, c); S is what a cubic through the neighbouring rows adds to the straight line."""
 
 
+SUBDIVISIONS = 4
+"""Parts of an interval in which a force that is filtered counts as constant."""
+
+
 @dataclass(frozen=True, eq=False)
 class LoggedForce:
     """Logged forces (N, m) between the rows: at the start, their change, and the bends of a cubic."""
@@ -85,6 +90,40 @@ class LoggedForce:
             return np.asarray(self.first + a * steady + b * linear + c * bent)
 
         return at
+
+    @staticmethod
+    def filtered(
+        intervals: Intervals,
+        pieces: list[tuple[int, int]],
+        force: ForceBetween,
+        delay: float,
+        spread: float,
+    ) -> Intervals:
+        """The intervals with forces that are late, and smooth: weighed by a triangle of that deviation, s."""
+        first, last = np.empty_like(intervals.start.F), np.empty_like(intervals.start.F)
+        width, within = spread * np.sqrt(6.0), np.linspace(0.0, 1.0, SUBDIVISIONS + 1)
+        values = np.stack([force(float(s)) for s in within], axis=1)
+        for a, b in pieces:
+            t, h = intervals.start.t[a:b, None], intervals.h[a:b]
+            steps = np.repeat(h / SUBDIVISIONS, SUBDIVISIONS, axis=1).ravel()
+            fine = np.concatenate([(t + within[:-1] * h).ravel(), intervals.end.t[b - 1 : b]])
+            means = 0.5 * (values[a:b, :-1] + values[a:b, 1:]).reshape(len(steps), -1)
+            # The force goes on beyond both ends as it is there; two integrals make a triangle's mean exact.
+            reach = 2.0 * (abs(delay) + width)
+            fine = np.concatenate([[fine[0] - reach], fine, [fine[-1] + reach]])
+            steps = np.concatenate([[reach], steps, [reach]])
+            means = np.concatenate([means[:1], means, means[-1:]])
+            impulse = np.concatenate(
+                [np.zeros_like(means[:1]), np.cumsum(steps[:, None] * means, axis=0)]
+            )
+            added = steps[:, None] * 0.5 * (impulse[:-1] + impulse[1:])
+            twice = np.concatenate([np.zeros_like(means[:1]), np.cumsum(added, axis=0)])
+            integral = CubicHermiteSpline(fine, twice, impulse, axis=0)
+            at = np.append(intervals.start.t[a:b], intervals.end.t[b - 1]) - delay
+            parts = integral(at + width) - 2.0 * integral(at) + integral(at - width)
+            first[a:b], last[a:b] = parts[:-1] / width**2, parts[1:] / width**2
+        start, end = intervals.start, intervals.end
+        return Intervals(replace(start, F=first), replace(end, F=last))
 
     @staticmethod
     def of(intervals: Intervals, pieces: list[tuple[int, int]]) -> LoggedForce:

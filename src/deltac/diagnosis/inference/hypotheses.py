@@ -46,6 +46,7 @@ class Block:
     causes    places of the columns of causes, the same causes in all blocks
     rounding  least variance of the noise: what digits alone make of it
     noise     variance beside which the prior of nuisance columns counts; 0: what all columns together leave
+    origin    coefficients of the causes (P,) at which r was taken; zeros where empty
     """
 
     r: Array
@@ -55,6 +56,7 @@ class Block:
     causes: NDArray[np.intp]
     rounding: float = 0.0
     noise: float = 0.0
+    origin: Array = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def gram(self) -> tuple[Array, Array, float]:
@@ -110,21 +112,31 @@ class Block:
         """Coefficients (P,) of all columns of causes together, by least squares."""
         values, vectors, d = self._spectrum
         inverse = np.where(values > SINGULAR, 1.0 / np.maximum(values, SINGULAR), 0.0)
-        return np.asarray(d * (vectors @ (inverse * (vectors.T @ (d * self.projected.b)))))
+        step = d * (vectors @ (inverse * (vectors.T @ (d * self.projected.b))))
+        return np.asarray(self.projected.origin + step)
 
     @cached_property
     def projected(self) -> Projected:
-        """What the nuisance columns leave of the causes' Gram matrix, with their prior."""
+        """What the nuisance columns, with their prior, leave of the causes' Gram matrix.
+
+        By QR: nuisance columns are nearly alike, and the squares of their condition would cost all digits.
+        """
         A, b, rr = self.gram
         n, c = self.nuisance, self.causes
-        N = A[np.ix_(n, n)] + np.diag(self.variance / self.prior**2)
-        s = _inverse_sizes(np.diag(N))  # of columns that are rounding, the prior's
-        inverse = s[:, None] * np.linalg.pinv(s[:, None] * N * s, rcond=1e-14, hermitian=True) * s
-        x = inverse @ b[n]
-        rss = max(rr - float(b[n] @ x), CANCELLED * rr, 1e-300)
-        to = inverse @ A[np.ix_(n, c)]
-        left = A[np.ix_(c, c)] - A[np.ix_(c, n)] @ to
-        return Projected(left, b[c] - A[np.ix_(c, n)] @ x, rss, np.diag(A)[c], x, inverse, to, rr)
+        origin = self.origin if len(self.origin) else np.zeros(len(c))
+        D = self.D.reshape(-1, self.D.shape[-1])
+        s = _inverse_sizes(np.diag(A)[n] + self.variance / self.prior**2)
+        ridge = np.diag(np.sqrt(self.variance) / self.prior)
+        Q, R = np.linalg.qr(np.concatenate([D[:, n], ridge]) * s)
+        Q = Q[: len(D)]
+        of_r, of_c = Q.T @ self.r.ravel(), Q.T @ D[:, c]
+        inverse = s[:, None] * np.linalg.pinv(R, rcond=1e-14)
+        rss = max(rr - float(of_r @ of_r), CANCELLED * rr, 1e-300)
+        left = A[np.ix_(c, c)] - of_c.T @ of_c
+        return Projected(
+            left, b[c] - of_c.T @ of_r, rss, origin, np.diag(A)[c], inverse @ of_r,
+            inverse @ inverse.T, inverse @ of_c, rr,
+        )  # fmt: skip
 
     def misfit(self, coefficients: Array) -> float:
         """RSS with coefficients of causes, at least what the digits of the rows alone make of it.
@@ -135,22 +147,20 @@ class Block:
 
     def residual(self, coefficients: Array) -> Array:
         """What is left of r (K, d) with coefficients of the causes' columns, nuisance fitted beside."""
-        p = self.projected
-        x = p.nuisance - p.to @ coefficients
-        acting = np.flatnonzero(coefficients)
+        x, change = self.projected.nuisance_at(coefficients), coefficients - self.projected.origin
+        acting = np.flatnonzero(change)
         columns = np.concatenate([self.nuisance, self.causes[acting]])
-        return np.asarray(
-            self.r - self.D[:, :, columns] @ np.concatenate([x, coefficients[acting]])
-        )
+        return np.asarray(self.r - self.D[:, :, columns] @ np.concatenate([x, change[acting]]))
 
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """The Gram matrix of the causes' columns after the nuisance columns, with Dᵀr and RSS of these alone."""
+    """The causes' Gram matrix after the nuisance columns, with Dᵀr, RSS and nuisance numbers at an origin."""
 
     A: Array
     b: Array
     rss: float
+    origin: Array
     raw: Array
     nuisance: Array
     inverse: Array
@@ -159,8 +169,17 @@ class Projected:
 
     def left(self, coefficients: Array) -> float:
         """RSS with coefficients of causes."""
-        gain = 2.0 * float(self.b @ coefficients) - float(coefficients @ self.A @ coefficients)
+        change = coefficients - self.origin
+        gain = 2.0 * float(self.b @ change) - float(change @ self.A @ change)
         return max(self.rss - gain, CANCELLED * self.total)
+
+    def slope(self, coefficients: Array) -> Array:
+        """Dᵀr with coefficients of causes: half the derivative of the RSS, negative."""
+        return np.asarray(self.b - self.A @ (coefficients - self.origin))
+
+    def nuisance_at(self, coefficients: Array) -> Array:
+        """Coefficients of the nuisance columns beside those of causes."""
+        return np.asarray(self.nuisance - self.to @ (coefficients - self.origin))
 
 
 def _inverse_sizes(squares: Array) -> Array:
@@ -238,7 +257,7 @@ def fitted(
     P = len(blocks[0].causes)
     sizes = [c.size for c in chosen]
     theta = [np.array(x) for x in start] + [np.zeros(c.size) for c in chosen[len(start) :]]
-    variance = [b.projected.rss / b.count for b in blocks]
+    variance = [b.projected.left(np.zeros(P)) / b.count for b in blocks]
 
     def coefficients(theta: Sequence[Array]) -> Array:
         made = np.zeros(P)
@@ -259,7 +278,7 @@ def fitted(
         for b, s in zip(blocks, variance):
             p = b.projected
             X += few.T @ p.A[np.ix_(acting, acting)] @ few / s
-            y += few.T @ (p.b - p.A @ now)[acting] / s
+            y += few.T @ p.slope(now)[acting] / s
         return T, X, y
 
     def inverted(T: Array, X: Array) -> Array | None:
@@ -361,7 +380,7 @@ def _promising(
     for block in blocks:
         p, now = block.projected, best.coefficients
         variance = p.left(now)
-        parts.append((p.A / variance, (p.b - p.A @ now) / variance))
+        parts.append((p.A / variance, p.slope(now) / variance))
     gains = []
     for c in candidates:
         if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):

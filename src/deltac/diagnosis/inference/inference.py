@@ -7,7 +7,7 @@ matrix.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,6 +31,7 @@ from deltac.diagnosis.inference.fields import (
 )
 from deltac.diagnosis.inference.flow import (
     FORCES,
+    ForceBetween,
     LoggedForce,
     Prediction,
     predict,
@@ -104,6 +105,12 @@ ENOUGH = 300
 
 LOST = 0.3
 """Share of the intervals that may be lost where the model has no finite motion."""
+
+DELAYS, SPREADS = (-8, -4, -2, -1, 0, 1, 2, 4, 8), (0.5, 1, 2, 4)
+"""Delays and deviations, in rows, of filters of forces that are compared: enough to linearise at."""
+
+NARROW = 0.3
+"""Least deviation of such a filter, steps."""
 
 OF_THE_LOG = ("actuator-delay", "late-forces", "zero-offset")
 """Causes that leave the equations as they are."""
@@ -241,6 +248,7 @@ class _Inferring:
     ) -> None:
         self.model, self.run, self.evaluator, self.energy = model, run, evaluator, energy
         self.plant = model
+        self.filter: tuple[float, float] | None = None
         self.kernels: tuple[ColumnKernels, ...] = ()
         self.add(kernels)
         intervals = log.intervals
@@ -284,26 +292,55 @@ class _Inferring:
         columns = tuple(c for k in self.kernels for c in k.columns)
         self.candidates = candidates(self.evaluator, columns)
         self.of_log = np.array([c.what in COLUMNS_OF_THE_LOG for c in columns])
-        self.coefficients = np.zeros(len(columns))
+        self.coefficients = self._of_filter(np.zeros(len(columns)))
 
     # --- the flow and its columns ---
 
     def _predict(self) -> None:
-        """The flow from each row, of the model and of the plant: the model with the causes so far."""
+        """The flow from each row of the plant, of the model, and of that by forces as they were logged.
+
+        The plant is the model with the causes so far.
+        """
         intervals, force = self.log.intervals, self.force(self.kinds)
 
-        def prediction(of: Model) -> Prediction:
+        def prediction(of: Model, force: ForceBetween) -> Prediction:
             return predict(of, intervals, force, self.log.noise[1], self.steps)
 
-        self.flow = prediction(self.plant)
+        self.flow = prediction(self.plant, force)
         self.steps = len(self.flow.nodes) - 1
-        self.nominal = self.flow if self.plant is self.model else prediction(self.model)
+        self.nominal = self.flow if self.plant is self.model else prediction(self.model, force)
+        self.as_logged = (
+            prediction(self.model, self.unfiltered) if self.filter is not None else self.nominal
+        )
         self.w = self.model.difference(self.flow.end, intervals.end)
+
+    def _of_filter(self, coefficients: Array) -> Array:
+        """The same with those of the delays that the forces were filtered by."""
+        delay, spread = self.filter or (0.0, 0.0)
+        numbers = (delay, delay**2 + spread**2)
+        for k, c in enumerate(column for of in self.kernels for column in of.columns):
+            if c.what == "delay":
+                coefficients[k] = numbers[c.index]
+        return coefficients
+
+    def _filtered(self, delay: float, spread: float) -> None:
+        """Forces as filters of the states make them: late, and weighed over a time, s."""
+        if self.filter is None:
+            self.unfiltered, self.intervals = self.force(self.kinds), self.log.intervals
+        self.filter = delay, spread
+        intervals = LoggedForce.filtered(
+            self.intervals, self.log.pieces, self.unfiltered, delay, spread
+        )
+        self.log = replace(self.log, intervals=intervals)
+        self.force = LoggedForce.of(intervals, self.log.pieces)
+        self.kinds = ("smooth",) * len(self.kinds)
+        self.coefficients = self._of_filter(self.coefficients)
 
     def _linearised_at(self, coefficients: Array) -> None:
         """Flow and columns of the model with causes of these coefficients in its equations."""
-        self.coefficients = np.where(self.of_log, 0.0, coefficients)
-        self.plant = self.model.changed(self.kernels, self.coefficients)
+        of_equations = np.where(self.of_log, 0.0, coefficients)
+        self.plant = self.model.changed(self.kernels, of_equations)
+        self.coefficients = self._of_filter(of_equations)
         self._predict()
         self.fields, self.J = self._integrator_columns()
         columns = (self.w, *self.J, *self.fields)
@@ -406,25 +443,28 @@ class _Inferring:
     def result(self) -> Inference:
         """The posterior of the causes that there are columns of."""
         self.causes = self._cause_columns()
-        kinds = self._kinds_of_forces(nothing(self.causes[0].shape[2]))
-        if kinds != self.kinds:
-            self.kinds = kinds
-            self._predict()
+        self._act(nothing(len(self.coefficients)))
         posterior = self._compare()
-        late = any(c.kind == "late-forces" for c in posterior.best.chosen)
-        if late and not self.thinned:
-            # Beside states that were filtered, held forces are not held: what they do is unknown.
-            self.thinned = True
-            self.Q = self._unknown()
+        if posterior.best.chosen and self._act(posterior.best):
             posterior = self._compare()
-        if posterior.best.chosen and self.force.first.shape[1] and not all(self.declared):
-            kinds = self._kinds_of_forces(posterior.best)
-            if kinds != self.kinds:
-                self.kinds = kinds
-                self._predict()
-                posterior = self._compare()
         self.posterior = posterior
         return self._made(posterior)
+
+    def _act(self, best: Fit) -> bool:
+        """Let forces act as is likeliest beside causes; whether that is otherwise than before."""
+        if self.filter is not None or not self.kinds or all(self.declared):
+            return False
+        kinds = self._kinds_of_forces(best)
+        another = kinds != self.kinds
+        if another:
+            self.kinds = kinds
+            self._predict()
+        filtering = self._filter_of_forces(best)
+        if filtering is not None:
+            self._filtered(*filtering)
+            self._predict()
+            self.causes = self._cause_columns()
+        return another or filtering is not None
 
     def refined(self) -> Inference:
         """The posterior of causes linearised at themselves: what they do is not linear in their size.
@@ -435,8 +475,16 @@ class _Inferring:
         try:
             for _ in range(RELINEARISATIONS):
                 before = self.posterior.best
-                if not np.any(np.where(self.of_log, 0.0, before.coefficients)):
+                late = [
+                    theta
+                    for c, theta in zip(before.chosen, before.theta, strict=True)
+                    if c.kind == "late-forces"
+                ]
+                if not late and not np.any(np.where(self.of_log, 0.0, before.coefficients)):
                     break
+                for delay, smoothing in late:
+                    variance = max(smoothing - delay**2, (NARROW * self.step) ** 2)
+                    self._filtered(float(delay), float(np.sqrt(variance)))
                 self._linearised_at(before.coefficients)
                 self.posterior = self._compare()
                 if self.posterior.best.chosen == before.chosen and before.repeats(
@@ -455,12 +503,10 @@ class _Inferring:
         ]
         self.Phi, self.B = transported(log.intervals.h, self.J, both)
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
-        # As if all were linear from the model on: the plant's own causes count with the rest.
-        known = self.B[:, :, ni:] @ self.coefficients
         ends = list(maps(model, log.intervals, self.force(self.kinds), self.counts))
-        own = [known + model.difference(end, log.intervals.end) for _, end in ends]
+        own = [model.difference(end, log.intervals.end) for _, end in ends]
         places = ni + np.arange(P)
-        columns = np.concatenate([np.stack([self.w + known, *own], axis=2), self.B], axis=2)
+        columns = np.concatenate([np.stack([self.w, *own], axis=2), self.B], axis=2)
         white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, columns)
         D = np.ascontiguousarray(white[:, :, 1 + len(own) :])
         series = self._block(white[:, :, 0], D, ni, places)
@@ -549,7 +595,7 @@ class _Inferring:
         weight = np.sqrt(robust_weights(r))[:, None]
         return Block(
             r * weight, D * weight[:, :, None], np.arange(nuisance), self.prior[:nuisance], places,
-            self.log.rounding,
+            self.log.rounding, origin=self.coefficients,
         )  # fmt: skip
 
     def _exchanged(self, fit: Fit) -> tuple[Array, Array, Array]:
@@ -626,48 +672,68 @@ class _Inferring:
 
     def _kinds_of_forces(self, best: Fit) -> tuple[str, ...]:
         """How each logged force acts between two rows, by the likelihood beside the best causes."""
-        if all(self.declared):
-            return self.kinds
-        start, h = self.log.intervals.start, self.log.intervals.h
         nodes = np.linspace(0.0, 1.0, 5)
         parts = [self.force.parts(s) for s in nodes]
-        columns = []
-        for k, response in enumerate(
-            unit_responses(self.plant, Rows(start.t, start.q, start.u, self.force.first))
-        ):
-            for which in range(3):
-                f = np.array([part[which][:, k] for part in parts])
-                mean = simpson(f, x=nodes, axis=0)[:, None]
-                moment = simpson((1.0 - nodes)[:, None] * f, x=nodes, axis=0)[:, None]
-                columns.append(
-                    np.concatenate([response * h**2 * moment, response * h * mean], axis=1)
-                )
+        columns = [
+            _impulse(response, np.array([part[which][:, k] for part in parts]), self.log)
+            for k, response in enumerate(self._force_responses)
+            for which in range(3)
+        ]
+        trial = self._beside(best, columns)
+        p = trial.projected
+        gram = np.block([[np.array([[p.rss]]), p.b[None]], [p.b[:, None], p.A]])
+        tau = autocorrelation_time(trial.residual(np.linalg.pinv(p.A, rcond=1e-10) @ p.b))
+        current = np.array([FORCES[kind] for kind in self.kinds])
+        return _likeliest(gram, trial.count / tau, self.declared, current)
+
+    def _filter_of_forces(self, best: Fit) -> tuple[float, float] | None:
+        """Delay and deviation (s) of a filter of all forces that has odds; of states that were filtered."""
+        if not any(c.kind == "late-forces" for c in self.candidates):
+            return None
+        intervals, pieces = self.log.intervals, self.log.pieces
+        acting, h = self.force(self.kinds), float(np.median(intervals.h))
+        nodes = np.linspace(0.0, 1.0, 5)
+        now = np.stack([acting(s) for s in nodes])
+        hypotheses = [(d * h, s * h) for d in DELAYS for s in SPREADS]
+        columns = [np.zeros_like(self.w) for _ in hypotheses]
+        responses = list(self._force_responses)
+        for column, (delay, spread) in zip(columns, hypotheses, strict=True):
+            other = LoggedForce.filtered(intervals, pieces, acting, delay, spread)
+            smooth = LoggedForce.of(other, pieces)(("smooth",) * len(self.kinds))
+            change = np.stack([smooth(s) for s in nodes]) - now
+            for k, response in enumerate(responses):
+                column += _impulse(response, change[:, :, k], self.log)
+        trial = self._beside(best, columns)
+        p = trial.projected
+        left = np.maximum(p.rss - 2.0 * p.b + np.diag(p.A), 1e-300)
+        k = int(np.argmin(left))
+        tau = autocorrelation_time(trial.residual(np.eye(len(left))[k]))
+        odds = 0.5 * trial.count / tau * np.log(p.rss / left[k]) - np.log(len(left))
+        return hypotheses[k] if odds > CERTAIN else None
+
+    @property
+    def _force_responses(self) -> Iterator[Array]:
+        start = self.log.intervals.start
+        return unit_responses(self.plant, Rows(start.t, start.q, start.u, self.force.first))
+
+    def _beside(self, best: Fit, columns: list[Array]) -> Block:
+        """Whitened prediction errors with columns (N, 2n), beside the integrator's fields and causes."""
+        h = self.log.intervals.h
         tangent = np.column_stack([best.tangent, self.coefficients])
         own = [
             np.concatenate([a, b @ tangent], axis=2)
             for a, b in zip(self.fields, self.causes, strict=True)
         ]
         Phi, B = transported(h, self.J, own)
-        w = self.w[:, :, None] + B[:, :, -1:]
-        B = B[:, :, :-1]
+        w, B = self.w[:, :, None] + B[:, :, -1:], B[:, :, :-1]
         everything = [w, B, np.stack(columns, axis=2)]
         white, _ = whitened(
             self.log.pieces, Phi, self.log.noise, self.Q, np.concatenate(everything, axis=2)
         )
         count = B.shape[2]
         prior = np.concatenate([self.prior, np.full(count - len(self.prior), 1e6)])
-        trial = Block(
-            white[:, :, 0],
-            white[:, :, 1:],
-            np.arange(count),
-            prior,
-            count + np.arange(len(columns)),
-        )
-        p = trial.projected
-        gram = np.block([[np.array([[p.rss]]), p.b[None]], [p.b[:, None], p.A]])
-        tau = autocorrelation_time(trial.residual(np.linalg.pinv(p.A, rcond=1e-10) @ p.b))
-        current = np.array([FORCES[kind] for kind in self.kinds])
-        return _likeliest(gram, trial.count / tau, self.declared, current)
+        places = count + np.arange(len(columns))
+        return Block(white[:, :, 0], white[:, :, 1:], np.arange(count), prior, places)
 
     # --- the result ---
 
@@ -677,13 +743,12 @@ class _Inferring:
         residual = rows.residual(best.coefficients)
         tau = autocorrelation_time(residual)
         p, variance = rows.projected, rows.projected.left(best.coefficients) / rows.count
-        c = p.nuisance - p.to @ best.coefficients
+        c = p.nuisance_at(best.coefficients)
         covariance = p.inverse * variance * tau
         power = np.einsum("km,kmp->kp", self.gradient, self.B)
-        gradient, ends = self.model.energy_gradient, (self.nominal.end, log.intervals.end)
-        slope = 0.5 * sum(map(gradient, ends))
-        jump = np.einsum("km,km->k", slope, self.model.difference(*ends))
-        jump = jump - np.einsum("km,km->k", self.slack, self.w)
+        gradient, ends = self.model.energy_gradient, (self.as_logged.end, log.intervals.end)
+        slope, w = 0.5 * sum(map(gradient, ends)), self.model.difference(*ends)
+        jump = np.einsum("km,km->k", slope - self.slack, w)
         causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
         if self.methods:
             curves = np.array(
@@ -740,7 +805,7 @@ class _Inferring:
             unseen=self._unseen(best, tau),
             residual=left,
             acceleration=self.model.at(self.nominal.nodes[0]),
-            w=self.model.difference(self.nominal.end, log.intervals.end),
+            w=w,
             gradient=self.gradient,
         )
 
@@ -755,10 +820,12 @@ class _Inferring:
         for c, theta, counts in zip(best.chosen, best.theta, own, strict=True):
             if counts:
                 np.add.at(coefficients, list(c.columns), c.coefficients(theta))
-        curve = np.cumsum(power @ (coefficients if of_log else coefficients - self.coefficients))
-        if not of_log:  # what the plant does otherwise than the model, however large it is
-            moved = self.model.difference(self.nominal.end, self.flow.end)
-            curve = curve + np.cumsum(np.einsum("km,km->k", self.gradient, moved))
+        known = np.where(self.of_log == of_log, self.coefficients, 0.0)
+        ends = (self.as_logged, self.nominal) if of_log else (self.nominal, self.flow)
+        # What the causes do that the flow has is known however large it is, the rest to first order.
+        moved = self.model.difference(ends[0].end, ends[1].end)
+        curve = np.cumsum(power @ (coefficients - known))
+        curve += np.cumsum(np.einsum("km,km->k", self.gradient, moved))
         return Share(curve, np.sqrt(spread))
 
     def _on_path(self, share: Share, defects: Array, left: Array) -> Share:
@@ -911,6 +978,14 @@ def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:
 ACTIVE = 100.0
 """Variance of an interval beside that of quiet ones from which on something acts in it that does not in
 those."""
+
+
+def _impulse(response: Array, force: Array, log: Observations) -> Array:
+    """What a force (5, N) at equal fractions of each interval moves its end by (N, 2n)."""
+    h, nodes = log.intervals.h, np.linspace(0.0, 1.0, 5)
+    mean = simpson(force, x=nodes, axis=0)[:, None]
+    moment = simpson((1.0 - nodes)[:, None] * force, x=nodes, axis=0)[:, None]
+    return np.concatenate([response * h**2 * moment, response * h * mean], axis=1)
 
 
 def _likeliest(

@@ -57,8 +57,8 @@ class Ensemble:
         kinetic, potential: K and V of all sources (K, N), J.
         corrections: work of the projections onto constraints since the start (K, N), J; zero without any. ΔC
             counts it as a force, as `Ledger.corrections` does.
-        stopped: (N,) time up to which a member that blew up was finite (to a few steps), NaN for members that
-            completed. Later values of such a member are NaN.
+        stopped: (N,) time up to which a member that blew up was finite and met its constraints (to a few
+            steps), NaN for members that completed. Later values of such a member are NaN.
         steps, solvers: of each member, (N,).
         sensitivity: ∂ΔC/∂p (K, N) of each testing function by each parameter asked for, J per its unit.
     """
@@ -90,7 +90,10 @@ class Ensemble:
             )
         completed = math.isnan(self.stopped[k])
         message = (
-            "" if completed else f"stopped: the state is not finite after t = {self.stopped[k]:g} s"
+            ""
+            if completed
+            else f"stopped after t = {self.stopped[k]:g} s: the state is not finite, or constraints can no "
+            "longer be met; deltac.simulate of the member alone tells which"
         )
         rows = len(self.t) if completed else int(np.searchsorted(self.t, self.stopped[k], "right"))
         return Trajectory(

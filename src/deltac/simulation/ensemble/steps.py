@@ -21,7 +21,7 @@ from deltac.errors import SolverError
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import LOST, Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.explicit import MOST_INSTRUCTIONS, FixedMethod
 from deltac.simulation.stepping.interpreted import settle_kernel
@@ -137,6 +137,7 @@ class Advance:
     ) -> tuple[Array, Array, Array]:
         flow, (n, B) = self.flow, x.shape
         rate, settle = rate_kernel(flow), settle_kernel(flow)
+        kept = None if flow.bound is None else _kept_kernel(flow)
         given = np.empty((rate.n_in, B))
         given[1 + n :] = p
         y, worst, taken = given[1 : 1 + n], np.ones(B), taken.copy()
@@ -170,6 +171,9 @@ class Advance:
                 now[...] = y
             # Adding up is faster than looking at every entry, and no sum hides what is not finite.
             alive = np.isfinite(np.add.reduce(now, axis=0)) & (taken == k)
+            if kept is not None:
+                state = np.concatenate([np.full((1, B), span.t0 + (k + 1) * span.h), now])
+                alive &= kept.flat(state, p)[0] > 0.0
             taken += alive
             if not alive.all():
                 np.copyto(now, x, where=~alive)
@@ -202,20 +206,22 @@ def _method(flow: Flow, solver: Solver) -> FixedMethod:
 def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] = ()) -> Kernel:
     """(x, k, worst, taken; p, t0, h) -> the same `fused` steps later, so that buffers may alternate.
 
-    `worst` is the smallest pivot on the way, `taken` counts the steps of members that stay finite;
-    others keep the state they had.
+    `worst` is the smallest pivot on the way, `taken` counts the steps of members that stay finite
+    and on their constraints; others keep the state they had.
     """
     step = _step(flow, solver, along)
     x = ca.SX.sym("x", step.size1_in(0))
     k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
     worst, taken = ca.SX.sym("worst"), ca.SX.sym("taken")
     after, smallest, sums = x, worst, ca.SX(0)
+    met, kept = ca.SX(1), _kept(flow)
     for i in range(fused):
         after, pivot = step(after, k + i, flow.p, t0, h)
         if flow.bound is not None:
             smallest = ca.fmin(smallest, pivot)
+            met = ca.logic_and(met, kept(t0 + (k + i + 1) * h, after[: flow.x.shape[0]], flow.p))
         sums = sums + ca.fabs(_total(after))  # remembers any state on the way that was not finite
-    healthy = ca.logic_and(sums < HUGE, taken == k)
+    healthy = ca.logic_and(ca.logic_and(sums < HUGE, taken == k), met)
     return Kernel(
         {"x": x, "k": k, "worst": worst, "taken": taken},
         {
@@ -245,6 +251,20 @@ def _step(flow: Flow, solver: Solver, along: tuple[int, ...]) -> Any:
         moved.append(ca.jtimes(after, ca.vertcat(flow.x, flow.p), ca.vertcat(rate, unit)))
     inputs = [ca.vertcat(*given), k, flow.p, t0, h]
     return ca.Function("step", inputs, [ca.densify(ca.vertcat(*moved)), pivot], {"cse": True})
+
+
+@derived
+def _kept(flow: Flow) -> Any:
+    """(t, x, p) -> whether a state is on the constraints."""
+    off = ca.mmax(ca.fabs(ca.densify(ca.vertcat(flow.departures[1], 0))))
+    return ca.Function("kept", [flow.t, flow.x, flow.p], [off <= LOST])
+
+
+@derived
+def _kept_kernel(flow: Flow) -> Kernel:
+    """The same, compiled, for states on their own."""
+    kept = _kept(flow)(flow.t, flow.x, flow.p)
+    return Kernel({"t": flow.t, "x": flow.x}, {"kept": kept}, flow.p, name="kept")
 
 
 def _total(x: SX) -> SX:

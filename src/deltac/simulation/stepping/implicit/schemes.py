@@ -98,16 +98,17 @@ def generalized_alpha(form: Form, b: Before) -> StepEquations:
     gamma = 0.5 + alpha_f - alpha_m
     beta = 0.25 * (gamma + 0.5) ** 2
     n, width = b.u.shape[0], b.u.shape[0] + b.z.shape[0]
-    known, aux = b.memory[:width], b.memory[width:]
+    # With columns named: of a memory of one entry, no rows would be no columns.
+    known, aux = b.memory[:width, :], b.memory[width:, :]
 
     def following(rates: SX, part: slice) -> SX:
         """The auxiliary rates at the end of the step."""
-        mixed = (1 - alpha_f) * rates + alpha_f * known[part] - alpha_m * aux[part]
+        mixed = (1 - alpha_f) * rates + alpha_f * known[part, :] - alpha_m * aux[part, :]
         return mixed / (1 - alpha_m)
 
     w, impulse = _unknowns(form)
     udot, lam, t = w / b.h, impulse / b.h, b.t + b.h
-    a0, a1 = aux[:n], following(udot, slice(0, n))
+    a0, a1 = aux[:n, :], following(udot, slice(0, n))
     u = b.u + b.h * ((1 - gamma) * a0 + gamma * a1)
     q = form.moved(b.q, b.h * b.u + b.h**2 * ((0.5 - beta) * a0 + beta * a1))
     end = Point(t, q, u, udot, lam)
@@ -115,7 +116,7 @@ def generalized_alpha(form: Form, b: Before) -> StepEquations:
     tied = ca.SX(psi)
     tied[form.holonomic] = phi[form.holonomic, :] / b.h
     P = form.powers(end)
-    p0, p1 = aux[n:], following(P, slice(n, width))
+    p0, p1 = aux[n:, :], following(P, slice(n, width))
     z = b.z + b.h * ((1 - gamma) * p0 + gamma * p1)
     memory = ca.vertcat(udot, P, a1, p1)
     residual = ca.vertcat(b.h * form.dynamics(end), tied)

@@ -521,12 +521,11 @@ def _attributed(inference: Inference, ledger: Ledger, function: str, in_loop: bo
     """
     own, t = inference.attribution, ledger.t
     delta_c, bar = ledger.uncorrected(function), ledger.error_bar[function]
-    whole = inference.whole
 
     def along(curve: Array, error: bool = False) -> Array:
         start = curve[0] if error else 0.0
         at = np.interp(t, np.r_[t[0], own.t], np.r_[start, curve])
-        return np.asarray((whole if whole > WHOLE else 1.0) * at)
+        return np.asarray(at)
 
     equations = Share(along(own.equations.curve), along(own.equations.curve_error, True))
     if in_loop:
@@ -538,10 +537,6 @@ def _attributed(inference: Inference, ledger: Ledger, function: str, in_loop: bo
     quadrature = np.abs(rest - along(own.log.curve))
     error = np.hypot(along(own.log.curve_error, True), quadrature)
     return Attribution(t, integrator, equations, Share(rest, error))
-
-
-WHOLE = 1.02
-"""Time of a log over that of the rows that were looked at, up to which these are the whole log."""
 
 
 def _with_held_works(reference: Reference, log: Log, inference: Inference | None) -> Log:

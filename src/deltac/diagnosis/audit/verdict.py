@@ -126,8 +126,10 @@ class Evidence:
     def unnamed(self) -> bool:
         """Whether what is left is of terms of a model, beyond what is allowed, and of no few of them."""
         generic = self.inference.generic if self.inference is not None else None
-        # Rows on a solver's interpolant depart from the equations as terms of the state do.
-        interpolated = self.run.provenance.notes.get(ROWS) == INTERPOLATED
+        # Rows on an interpolant, a solver's or one of coordinates alone, depart from the equations as terms
+        # of the state do.
+        provenance = self.run.provenance
+        interpolated = provenance.notes.get(ROWS) == INTERPOLATED or "u" in provenance.derived
         return (
             generic is not None
             and not interpolated

@@ -82,7 +82,7 @@ def joules(
     of_rows = np.einsum("km,km->k", gradient**2, log.noise[1] ** 2)
     rows = np.sqrt(of_rows + of_rows[0])
     unknown = np.einsum("km,kmn,kn->k", gradient, Q, gradient) * max(variance, 1.0)
-    rest = np.cumsum(jump) - integrator.curve - equations.curve
+    rest = log.running(jump) - integrator.curve - equations.curve
     uncertain = np.sqrt(np.cumsum(unknown) * tau)
     error = np.hypot(rows, uncertain)
     unexplained = float(np.max(np.abs(rest - of_log) - UNEXPLAINED * error, initial=0.0))

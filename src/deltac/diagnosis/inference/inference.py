@@ -52,8 +52,12 @@ from deltac.diagnosis.inference.hypotheses import (
     search,
 )
 from deltac.diagnosis.inference.integrators import (
+    EXACT,
+    INTEGRATORS,
+    MOST_SPEEDS,
     Integrator,
     IntegratorEstimate,
+    Map,
     estimate,
     identified,
     maps,
@@ -108,6 +112,9 @@ LOST = 0.3
 
 DELAYS, SPREADS = (-8, -4, -2, -1, 0, 1, 2, 4, 8), (0.5, 1, 2, 4)
 """Delays and deviations, in rows, of filters of forces that are compared: enough to linearise at."""
+
+PARTS = (2, 3, 4, 5, 8, 10)
+"""Steps between neighbouring rows of a log that does not say its step."""
 
 NARROW = 0.3
 """Least deviation of such a filter, steps."""
@@ -263,6 +270,7 @@ class _Inferring:
         self.declared = ["start" if name in held else "" for name in names]
         self.kinds = tuple(kind or "smooth" for kind in self.declared)
         self.steps, self.log = 0, log
+        self.shortlist: tuple[Integrator, ...] = ()
         self._predict()
         self.fields, self.J = self._integrator_columns()
         lost = ~np.all(
@@ -293,6 +301,9 @@ class _Inferring:
         self.candidates = candidates(self.evaluator, columns)
         self.of_log = np.array([c.what in COLUMNS_OF_THE_LOG for c in columns])
         self.coefficients = self._of_filter(np.zeros(len(columns)))
+        # The delay of a motor that is the only one is that of all forces.
+        single = sum(c.what == "delay" and c.index == 0 for c in columns) == 1
+        self.late = ("late-forces", "actuator-delay") if single else ("late-forces",)
 
     # --- the flow and its columns ---
 
@@ -447,8 +458,25 @@ class _Inferring:
         posterior = self._compare()
         if posterior.best.chosen and self._act(posterior.best):
             posterior = self._compare()
+        if self.methods and self.methods[0].order == 1 and self._held():
+            posterior = self._compare()
         self.posterior = posterior
         return self._made(posterior)
+
+    def _held(self) -> bool:
+        """Hold forces of which the method takes the row's own; whether that is otherwise than before.
+
+        Between rows they are not seen then; whoever computes them once a step holds them.
+        """
+        kinds = tuple(
+            own or ("start" if FORCES[kind][0] == 0.0 else kind)
+            for own, kind in zip(self.declared, self.kinds, strict=True)
+        )
+        another = kinds != self.kinds and self.filter is None
+        if another:
+            self.kinds = kinds
+            self._predict()
+        return another
 
     def _act(self, best: Fit) -> bool:
         """Let forces act as is likeliest beside causes; whether that is otherwise than before."""
@@ -473,12 +501,13 @@ class _Inferring:
         """
         state = dict(self.__dict__)
         try:
-            for _ in range(RELINEARISATIONS):
+            for turn in range(RELINEARISATIONS):
                 before = self.posterior.best
+                self.shortlist = self.methods if turn else ()
                 late = [
-                    theta
+                    (theta[0], theta[-1] if len(theta) > 1 else theta[0] ** 2)
                     for c, theta in zip(before.chosen, before.theta, strict=True)
-                    if c.kind == "late-forces"
+                    if c.kind in self.late
                 ]
                 if not late and not np.any(np.where(self.of_log, 0.0, before.coefficients)):
                     break
@@ -503,12 +532,10 @@ class _Inferring:
         ]
         self.Phi, self.B = transported(log.intervals.h, self.J, both)
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
-        ends = list(maps(model, log.intervals, self.force(self.kinds), self.counts))
-        own = [model.difference(end, log.intervals.end) for _, end in ends]
         places = ni + np.arange(P)
-        columns = np.concatenate([np.stack([self.w, *own], axis=2), self.B], axis=2)
+        columns = np.concatenate([self.w[:, :, None], self.B], axis=2)
         white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, columns)
-        D = np.ascontiguousarray(white[:, :, 1 + len(own) :])
+        D = np.ascontiguousarray(white[:, :, 1:])
         series = self._block(white[:, :, 0], D, ni, places)
         if log.rounding < 1.0:
             # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
@@ -517,29 +544,52 @@ class _Inferring:
             h = self._h
             change = first_order_jacobian(model, log.intervals.start, h, c)
             Phi = self.Phi + log.intervals.h[:, :, None] * change @ self.Phi
-            some = np.concatenate([columns[:, :, :1], self.B], axis=2)
-            moved, _ = whitened(log.pieces, Phi, log.noise, self.Q, some)
+            moved, _ = whitened(log.pieces, Phi, log.noise, self.Q, columns)
             series = self._block(moved[:, :, 0], moved[:, :, 1:], ni, places)
         self.gradient, self.slack = self._weights()
         self.least = max(NEGLIGIBLE * self.energy, self._remainder(series), self._attenuation())
-        methods = _Methods.of(ends, white[:, :, 1 : 1 + len(own)], D[:, :, places], log.rounding)
         measured = self._measured() if self._knows_accelerations else None
         posterior, series = self._of_series(series, measured)
-        closing, chosen = None, False
-        if methods is not None and methods.may_close(series, posterior.best):
-            closing = self._of_method(methods.ends[0], own[methods.places[0]], places)
+        self.methods: tuple[Integrator, ...] = ()
+        self.defects, self.of_rows = list[Array](), series
+        for parts in (1,), PARTS:
+            methods = self._closest(parts, D[:, :, places])
+            if methods is None or not methods.may_close(series, posterior.best):
+                continue
+            closing = self._of_method(methods.ends[0], places)
             other = posterior if measured is not None else self._search(closing)
             gain = _log_evidence(closing, other.best, series, posterior.best)
-            chosen = gain - np.log(len(own)) > CERTAIN
-            posterior = other if chosen else posterior
-        self.methods: tuple[Integrator, ...] = ()
-        self.defects: list[Array] = []
-        if chosen and methods is not None:
-            self.methods = tuple(method for method, _ in methods.ends)
-            self.defects = [model.difference(self.flow.end, rows) for _, rows in methods.ends]
-        self.of_rows: Block = closing if chosen and closing is not None else series
+            if gain - np.log(len(INTEGRATORS) * len(parts)) > CERTAIN:
+                posterior, self.of_rows = other, closing
+                self.methods = tuple(of.method for of in methods.ends)
+                self.between = methods.ends[0].counts
+                self.defects = [model.difference(self.flow.end, of.end) for of in methods.ends]
+                break
         self.blocks: tuple[Block, ...] = (measured or self.of_rows,)
         return posterior
+
+    def _closest(self, parts: Sequence[int], D: Array) -> _Methods | None:
+        """Methods by whose maps rows follow from each other most closely, beside whitened causes D.
+
+        Rows of an unknown step may lie several steps apart, by `parts` of their intervals.
+        """
+        log, force = self.log, self.force(self.kinds)
+        intervals = log.intervals
+        known = self.run.provenance.step is not None or EXACT in self.shortlist
+        if parts[-1] > 1 and (known or self.plant.n > MOST_SPEEDS):
+            return None
+        ends = [
+            of
+            for k in parts
+            for of in maps(self.plant, intervals, force, self.counts, k, self.shortlist)
+        ]
+        if parts[-1] == 1:
+            ends.append(Map(EXACT, np.ones(len(intervals), dtype=np.intp), self.flow.end))
+        if not ends:
+            return None
+        own = np.stack([self.model.difference(of.end, intervals.end) for of in ends], axis=2)
+        white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, own)
+        return _Methods.of(ends, white, D, log.rounding)
 
     def _weights(self) -> tuple[Array, Array]:
         """What a defect of an interval adds to ΔC, (N, 2n): ∂E/∂x at its end and, by the flow, at its start.
@@ -580,11 +630,11 @@ class _Inferring:
             (block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least, *many
         )
 
-    def _of_method(self, end: tuple[Integrator, Rows], w: Array, places: NDArray[np.intp]) -> Block:
+    def _of_method(self, of: Map, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
         log = self.log
-        assert self.counts is not None
-        Phi = transition(self.plant, end, log.intervals, self.force(self.kinds), self.counts)
+        w = self.model.difference(of.end, log.intervals.end)
+        Phi = transition(self.plant, of, log.intervals, self.force(self.kinds))
         columns = np.concatenate([w[:, :, None], self.B], axis=2)
         white, _ = whitened(
             log.pieces, self.Phi if Phi is None else Phi, log.noise, self.Q, columns
@@ -751,17 +801,18 @@ class _Inferring:
         jump = np.einsum("km,km->k", slope - self.slack, w)
         causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
         if self.methods:
-            curves = np.array(
-                [np.cumsum(np.einsum("km,km->k", self.gradient, x)) for x in self.defects]
-            )
-            # Methods that close the rows alike do not make the same joules.
-            integrator = Share(curves[0], np.abs(curves - curves[0]).max(axis=0))
+            work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]
+            curves = log.running(np.stack(work, axis=1)).T
+            # Methods that close the rows alike do not make the same joules; nor do forces between rows of
+            # which a method takes one alone.
+            others = np.stack([*curves, *(curves[0] + x for x in self._other_forces())])
+            integrator = Share(curves[0], np.abs(others - curves[0]).max(axis=0))
             left = self.w - self.defects[0] - causes
         else:
-            curves = np.cumsum(power[:, :ni], axis=0)
+            curves = log.running(power[:, :ni])
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
             # The order beyond the series is no noise: its joules grow with the motion.
-            beyond = self._remainder(rows) / self.whole * np.linspace(0.0, 1.0, len(self.w))
+            beyond = self._remainder(rows) * np.linspace(0.0, 1.0, len(self.w))
             some = np.cumsum(np.einsum("km,km->k", self.gradient**2, self.beyond**2))
             integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
             left = self.w - self.B[:, :, :ni] @ c - causes
@@ -785,7 +836,7 @@ class _Inferring:
             posterior=posterior,
             candidates=self.candidates,
             integrator=(
-                identified(self.methods, self.step)
+                identified(self.methods, float(np.median(log.intervals.h[:, 0] / self.between)))
                 if self.methods
                 else estimate(
                     c[: len(FIELDS)], covariance[: len(FIELDS), : len(FIELDS)], damped, self.step
@@ -799,7 +850,7 @@ class _Inferring:
             exchanged_error=errors * np.sqrt(tau),
             energy=energy,
             generic=Generic(odds, float(unnamed), explained),
-            unexplained=unexplained * self.whole,
+            unexplained=unexplained,
             uncertain=uncertain * self.whole,
             intermittent=_intermittent(rows, best),
             unseen=self._unseen(best, tau),
@@ -813,7 +864,7 @@ class _Inferring:
         """ΔC's share of the causes that are of the equations, or of the log: delays and zeros."""
         own = [(c.kind in OF_THE_LOG) == of_log for c in best.chosen]
         some = np.repeat(own, [c.size for c in best.chosen]).astype(bool)
-        T = np.cumsum(power @ best.tangent, axis=0)[:, some]
+        T = self.log.running(power @ best.tangent)[:, some]
         C = best.covariance[np.ix_(some, some)] * tau
         spread = np.maximum(np.einsum("ki,ij,kj->k", T, C, T), 0.0)
         coefficients = np.zeros_like(best.coefficients)
@@ -824,9 +875,25 @@ class _Inferring:
         ends = (self.as_logged, self.nominal) if of_log else (self.nominal, self.flow)
         # What the causes do that the flow has is known however large it is, the rest to first order.
         moved = self.model.difference(ends[0].end, ends[1].end)
-        curve = np.cumsum(power @ (coefficients - known))
-        curve += np.cumsum(np.einsum("km,km->k", self.gradient, moved))
+        work = power @ (coefficients - known) + np.einsum("km,km->k", self.gradient, moved)
+        curve = self.log.running(work)
         return Share(curve, np.sqrt(spread))
+
+    def _other_forces(self) -> Iterator[Array]:
+        """What forces that the closing method cannot tell from those assumed add to its joules, running."""
+        step, force = self.methods[0].step, self.force(self.kinds)
+        if step is None or self.methods[0].order > 1 or self.filter or not self.kinds:
+            return
+        for kind in ("start", "ramp"):
+            other = self.force(tuple(own or kind for own in self.declared))
+            if np.array_equal(other(0.0), force(0.0)) and not np.array_equal(
+                other(1.0), force(1.0)
+            ):
+                change = np.stack([other(s) - force(s) for s in np.linspace(0.0, 1.0, 5)])
+                moved = np.zeros_like(self.w)
+                for k, response in enumerate(self._force_responses):
+                    moved += _impulse(response, change[:, :, k], self.log)
+                yield -self.log.running(np.einsum("km,km->k", self.gradient, moved))
 
     def _on_path(self, share: Share, defects: Array, left: Array) -> Share:
         """The integrator's share with the errors of its weights, and of the path.
@@ -837,14 +904,14 @@ class _Inferring:
         motion = self.model.difference(intervals.start, intervals.end)
         unknown, known = (np.sum(np.abs(self.gradient * x)) for x in (left, motion))
         doubt = min(float(unknown / max(known, 1e-300)), 1.0)
-        slack = np.cumsum(np.einsum("km,km->k", self.slack, defects))
+        slack = self.log.running(np.einsum("km,km->k", self.slack, defects))
         error = np.sqrt(share.curve_error**2 + (doubt * share.curve) ** 2 + slack**2)
         return Share(share.curve, error)
 
     def _unseen(self, best: Fit, tau: float) -> dict[str, float]:
         """Energy (J) that a mistake of one number may add to ΔC at one standard error, by its name."""
         ni, joules = self.fields[0].shape[2], dict[str, float]()
-        curves = np.cumsum(np.einsum("km,kmp->kp", self.gradient, self.B[:, :, ni:]), axis=0)
+        curves = self.log.running(np.einsum("km,kmp->kp", self.gradient, self.B[:, :, ni:]))
         for c in self.candidates:
             linear = c.size == 1 and c.quadratic is None and c.kind not in OF_THE_LOG
             if not linear or any(c is x or c.excludes(x) for x in best.chosen):
@@ -853,22 +920,19 @@ class _Inferring:
             name = f"{c.kind} {c.element}".strip()
             most = float(np.abs(curves[:, list(c.columns)] @ c.linear[:, 0]).max())
             if most > 0.0:
-                joules[name] = max(joules.get(name, 0.0), self.whole * deviation * most)
+                joules[name] = max(joules.get(name, 0.0), deviation * most)
         return joules
 
 
 @dataclass(frozen=True, eq=False)
 class _Methods:
-    """Methods whose own maps close the rows best and alike, the best first: their ends and their places."""
+    """Methods whose own maps close the rows best and alike, the best first."""
 
-    ends: list[tuple[Integrator, Rows]]
-    places: list[int]
+    ends: list[Map]
     floor: float
 
     @staticmethod
-    def of(
-        ends: list[tuple[Integrator, Rows]], r: Array, D: Array, rounding: float
-    ) -> _Methods | None:
+    def of(ends: list[Map], r: Array, D: Array, rounding: float) -> _Methods | None:
         """The best by what all causes leave of their prediction errors r (N, m, methods), whitened."""
         finite = [k for k in range(len(ends)) if np.isfinite(r[:, :, k]).all()]
         if not finite:
@@ -880,15 +944,19 @@ class _Methods:
         best = int(np.argmin(floors))
         tau = autocorrelation_time(residual[:, best].reshape(len(r), -1))
         odds = 0.5 * len(y) / tau * np.log(floors / floors[best])
-        # What is below the rounding of the rows is alike.
-        alike = np.flatnonzero((odds < EQUAL) | (floors <= rounding * len(y)))
+        # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
+        low = min(rounding * len(y), ROUNDED * floors[best])
+        alike = np.flatnonzero((odds < EQUAL) | (floors <= low))
         order = [finite[k] for k in (best, *alike[alike != best])]
-        return _Methods([ends[k] for k in order], order, float(floors[best]))
+        return _Methods([ends[k] for k in order], float(floors[best]))
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""
         return self.floor < SERIES * series.misfit(best.coefficients)
 
+
+ROUNDED = 4.0
+"""Ratio of sums of squares of rounding up to which they are alike."""
 
 SERIES = 4.0
 """Ratio of sums of squares from which on a method's map is not compared any more with the series."""

@@ -9,7 +9,7 @@ the flow: the prediction errors of the right one are rounding.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -142,6 +142,9 @@ class Integrator:
     defect: Defect | None = None
 
 
+EXACT = Integrator("higher-order", 3, {})
+"""All of order three and more whose error is smaller than the fields: their map is the flow."""
+
 INTEGRATORS = (
     Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5), _explicit("ode1")),
     Integrator("semi-implicit-euler", 1, _first(0.5, -0.5, -0.5), _kick_first),
@@ -160,10 +163,10 @@ INTEGRATORS = (
     Integrator("rk4", 4, {}, _explicit("ode4")),
     Integrator("rk4", 4, {}, _explicit("ode4", on_group=True)),
     Integrator("dormand-prince", 5, {}, _explicit("ode5")),
-    Integrator("higher-order", 3, {}),
+    EXACT,
 )
 """Methods in use. "leapfrog" takes its last half step with the speeds of the middle; of order one with
-dampers. "higher-order" stands for all of order three and more, whose error is smaller than the fields."""
+dampers."""
 
 ON_GROUP = INTEGRATORS[-3:-2]
 """Methods that differ from others of their name by rotations alone."""
@@ -184,13 +187,30 @@ def steps_between(h: Array, step: float | None) -> NDArray[np.intp] | None:
     return np.ones(len(h), dtype=np.intp) if step is None else None
 
 
+@dataclass(frozen=True, eq=False)
+class Map:
+    """A method with the rows that it makes of those before, by so many steps (N,) in each interval."""
+
+    method: Integrator
+    counts: NDArray[np.intp]
+    end: Rows
+
+
 def maps(
-    model: Model, intervals: Intervals, force: ForceBetween, counts: NDArray[np.intp] | None
-) -> Iterator[tuple[Integrator, Rows]]:
-    """Each method with the rows that it makes of those before, by so many steps in each interval."""
-    if counts is None or counts.max() > MOST_STEPS:
+    model: Model,
+    intervals: Intervals,
+    force: ForceBetween,
+    counts: NDArray[np.intp] | None,
+    parts: int = 1,
+    methods: Sequence[Integrator] = (),
+) -> Iterator[Map]:
+    """The maps of `methods`, or all; of those of low order alone where steps are `parts` of what is known."""
+    if counts is None or counts.max() * parts > MOST_STEPS:
         return
-    for method in INTEGRATORS:
+    counts = counts * parts
+    for method in methods or INTEGRATORS:
+        if parts > 1 and (method.step is None or method.order > 2):
+            continue
         if method.name == "implicit-damping-euler" and not model.damped:
             continue
         if method in ON_GROUP and not model.quaternions:
@@ -198,21 +218,16 @@ def maps(
         if method.defect is not None and counts.max() == 1:
             at, end = intervals.start, intervals.end
             q, u = method.defect(model, at, end, intervals.h)
-            yield method, Rows(end.t, q, u, end.F)
+            yield Map(method, counts, Rows(end.t, q, u, end.F))
         elif method.step is not None:
-            yield method, _repeated(model, method.step, intervals, force, counts)
+            end = _repeated(model, method.step, intervals, force, counts)
+            yield Map(method, counts, end)
 
 
-def transition(
-    model: Model,
-    end: tuple[Integrator, Rows],
-    intervals: Intervals,
-    force: ForceBetween,
-    counts: NDArray[np.intp],
-) -> Array | None:
+def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween) -> Array | None:
     """Derivatives (N, 2n, 2n) of a method's map by differences; None for an implicit one, or many speeds."""
-    method, after = end
-    if method.step is None or model.n > MOST_SPEEDS:
+    step = of.method.step
+    if step is None or model.n > MOST_SPEEDS:
         return None
     at, columns = intervals.start, []
     for k in range(2 * model.n):
@@ -222,8 +237,8 @@ def transition(
         along, u = np.broadcast_to(e, at.u.shape), at.u
         q = model.moved(at.q, along, np.full((len(u), 1), d)) if k < model.n else at.q
         other = Intervals(Rows(at.t, q, u if k < model.n else u + d * e, at.F), intervals.end)
-        moved = _repeated(model, method.step, other, force, counts)
-        columns.append(model.difference(after, moved) / d)
+        moved = _repeated(model, step, other, force, of.counts)
+        columns.append(model.difference(of.end, moved) / d)
     return np.stack(columns, axis=2)
 
 
@@ -234,26 +249,22 @@ MOST_SPEEDS = 12
 def _repeated(
     model: Model, step: Step, intervals: Intervals, force: ForceBetween, counts: NDArray[np.intp]
 ) -> Rows:
-    at, h = intervals.start, intervals.h / counts[:, None]
-    for k in range(int(counts.max())):
+    """The states after `counts` (N,) steps in each interval."""
+    at = intervals.start
+    ends = [np.array(x) for x in (at.t, at.q, at.u, at.F)]
+    for count in np.unique(counts):
+        some = np.flatnonzero(counts == count)
+        rows, h = at.take(some), intervals.h[some] / count
+        for k in range(count):
 
-        def between(c: float, k: int = k) -> Array:
-            # Intervals of fewer steps have arrived; what is evaluated of them is not used.
-            share = np.minimum((k + c) / counts, 1.0)
-            values = {s: force(float(s)) for s in np.unique(share)}
-            return np.stack([values[s][i] for i, s in enumerate(share)]) if len(values) > 1 else force(
-                float(share[0])
-            )  # fmt: skip
+            def within(c: float, k: int = k, some: NDArray[np.intp] = some) -> Array:
+                return force((k + c) / count)[some]  # noqa: B023, called in this turn of the loop
 
-        q, u = step(model, at, h, between)
-        moving = counts > k
-        at = Rows(
-            np.where(moving, at.t + h[:, 0], at.t),
-            np.where(moving[:, None], q, at.q),
-            np.where(moving[:, None], u, at.u),
-            between(1.0),
-        )
-    return at
+            q, u = step(model, rows, h, within)
+            rows = Rows(rows.t + h[:, 0], q, u, within(1.0))
+        for end, x in zip(ends, (rows.t, rows.q, rows.u, rows.F), strict=True):
+            end[some] = x
+    return Rows(*ends)
 
 
 FEW = 4

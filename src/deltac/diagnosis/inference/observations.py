@@ -25,6 +25,7 @@ class Observations:
     noise        standard deviations (N, 2n) of the rows at the starts and at the ends of the intervals
     digits       what of that comes from their digits
     force_noise  of the forces (N, m)
+    unknown      components of the state that the log does not have: speeds made of coordinates (2n,)
     """
 
     intervals: Intervals
@@ -33,6 +34,7 @@ class Observations:
     noise: tuple[Array, Array]
     digits: tuple[Array, Array]
     force_noise: Array
+    unknown: NDArray[np.bool_]
 
     def without(self, lost: NDArray[np.bool_]) -> Observations:
         """Without some of the intervals; stretches are cut there."""
@@ -48,13 +50,23 @@ class Observations:
         edges = [(int(rows[a]), int(rows[b - 1]) + 2) for a, b in pieces]
         noise, digits = ((x[0][kept], x[1][kept]) for x in (self.noise, self.digits))
         return Observations(
-            self.intervals.take(kept), pieces, edges, noise, digits, self.force_noise[kept]
-        )
+            self.intervals.take(kept), pieces, edges, noise, digits, self.force_noise[kept],
+            self.unknown,
+        )  # fmt: skip
+
+    def running(self, x: Array) -> Array:
+        """Running sums (N, …) of what each interval adds, x; gaps add by the rates at their ends."""
+        h, sums = self.intervals.h[:, 0], np.cumsum(x, axis=0)
+        for (_, last), (first, _) in zip(self.pieces, self.pieces[1:], strict=False):
+            gap = self.intervals.start.t[first] - self.intervals.end.t[last - 1]
+            rate = 0.5 * (x[last - 1] / h[last - 1] + x[first] / h[first])
+            sums[first:] += gap * rate
+        return np.asarray(sums)
 
     @property
     def rounding(self) -> float:
         """Least variance that whitened prediction errors have from the digits of the rows."""
-        shares = np.mean((self.digits[1] / self.noise[1]) ** 2, axis=0)
+        shares = np.mean((self.digits[1] / self.noise[1]) ** 2, axis=0)[~self.unknown]
         return float(shares.min(initial=1.0))
 
     def with_noise(self, w: Array) -> Observations:
@@ -99,7 +111,8 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
     for i, j in model.quaternions:
         along[:, j : j + 3] = 2.0 * of_q[:, i : i + 4].mean(axis=1, keepdims=True)
     noise = np.concatenate([along, of_u], axis=1)
-    if "u" in run.provenance.derived:
+    derived = "u" in run.provenance.derived
+    if derived:
         noise[:, model.n :] = _unknown_speeds(run, free.u)
     of_F = [np.zeros((len(run), 0))] + [
         np.sqrt(digits[f"force {n}"].half() ** 2 / 3.0 + digits[f"force {n}"].noise ** 2)
@@ -115,6 +128,7 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
         both,
         both,
         np.concatenate(of_F, axis=1)[starts],
+        np.repeat([False, derived], model.n),
     )
 
 

@@ -171,6 +171,24 @@ def test_coinciding_functions() -> None:
     assert "kane-levinson-1988" not in dc.classify("bicycle").testing_functions
 
 
+def test_what_is_not_sought_in_a_long_chain_is_told() -> None:
+    count = 400
+    chain = dc.Mechanism(
+        bodies=[dc.rod(f"b{k}", 1.0, 1.0) for k in range(count)],
+        joints=[
+            dc.revolute(
+                f"j{k}", f"b{k - 1}" if k else "ground", f"b{k}", position=(float(k > 0), 0, 0)
+            )
+            for k in range(count)
+        ],
+        gravity=(0, -9.81, 0),
+    )
+    found = dc.classify(chain)
+    assert (found.freedom, found.kind) == (count, "holonomic, scleronomic")
+    assert (found.constant, found.energies) == ((), {}) and found.unexamined
+    assert not dc.classify("double-pendulum").unexamined
+
+
 def test_json() -> None:
     import json
 

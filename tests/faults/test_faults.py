@@ -77,7 +77,6 @@ def test_an_anisotropic_drag_without_lever_arm_adds_energy() -> None:
     ledger = dc.balance(replace(given.model, forces=()), given.log)
     total = ledger.kinetic + ledger.potential_energy
     assert total.max() > total[0] + 0.01 * ledger.energy_exchanged
-    assert dc.audit(given.model, given.log).verdict.kind == "equation-error"
 
 
 def test_dropped_damping_is_named_joint_by_joint() -> None:

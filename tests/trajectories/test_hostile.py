@@ -379,7 +379,7 @@ def npz_bomb(path: Path) -> None:
         text, {"descr": "<f8", "fortran_order": False, "shape": (size // 8,)}
     )
     with (
-        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
         archive.open("time.npy", "w", force_zip64=True) as file,
     ):
         file.write(text.getvalue())
@@ -388,7 +388,7 @@ def npz_bomb(path: Path) -> None:
 
 
 def mat_bomb(path: Path) -> None:
-    size, packer = 2**29, zlib.compressobj()
+    size, packer = 2**29, zlib.compressobj(1)
     inner = element(6, struct.pack("<II", 6, 0)) + element(5, struct.pack("<ii", size // 8, 1))
     inner += element(1, b"time") + struct.pack("<II", 9, size)
     parts = [packer.compress(struct.pack("<II", 14, len(inner) + size) + inner)]

@@ -33,6 +33,10 @@ from deltac.simulation.constraints.assembly import assemble
 STATES = 8
 """Random states at which constants of the motion and integrability are tested."""
 
+EXAMINED = 150
+"""Free speeds up to which constants of the motion and energies are sought: the mass matrix in symbols grows
+with their square, and takes 20 s of processor time for a chain of 200 hinges."""
+
 ROUNDING = 1e-9
 """A power below this fraction of the terms that it is a sum of is zero."""
 
@@ -72,6 +76,7 @@ class Classification(Report, also=("kind",)):
         nonpotential: channels whose forces have no potential.
         events: names of impacts, stops and other events, at which constants of the motion may jump.
         energies: K and V at the state (J).
+        unexamined: why `constant` and `energies` are empty although the model may have both; else "".
     """
 
     mechanism: str
@@ -91,6 +96,7 @@ class Classification(Report, also=("kind",)):
     nonpotential: tuple[str, ...]
     events: tuple[str, ...]
     energies: dict[str, float]
+    unexamined: str = ""
 
     @property
     def kind(self) -> str:
@@ -129,13 +135,18 @@ class Classification(Report, also=("kind",)):
         yield f"testing functions: {', '.join(self.testing_functions)}"
         for group in self.coincide:
             yield f"the same function here: {', '.join(group)}"
-        yield f"constant: {', '.join(self.constant) or 'neither energy nor a momentum of a ground joint'}"
+        if self.unexamined:
+            yield self.unexamined
+        else:
+            none = "neither energy nor a momentum of a ground joint"
+            yield f"constant: {', '.join(self.constant) or none}"
         if self.nonpotential:
             yield f"forces without a potential: {', '.join(self.nonpotential)}"
         if self.events:
             yield f"constant only between events: {', '.join(self.events)}"
-        energies = ", ".join(f"{n} = {number(x, 'J', 6)}" for n, x in self.energies.items())
-        yield f"at the state: {energies}"
+        if self.energies:
+            energies = ", ".join(f"{n} = {number(x, 'J', 6)}" for n, x in self.energies.items())
+            yield f"at the state: {energies}"
 
 
 @checked
@@ -165,7 +176,8 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
         state = loaded.start(state)
     free, rows = mechanism.free, motion.rows
     ranks = independence(motion, state.t, state.q[free.q])
-    t, q, u = _states(motion, state)
+    large = len(free.u) > EXAMINED
+    t, q, u = _of(motion, state) if large else _states(motion, state)
     driven, moving_rows = _moving(motion, t, q)
     acatastatic = bool(driven or moving_rows)
     velocity = {k for k in range(len(rows)) if not rows.holonomic[k]}
@@ -177,8 +189,12 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
         for part in motion.channels
         if part.logged or (part.potential is None and _depends(part.force))
     )
-    constant = _constant(motion, t, q, u, bool(nonpotential), acatastatic)
-    at = evaluate(mechanism, state)
+    constant: tuple[str, ...] = ()
+    energies: dict[str, float] = {}
+    if not large:
+        constant = _constant(motion, t, q, u, bool(nonpotential), acatastatic)
+        at = evaluate(mechanism, state)
+        energies = {"K": at.kinetic, "V": float(sum(at.potential.values()))}
     with_potential = [n for n in functions if n != "liu-huston"]
     return Classification(
         mechanism=mechanism.name,
@@ -200,7 +216,10 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
         constant=constant,
         nonpotential=nonpotential,
         events=tuple(event.name for event in mechanism.events),
-        energies={"K": at.kinetic, "V": float(sum(at.potential.values()))},
+        energies=energies,
+        unexamined=f"constants of the motion and energies: not sought above {EXAMINED} free speeds"
+        if large
+        else "",
     )
 
 
@@ -242,12 +261,17 @@ def _moving(motion: EquationsOfMotion, t: Array, q: Array) -> tuple[tuple[str, .
 def _states(motion: EquationsOfMotion, state: State) -> tuple[Array, Array, Array]:
     """Admissible states t (B,), q (nq, B), u (p, B): random ones, or the state itself where none is found."""
     mechanism = motion.system.mechanism
-    free = mechanism.free
     try:
         states = random_states(mechanism, count=STATES)
     except InputError:
-        return np.array([state.t]), state.q[free.q][:, None], state.u[free.u][:, None]
+        return _of(motion, state)
     return states.t, states.q, states.u
+
+
+def _of(motion: EquationsOfMotion, state: State) -> tuple[Array, Array, Array]:
+    """A state as the only one of a batch."""
+    free = motion.system.mechanism.free
+    return np.array([state.t]), state.q[free.q][:, None], state.u[free.u][:, None]
 
 
 def _integrable(motion: EquationsOfMotion, velocity: set[int], t: Array, q: Array) -> set[int]:

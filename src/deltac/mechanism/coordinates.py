@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, overload
 
 from deltac.errors import UnknownName, closest
@@ -58,8 +59,15 @@ class Entries:
 
     def of(self, joint: str) -> slice:
         """The places of a joint's entries."""
-        places = [entry.index for entry in self.entries if entry.joint == joint]
-        return slice(places[0], places[-1] + 1) if places else slice(0, 0)
+        return self._of_joints.get(joint, slice(0, 0))
+
+    @cached_property
+    def _of_joints(self) -> dict[str, slice]:
+        places = dict[str, slice]()
+        for entry in self.entries:
+            start = places.get(entry.joint, entry.slice).start
+            places[entry.joint] = slice(start, entry.index + 1)
+        return places
 
     def __iter__(self) -> Iterator[Entry]:
         return iter(self.entries)

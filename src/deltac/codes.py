@@ -63,6 +63,7 @@ FINDINGS: dict[str, str] = {
     "assumed-zero": "a force that was not imported is not in the log either, and is assumed to be zero",
     "impacts": "impacts occur whose work is not in the log",
     "residual": "some equations of motion do not close at the samples",
+    "equation-departs": "the momentum testing functions of some equations leave their error bars",
     "prescribed-departs": "a prescribed joint does not follow its law",
     "constraint-violation": "the motion violates a constraint",
     "constraint-drift": "the motion drifts off a constraint",

@@ -139,3 +139,21 @@ def test_without_accelerations_the_momentum_functions_name_the_equation(
         assert np.abs(found.joints[joint] - power)[inner].max() < 1e-3 * 296
     right = dc.simulate("triple-pendulum", duration=0.5, step=1e-3, record=())
     assert dc.localise("triple-pendulum", replace(right, udot=None)).departures == ()
+
+
+def test_an_audit_names_the_equations_that_depart(
+    mistaken: tuple[dc.problems.Problem, dc.Trajectory],
+) -> None:
+    """The mistake turns bar 2 about the ground: in joint angles the first two equations, not the third."""
+    p, run = mistaken
+    audit = dc.audit(p.mechanism, run)
+    (departing,) = (f for f in audit.findings if f.code == "F-EQUATION-DEPARTS")
+    assert departing.element in ("joint1", "joint2")
+    momenta = audit.momenta()
+    assert all(momenta[name]["relative"] > 0.1 for name in ("joint1", "joint2"))
+    assert momenta["joint3"]["relative"] < 1e-6
+    coarse = dc.simulate("triple-pendulum", duration=1.0, step=2e-3, solver="ode1", record=())
+    assert all(
+        m["delta_p"] > m["error_bar"] for m in dc.audit(p.mechanism, coarse).momenta().values()
+    )
+    assert "F-EQUATION-DEPARTS" not in [f.code for f in dc.audit(p.mechanism, coarse).findings]

@@ -136,7 +136,7 @@ def test_forces_that_do_not_fit(force: Any, words: list[str]) -> None:
         (lambda: spring_damper("s", "a", "b", length=-1), ["length", "'s'", "-1"]),
         (lambda: joint_spring("s", "j"), ["'s'", "exactly one"]),
         (lambda: joint_spring("s", "j", 1, potential="q.j"), ["'s'", "exactly one"]),
-        (lambda: joint_spring("s", "j", torque="sin(q.j**2)*exp(q.j**3)"), ["'s'", "potential="]),
+        (lambda: joint_spring("s", "j", torque="sin(sin(q.j))"), ["'s'", "potential="]),
         (lambda: point_force("f", "a", frame="bdy"), ["'f'", "'world' or 'body'", "'bdy'"]),
         (lambda: joint_damper("", "j", 1), ["name", "''"]),
         (lambda: ChannelName.parse("dampr elbow"), ["'dampr'", "did you mean 'damper'"]),

@@ -90,14 +90,14 @@ def test_an_ellipsoid_on_a_plane_moves_as_with_its_contact_point_eliminated(roll
     v = -np.cross(w, p) if rolling else np.array([0.4, 0.1, -np.cross(w, p)[2]])
     x = np.array([0.1, 0.2, -p[2]])
     start = m.state([*x, *quaternion, *(x + p)], [*v, *(R.T @ w), *(v + p_dot)])
-    run = dc.simulate(m, start, 1.0, 5e-3, solver=dc.solvers.Scipy("DOP853", tolerance=1e-11))
+    run = dc.simulate(m, start, 0.5, 5e-3, solver=dc.solvers.Scipy("DOP853", tolerance=1e-11))
     exact = solve_ivp(
         newton_euler(rolling),
-        (0.0, 1.0),
+        (0.0, 0.5),
         [*x, *quaternion, *v, *w],
         method="DOP853",
-        rtol=1e-12,
-        atol=1e-12,
+        rtol=1e-11,
+        atol=1e-11,
         t_eval=run.t,
     ).y.T
     assert np.abs(run.q[:, :7] - exact[:, :7]).max() < 2e-8
@@ -108,7 +108,7 @@ def test_an_ellipsoid_on_a_plane_moves_as_with_its_contact_point_eliminated(roll
     assert max(np.abs(delta).max() for delta in ledger.delta_c.values()) < 1e-8
 
 
-def wheelset(conicity: float, head: float) -> dc.Mechanism:
+def wheelset(conicity: float) -> dc.Mechanism:
     """Two cones on an axle, on rails whose heads are cylinders of the radius `head`."""
     frames, joints = marks("left", "right")
     pairs = [
@@ -128,13 +128,12 @@ def wheelset(conicity: float, head: float) -> dc.Mechanism:
         [dc.free("base", "axle"), *joints],
         constraints=pairs,
         gravity=-GRAVITY * UP,
-        parameters={"r": 0.46, "b": 0.75, "c": conicity, "head": head},
+        parameters={"r": 0.46, "b": 0.75, "c": conicity, "head": 0.3},
         name="wheelset",
-    )
+    ).varying("head")
 
 
-@pytest.mark.parametrize("head", [1e-4, 0.3])
-def test_a_wheelset_hunts_with_klingels_wavelength(head: float) -> None:
+def test_a_wheelset_hunts_with_klingels_wavelength() -> None:
     """2π√(r b/λ) for small amplitudes (Klingel, Organ f. d. Fortschritte d. Eisenbahnwesens 20 (1883) 113).
 
     That is of rails like knife-edges. A round head is met λ·head nearer to the middle of the track, and the
@@ -142,17 +141,18 @@ def test_a_wheelset_hunts_with_klingels_wavelength(head: float) -> None:
     first order in λ.
     """
     conicity, r, b, v = 0.05, 0.46, 0.75, 5.0
-    m = wheelset(conicity, head)
-    guess = m.state(
-        {"base.y": 1e-3, "base.z": r, "left.y": b, "right.y": -b}, {"base.vx": v, "base.wy": v / r}
-    )
-    assembly = dc.assemble(m, guess, pinned=["base.y", "base.vx"])
-    assert assembly.freedom == 1  # it can only roll on: twelve rows of rank 11
-    wavelength = 2 * np.pi * np.sqrt(r * b / conicity)
-    duration = 1.1 * wavelength / v
-    run = dc.simulate(m, assembly.state, duration, duration / 400)
-    x, y = (run.q[:, m.coordinates[f"base.{c}"].index] for c in "xy")
-    first, second = CubicSpline(x, y).roots(extrapolate=False)
-    shorter = 1 - 2 * (second - first) / wavelength
-    assert shorter == pytest.approx(conicity * head / b, rel=conicity, abs=1e-6)
-    assert np.abs(dc.evaluate(m, run).phi).max() < 1e-12  # rows left out are those of motion
+    klingel = 2 * np.pi * np.sqrt(r * b / conicity)
+    for head in (1e-4, 0.3):
+        m = wheelset(conicity).with_parameters(head=head)
+        guess = m.state(
+            {"base.y": 1e-3, "base.z": r, "left.y": b, "right.y": -b},
+            {"base.vx": v, "base.wy": v / r},
+        )
+        assembly = dc.assemble(m, guess, pinned=["base.y", "base.vx"])
+        assert assembly.freedom == 1  # it can only roll on: twelve rows of rank 11
+        run = dc.simulate(m, assembly.state, 1.1 * klingel / v, 1.1 * klingel / v / 400)
+        x, y = (run.q[:, m.coordinates[f"base.{c}"].index] for c in "xy")
+        first, second = CubicSpline(x, y).roots(extrapolate=False)
+        shorter = 1 - 2 * (second - first) / klingel
+        assert shorter == pytest.approx(conicity * head / b, rel=conicity, abs=1e-6)
+        assert np.abs(dc.evaluate(m, run).phi).max() < 1e-12  # rows left out are those of motion

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -148,3 +150,20 @@ def test_what_constraints_do_not_determine_is_refused_by_name() -> None:
         assert refused.value.code == "E-MODEL"
     with pytest.raises(dc.InputError, match="'x'.*massless|massless.*'mark'"):
         dc.Mechanism([dc.bodies.frame("mark")], [dc.prismatic("s", "ground", "mark", "x")])
+
+
+def test_a_stop_on_a_massless_coordinate_throws_the_bead_back() -> None:
+    """σ̇ = 2a cos(s/2) ṡ turns round with the coefficient of restitution."""
+    smooth, s0, stop, e = bead(), 1.2, -0.5, 0.7
+    m = replace(smooth, events=[dc.events.joint_stop("stop", "s", lower=stop, restitution=e)])
+    a, omega = m.parameters["a"], np.sqrt(G / 2)
+    first = np.arccos(np.sin(stop / 2) / np.sin(s0 / 2)) / omega
+    run = dc.simulate(m, at(m, s0), 1.4, 1e-3)
+    assert run.events[0].t == pytest.approx(first, abs=1e-9)
+    sigma = 4 * a * np.sin(stop / 2), 4 * a * np.sin(s0 / 2) * omega * np.sin(omega * first) * e
+    since = omega * (run.t - run.events[0].t)
+    back = sigma[0] * np.cos(since) + sigma[1] / omega * np.sin(since)
+    after = since > 1e-3
+    np.testing.assert_allclose(4 * a * np.sin(run.q[after, 2] / 2), back[after], atol=1e-8)
+    ledger = dc.balance(m, run)
+    assert max(np.abs(delta).max() for delta in ledger.delta_c.values()) < 1e-9

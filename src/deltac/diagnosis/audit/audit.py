@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Parts, Progress, TimeLimit, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
+from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Evidence, judge
 from deltac.diagnosis.explain.explain import explanation_of
 from deltac.diagnosis.explain.result import Cause
@@ -73,6 +75,7 @@ class Audit(
         "method",
         "delta_c",
         "error_bar",
+        "momenta",
         "rows",
         "samples",
         "imported",
@@ -129,34 +132,53 @@ class Audit(
     def step_for(self, tolerance: float) -> float:
         """The step (s) that would keep |ΔC| of the integrator within a fraction of `reference_energy`.
 
-        Predicted from this log, not run: the joules of the integrator fall with the power of the step that is
-        its order.
+        Predicted from this log, not run: a known method is tried at other steps from the rows of the log; of
+        one that only its numbers tell, the joules grow with the power of the step that is its order. At most
+        ten times the step of the log: what longer ones would do its rows do not tell.
 
         Raises InputError (E-SOLVER) where that is not known: wrong equations, constraints or impacts, whose
-        errors have no such order, an integrator that is not identified, joules within their own error.
+        errors have no such order, an integrator that is not identified, joules within their own error or
+        beside others that nothing explains.
         """
-        check_tolerance(tolerance)
-        reason = ""
-        if self.attribution is None or self.integrator is None:
-            reason = "the rows allow no estimate of the integrator"
-        elif self.verdict.kind == "equation-error":
-            reason = "the equations of the model are not those of the log"
-        elif self.mechanism.constraints or self.run.events:
-            reason = "errors at constraints and impacts have no order that could predict"
-        elif not self.integrator.names or "higher-order" in self.integrator.names:
-            reason = (
-                f"{self.integrator.sentence}, and its joules cannot be told from those of others"
+        accepted = check_tolerance(tolerance) * self.reference_energy
+        if self._unpredictable or self.inference is None or self.attribution is None:
+            raise SolverError(
+                f"step_for: {self._unpredictable}. `deltac.recommend` finds a step by running the model"
             )
-        else:
-            energy, error = self.attribution.integrator.largest
-            if energy > SIGNIFICANT * error:
-                accepted = tolerance * self.reference_energy
-                ratio = float((accepted / energy) ** (1.0 / self.integrator.order))
-                return self.integrator.step * ratio
-            reason = f"its joules, {energy:.2g} J, are within their error"
-        raise SolverError(
-            f"step_for: {reason}. `deltac.recommend` finds a step by running the model"
+        return step_with(self.inference, self.attribution.integrator.largest[0], accepted)
+
+    @cached_property
+    def _predicted(self) -> str:
+        """The step for the tolerance, or why none can be predicted; empty where the equations are wrong."""
+        if self.verdict.kind == "equation-error" or self.inference is None:
+            return ""
+        if self._unpredictable:
+            return f"No step can be predicted for the tolerance: {self._unpredictable}."
+        step = self.step_for(self.tolerance)
+        longest = step >= 0.999 * LONGEST * self.inference.integrator.step
+        return (
+            f"Steps of {1e3 * step:.2g} ms {'or more ' if longest else ''}would keep ΔC below "
+            f"{100 * self.tolerance:g} %: predicted, not run."
         )
+
+    @property
+    def _unpredictable(self) -> str:
+        """Why no step can be predicted; empty where one can."""
+        if self.attribution is None or self.integrator is None:
+            return "the rows allow no estimate of the integrator"
+        if self.verdict.kind == "equation-error":
+            return "the equations of the model are not those of the log"
+        if self.mechanism.constraints or self.run.events:
+            return "errors at constraints and impacts have no order that could predict"
+        if not self.integrator.names or "higher-order" in self.integrator.names:
+            return f"{self.integrator.sentence}, and its joules cannot be told from those of others"
+        energy, error = self.attribution.integrator.largest
+        if energy <= SIGNIFICANT * error:
+            return f"its joules, {energy:.2g} J, are within their error"
+        others = float(np.hypot(*self.attribution.log.largest))
+        if energy <= SIGNIFICANT * others:
+            return f"beside its {energy:.2g} J, up to {others:.2g} J of ΔC are of the log"
+        return ""
 
     @property
     def reference_energy(self) -> float:
@@ -233,6 +255,10 @@ class Audit(
         """Largest error bar of each testing function, J."""
         return {name: float(x.max()) for name, x in self.ledger.error_bar.items()}
 
+    def momenta(self) -> dict[str, dict[str, float]]:
+        """Of each speed: largest |ΔP_r|, its error bar (kg·m/s, kg·m²/s), its share of p_r's changes."""
+        return self.ledger.momenta()
+
     @property
     def samples(self) -> int:
         """How many samples were judged."""
@@ -276,6 +302,8 @@ class Audit(
                 ),
             )
         yield from self.verdict.sections()
+        if self._predicted:
+            yield self._predicted
         if self.import_report is not None:
             yield from self.import_report.sections()
 

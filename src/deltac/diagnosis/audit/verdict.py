@@ -277,6 +277,9 @@ def _findings(e: Evidence, kind: Kind) -> tuple[Finding, ...]:
             own.append(replace(f, weight="cause" if kind == "equation-error" else "note"))
     if e.intermittent and e.inference is not None:
         own.append(_missing_contact(e, e.inference, kind))
+    departing = _departing_equations(e) if kind == "equation-error" else None
+    if departing is not None:
+        own.append(departing)
     small = kind != "equation-error" and e.mistake[1] < 1.0 - PROBABLE["medium"]
     if small and e.mistake[0] > PROBABLE["high"] and any(map(of_model, named)):
         own.append(_small(e, next(filter(of_model, named))))
@@ -299,6 +302,35 @@ def _small(e: Evidence, cause: Finding) -> Finding:
         "See the notes for its cause; strict=True makes it count",
         element=cause.element,
     )
+
+
+def _departing_equations(e: Evidence) -> Finding | None:
+    """The equations whose momentum functions leave their bars by more than the tolerance."""
+    momenta, exchanged = e.ledger.momenta(), e.ledger.momentum_exchanged
+    beyond = {
+        n: m["delta_p"] - m["error_bar"] - e.tolerance * exchanged[n] for n, m in momenta.items()
+    }
+    names = sorted((n for n in momenta if beyond[n] > 0.0), key=lambda n: -momenta[n]["relative"])
+    if not names:
+        return None
+    sizes = ", ".join(
+        f"{momenta[n]['delta_p']:.3g} ± {momenta[n]['error_bar']:.1g} of {n!r}"
+        for n in names[:NAMED]
+    )
+    rest = [momenta[n]["delta_p"] for n in momenta if n not in names]
+    others = f"; at most {max(rest):.2g} of the others" if rest else ""
+    return Finding(
+        "equation-departs",
+        f"the equation{'s' if len(names) > 1 else ''} of {', '.join(map(repr, names[:NAMED]))} "
+        f"{'do' if len(names) > 1 else 'does'} not hold: no force of the model makes up for its momentum",
+        f"largest |ΔP| in kg, m, s: {sizes}{others}",
+        "",
+        element=names[0],
+    )
+
+
+NAMED = 3
+"""Equations that are named at most."""
 
 
 def _missing_contact(e: Evidence, inference: Inference, kind: Kind) -> Finding:

@@ -17,9 +17,10 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import TINY, Array
+from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates
+from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.impacts import ImpactPoint, Impulses, impulse_terms
-from deltac.dynamics.recursions import crba
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.testing_functions import testing_functions
 from deltac.errors import DeltacError
@@ -149,12 +150,11 @@ class Collider:
     def of(flow: Flow, points: tuple[ImpactPoint, ...], split: OwnCoordinates | None) -> Collider:
         """Write out what impacts need; `split` as for the testing functions of the flow."""
         system, bound = flow.system, flow.bound
-        none = ca.SX.zeros(0, len(system.mechanism.speeds))
-        outputs: list[SX] = [
-            crba(system),
-            none if bound is None else bound.rows.G_all,
-            system.u_all,
-        ]
+        equations, free = equations_of(system), system.free_u
+        rows = Rows.none(system) if bound is None else bound.rows
+        M = ca.SX(equations.M_all)
+        M[free, free] = equations.completed(rows)[0]
+        outputs: list[SX] = [M, rows.G_all, system.u_all]
         for point in points:
             outputs += [point.normal, point.drift, point.n, point.push]
             outputs += [point.restitution, point.friction]

@@ -1,0 +1,128 @@
+"""What the integrator of a log would do at another step: its joules, along the rows of the log.
+
+A method that closes the rows is tried at the other step from each of them: the energy at the end of such a
+step beyond that of the exact flow, divided by the step, is the power of its error, with all orders of the
+step. Where only the numbers of a method are known, its joules grow with the power that is its order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.inference.flow import FORCES, Intervals, predict
+from deltac.diagnosis.inference.inference import Inference
+from deltac.diagnosis.inference.integrators import Integrator
+from deltac.diagnosis.inference.model import Rows
+
+ROWS = 200
+"""Rows of the log from which a method is tried, at most: the largest of a sum needs two digits."""
+
+SHARE = 0.1
+"""Share of the errors of a step that is noise to the flow from which they are measured."""
+
+CORRECTIONS = 60
+"""Corrections of an implicit step by its fixed point, which contracts where the step is small enough."""
+
+SETTLED = 1e-10
+"""Change of an implicit step, relative to the state, at which it is solved."""
+
+TRIALS = 6
+"""Steps that are tried, at most; the secant's error is below a per cent after three."""
+
+LONGEST = 10.0
+"""Steps, in steps of the log, up to which its rows tell what a method does."""
+
+LEAST_ORDER = 0.5
+"""Slope below which the joules are not in an order of the step."""
+
+CLOSE = 0.01
+"""Relative error of a predicted step."""
+
+
+def step_with(inference: Inference, energy: float, accepted: float) -> float:
+    """The step (s) at which the integrator's joules reach `accepted`, if they reach `energy` at its own.
+
+    The secant of log energy over log step, from the power law of the order on. At most `LONGEST` times the
+    step of the log.
+    """
+    own, order = inference.integrator.step, float(inference.integrator.order)
+    goal, farthest = float(np.log(accepted / energy)), float(np.log(LONGEST))
+    size = _size(inference)
+    at = 0.0 if size is None else size(own)
+    x, y, slope = 0.0, 0.0, order
+    for _ in range(TRIALS if size is not None and np.isfinite(at) and at > 0.0 else 0):
+        after = min(x + (goal - y) / slope, farthest)
+        value = size(own * np.exp(after)) if size is not None else 0.0
+        if not (np.isfinite(value) and value > 0.0):
+            break  # the method leaves all bounds there: the law of the steps before stands
+        reached = float(np.log(value / at))
+        secant = (reached - y) / (after - x) if after != x else slope
+        slope = secant if secant > LEAST_ORDER else slope
+        x, y = after, reached
+        if abs(goal - y) < CLOSE * slope or (x == farthest and y < goal):
+            break
+    return float(own * np.exp(min(x + (goal - y) / slope, farthest)))
+
+
+def _size(inference: Inference) -> Callable[[float], float] | None:
+    """Largest joules (J) of the integrator along the log, as a function of the step; None without a map."""
+    method = next(
+        (m for m in inference.methods if m.step is not None or m.defect is not None), None
+    )
+    if method is None:
+        return None
+    log, model = inference.log, inference.model
+    every = max(1, len(log.intervals) // ROWS)
+    some = slice(None, None, every)
+    start, t = log.intervals.start.take(some), log.intervals.start.t
+    duration = log.intervals.h[:, 0]
+    weight = np.add.reduceat(duration, np.arange(len(duration))[some])
+    own, order = inference.integrator.step, inference.integrator.order
+    a, b, _ = np.array([FORCES[kind] for kind in inference.forces]).reshape(-1, 3).T
+
+    def logged(at: Array) -> Array:
+        columns = [np.interp(at, t, column) for column in log.intervals.start.F.T]
+        return np.stack(columns, axis=1) if columns else np.zeros((len(at), 0))
+
+    @np.errstate(all="ignore")
+    def joules(step: float) -> float:
+        last = logged(start.t + step)
+
+        def force(share: float) -> Array:
+            held = start.F + a * (last - start.F)
+            return np.where(b > 0.0, logged(start.t + share * step), held)
+
+        intervals = Intervals(start, Rows(start.t + step, start.q, start.u, last))
+        defects = np.abs(inference.w[some]) * min(step / own, 1.0) ** (order + 1)
+        end = predict(model, intervals, force, SHARE * defects).end
+        after = _stepped(inference, method, intervals, end, force)
+        slope = 0.5 * (model.energy(end)[1] + model.energy(after)[1])
+        power = np.einsum("km,km->k", slope, model.difference(end, after)) / step
+        return float(np.abs(np.cumsum(power * weight)).max())
+
+    return joules
+
+
+def _stepped(
+    inference: Inference,
+    method: Integrator,
+    intervals: Intervals,
+    end: Rows,
+    force: Callable[[float], Array],
+) -> Rows:
+    """The rows after a step of the method; NaN where an implicit one does not settle."""
+    model, start, h = inference.model, intervals.start, intervals.h
+    if method.step is not None:
+        return Rows(end.t, *method.step(model, start, h, force), end.F)
+    assert method.defect is not None
+    at = end
+    for _ in range(CORRECTIONS):
+        after = Rows(end.t, *method.defect(model, start, at, h), end.F)
+        change = max(np.abs(after.q - at.q).max(), np.abs(after.u - at.u).max())
+        at = after
+        if change <= SETTLED * (1.0 + np.abs(at.u).max()):
+            return at
+    return Rows(end.t, np.full_like(at.q, np.nan), np.full_like(at.u, np.nan), end.F)

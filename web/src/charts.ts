@@ -1,7 +1,7 @@
 // Drawings that need no time: points on log axes, and where the energy went. SVG in the page's own colours.
 
 import type { Bars, Cloud, Flows, HeatMap, LogPlot } from "./data";
-import { el, number, power, svg } from "./dom";
+import { el, fraction, number, power, svg } from "./dom";
 
 const W = innerWidth < 560 ? 350 : 560, H = 330, LEFT = 62, RIGHT = 18, TOP = 14, BOTTOM = 46;
 
@@ -143,8 +143,8 @@ export function bars(plot: Bars): HTMLElement {
   for (const [name, size, wrong] of plot.bars) {
     body.append(el("div", { class: "flow", role: "row" }, el("span", { role: "cell", class: "name" }, name),
       el("span", { class: "track" }, el("span", { class: "accepted", style: `left:${at(plot.limit)}%` }), size > 0 && el("span", { class: `bar ${wrong ? "wrong" : size > plot.limit ? "beyond" : "right"}`, style: `left:0;width:${Math.max(0.5, at(size))}%` })),
-      el("span", { role: "cell", class: "amount" }, number(size, 2), wrong ? " fails" : size > plot.limit ? " rough" : "")));
+      el("span", { role: "cell", class: "amount" }, fraction(size), wrong ? " fails" : size > plot.limit ? " rough" : "")));
   }
   return el("figure", { class: "panel" }, el("figcaption", {}, el("span", { class: "title" }, plot.title)), body,
-    el("p", { class: "note" }, `Log axis from ${power(low)} to ${power(high)}; the line marks ${number(plot.limit, 2)}, which is accepted. ${plot.note}`));
+    el("p", { class: "note" }, `Log axis from ${power(low)} to ${power(high)}; the line marks ${fraction(plot.limit)}, which is accepted. ${plot.note}`));
 }

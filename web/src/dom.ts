@@ -76,3 +76,10 @@ export function number(value: number | null | undefined, digits = 4): string {
   const [mantissa, exponent] = value.toExponential(Math.max(1, digits - 2)).split("e");
   return `${String(Number(mantissa)).replace("-", "−")}·${power(Number(exponent))}`;
 }
+
+/** A share in per cent, as tables and sentences of the report have it; below a millionth as a number. */
+export function fraction(share: number): string {
+  if (share !== 0 && Math.abs(share) < 1e-6) return number(share, 2);
+  const percent = 100 * share;
+  return `${Math.abs(percent) >= 99.5 ? percent.toFixed(0) : number(percent, 2)} %`;
+}

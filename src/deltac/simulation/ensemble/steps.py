@@ -137,7 +137,7 @@ class Advance:
     ) -> tuple[Array, Array, Array]:
         flow, (n, B) = self.flow, x.shape
         rate, settle = rate_kernel(flow), settle_kernel(flow)
-        kept = None if flow.bound is None else _kept_kernel(flow)
+        assembly = None if flow.bound is None else _assembly_kernel(flow)
         given = np.empty((rate.n_in, B))
         given[1 + n :] = p
         y, worst, taken = given[1 : 1 + n], np.ones(B), taken.copy()
@@ -171,9 +171,9 @@ class Advance:
                 now[...] = y
             # Adding up is faster than looking at every entry, and no sum hides what is not finite.
             alive = np.isfinite(np.add.reduce(now, axis=0)) & (taken == k)
-            if kept is not None:
+            if assembly is not None:
                 state = np.concatenate([np.full((1, B), span.t0 + (k + 1) * span.h), now])
-                alive &= kept.flat(state, p)[0] > 0.0
+                alive &= assembly.flat(state, p)[0] > 0.0
             taken += alive
             if not alive.all():
                 np.copyto(now, x, where=~alive)
@@ -214,12 +214,14 @@ def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] 
     k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
     worst, taken = ca.SX.sym("worst"), ca.SX.sym("taken")
     after, smallest, sums = x, worst, ca.SX(0)
-    met, kept = ca.SX(1), _kept(flow)
+    met, assembly = ca.SX(1), _assembly(flow)
     for i in range(fused):
         after, pivot = step(after, k + i, flow.p, t0, h)
         if flow.bound is not None:
             smallest = ca.fmin(smallest, pivot)
-            met = ca.logic_and(met, kept(t0 + (k + i + 1) * h, after[: flow.x.shape[0]], flow.p))
+            met = ca.logic_and(
+                met, assembly(t0 + (k + i + 1) * h, after[: flow.x.shape[0]], flow.p)
+            )
         sums = sums + ca.fabs(_total(after))  # remembers any state on the way that was not finite
     healthy = ca.logic_and(ca.logic_and(sums < HUGE, taken == k), met)
     return Kernel(
@@ -254,17 +256,17 @@ def _step(flow: Flow, solver: Solver, along: tuple[int, ...]) -> Any:
 
 
 @derived
-def _kept(flow: Flow) -> Any:
+def _assembly(flow: Flow) -> Any:
     """(t, x, p) -> whether a state is on the constraints."""
     off = ca.mmax(ca.fabs(ca.densify(ca.vertcat(flow.departures[1], 0))))
-    return ca.Function("kept", [flow.t, flow.x, flow.p], [off <= LOST])
+    return ca.Function("assembly", [flow.t, flow.x, flow.p], [off <= LOST])
 
 
 @derived
-def _kept_kernel(flow: Flow) -> Kernel:
+def _assembly_kernel(flow: Flow) -> Kernel:
     """The same, compiled, for states on their own."""
-    kept = _kept(flow)(flow.t, flow.x, flow.p)
-    return Kernel({"t": flow.t, "x": flow.x}, {"kept": kept}, flow.p, name="kept")
+    assembly = _assembly(flow)(flow.t, flow.x, flow.p)
+    return Kernel({"t": flow.t, "x": flow.x}, {"assembly": assembly}, flow.p, name="assembly")
 
 
 def _total(x: SX) -> SX:

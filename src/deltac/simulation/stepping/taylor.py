@@ -76,8 +76,8 @@ class TaylorSteps(Stepper):
         """
         key = tuple(self._p.tolist())
         if key not in self._pair:
-            kept = _taylor_method(self._flow, key, self._tolerance, self._real)
-            self._pair[key] = copy.copy(kept), copy.copy(kept)
+            template = _taylor_method(self._flow, key, self._tolerance, self._real)
+            self._pair[key] = copy.copy(template), copy.copy(template)
             for method in self._pair[key]:
                 used = len(method.pars)  # those of states that neither change nor act are left out
                 method.pars[:] = self._sizes[:used].astype(self._real)

@@ -272,6 +272,7 @@ class _Inferring:
         self.kinds = tuple(kind or "smooth" for kind in self.declared)
         self.steps, self.log = 0, log
         self.shortlist: tuple[Integrator, ...] = ()
+        self.by_rates: tuple[Block, Posterior] | None = None
         self._predict()
         self.fields, self.J = self._integrator_columns()
         lost = ~np.all(
@@ -551,8 +552,8 @@ class _Inferring:
             series = self._block(moved[:, :, 0], moved[:, :, 1:], ni, places)
         self.gradient, self.slack = self._weights()
         self.least = max(NEGLIGIBLE * self.energy, self._remainder(series), self._attenuation())
-        measured = self._measured() if self._knows_accelerations else None
-        posterior, series = self._of_series(series, measured)
+        measured = self._of_rates() if self._knows_accelerations else None
+        posterior, series = (measured[1], series) if measured else self._of_series(series)
         self.methods: tuple[Integrator, ...] = ()
         self.defects, self.of_rows = list[Array](), series
         for ends in (self._maps(), self._maps_by_parts(series, posterior.best)):
@@ -568,7 +569,7 @@ class _Inferring:
                 self.between = methods.ends[0].counts
                 self.defects = [model.difference(self.flow.end, of.end) for of in methods.ends]
                 break
-        self.blocks: tuple[Block, ...] = (measured or self.of_rows,)
+        self.blocks: tuple[Block, ...] = (measured[0] if measured else self.of_rows,)
         return posterior
 
     def _maps(self) -> Iterator[Map]:
@@ -620,11 +621,18 @@ class _Inferring:
         start[mild] = np.linalg.solve(transposed, before)[:, :, 0]
         return 0.5 * (start + end), 0.5 * (end - start)
 
-    def _of_series(self, series: Block, measured: Block | None) -> tuple[Posterior, Block]:
+    def _of_rates(self) -> tuple[Block, Posterior]:
+        """The equations by known accelerations, and their posterior; the same wherever it is linearised."""
+        if self.by_rates is None or len(self.by_rates[0].causes) != len(self.coefficients):
+            block = self._measured()
+            self.by_rates = block, self._search(block)
+        return self.by_rates
+
+    def _of_series(self, series: Block) -> tuple[Posterior, Block]:
         """The posterior beside an unknown integrator, and the block with the noise that there is."""
-        posterior = self._search(measured or series)
+        posterior = self._search(series)
         variance = series.projected.left(posterior.best.coefficients) / series.count
-        if measured is None and variance > 2.0 * series.variance:
+        if variance > 2.0 * series.variance:
             # The numbers of an integrator are of the size of their prior beside the noise that there is.
             series = replace(series, noise=variance)
             posterior = self._search(series)

@@ -61,6 +61,7 @@ from deltac.diagnosis.inference.integrators import (
     estimate,
     identified,
     maps,
+    parted,
     steps_between,
     transition,
 )
@@ -280,6 +281,8 @@ class _Inferring:
             ],
             axis=0,
         )
+        if any(event.impulsive for event in model.mechanism.events) and not run.events:
+            lost |= _jumps(self.w)
         if lost.any():  # the flow leaves all bounds there, as in singular positions
             if lost.mean() > LOST:
                 raise FlowError("the flow of the model leaves all bounds between many rows")
@@ -552,14 +555,14 @@ class _Inferring:
         posterior, series = self._of_series(series, measured)
         self.methods: tuple[Integrator, ...] = ()
         self.defects, self.of_rows = list[Array](), series
-        for parts in (1,), PARTS:
-            methods = self._closest(parts, D[:, :, places])
+        for ends in (self._maps(), self._maps_by_parts(series, posterior.best)):
+            methods = self._closest(list(ends), D[:, :, places])
             if methods is None or not methods.may_close(series, posterior.best):
                 continue
             closing = self._of_method(methods.ends[0], places)
             other = posterior if measured is not None else self._search(closing)
             gain = _log_evidence(closing, other.best, series, posterior.best)
-            if gain - np.log(len(INTEGRATORS) * len(parts)) > CERTAIN:
+            if gain - np.log(len(INTEGRATORS)) > CERTAIN:
                 posterior, self.of_rows = other, closing
                 self.methods = tuple(of.method for of in methods.ends)
                 self.between = methods.ends[0].counts
@@ -568,26 +571,35 @@ class _Inferring:
         self.blocks: tuple[Block, ...] = (measured or self.of_rows,)
         return posterior
 
-    def _closest(self, parts: Sequence[int], D: Array) -> _Methods | None:
-        """Methods by whose maps rows follow from each other most closely, beside whitened causes D.
+    def _maps(self) -> Iterator[Map]:
+        """Maps of methods by which rows may follow from each other."""
+        log = self.log
+        force = self.force(self.kinds)
+        yield from maps(self.plant, log.intervals, force, self.counts, 1, self.shortlist)
+        yield Map(EXACT, np.ones(len(log.intervals), dtype=np.intp), self.flow.end)
 
-        Rows of an unknown step may lie several steps apart, by `parts` of their intervals.
-        """
-        log, force = self.log, self.force(self.kinds)
-        intervals = log.intervals
-        known = self.run.provenance.step is not None or EXACT in self.shortlist
-        if parts[-1] > 1 and (known or self.plant.n > MOST_SPEEDS):
-            return None
-        ends = [
-            of
-            for k in parts
-            for of in maps(self.plant, intervals, force, self.counts, k, self.shortlist)
-        ]
-        if parts[-1] == 1:
-            ends.append(Map(EXACT, np.ones(len(intervals), dtype=np.intp), self.flow.end))
+    def _maps_by_parts(self, series: Block, best: Fit) -> Iterator[Map]:
+        """The same where several steps of unknown length lie between rows, as the series' numbers say."""
+        if self.run.provenance.step is not None or self.plant.n > MOST_SPEEDS:
+            return
+        c, covariance = self._numbers(series, best)
+        for method, k in parted(c, covariance, PARTS, self.plant.damped):
+            force = self.force(self.kinds)
+            yield from maps(self.plant, self.log.intervals, force, self.counts, k, [method])
+
+    def _numbers(self, series: Block, best: Fit) -> tuple[Array, Array]:
+        """The integrator's numbers beside causes, and their covariance, of the fields of the series."""
+        p, some = series.projected, slice(0, len(FIELDS))
+        variance = p.left(best.coefficients) / series.count
+        tau = autocorrelation_time(series.residual(best.coefficients))
+        return p.nuisance_at(best.coefficients)[some], (p.inverse * variance * tau)[some, some]
+
+    def _closest(self, ends: list[Map], D: Array) -> _Methods | None:
+        """Those by which rows follow from each other most closely, beside whitened causes D."""
         if not ends:
             return None
-        own = np.stack([self.model.difference(of.end, intervals.end) for of in ends], axis=2)
+        log = self.log
+        own = np.stack([self.model.difference(of.end, log.intervals.end) for of in ends], axis=2)
         white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, own)
         return _Methods.of(ends, white, D, log.rounding)
 
@@ -1003,6 +1015,12 @@ def _deviation(blocks: Sequence[Block], c: Candidate, best: Fit, tau: float) -> 
         variance = p.left(best.coefficients) / b.count
         information += float(L @ p.A[np.ix_(columns, columns)] @ L) / variance
     return float(np.sqrt(tau / information)) if information > 0.0 else np.inf
+
+
+def _jumps(w: Array) -> NDArray[np.bool_]:
+    """Intervals (N,) in which a state jumps by far more than in most, as in impacts that a log leaves out."""
+    size = np.mean((w / (np.median(np.abs(w), axis=0) + 1e-300)) ** 2, axis=1)
+    return np.asarray(size > ACTIVE * np.median(size))
 
 
 def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:

@@ -270,6 +270,9 @@ def _repeated(
 FEW = 4
 """Methods that are named in a sentence at most."""
 
+TRIED = 6
+"""Methods that are tried by parts of an interval at most."""
+
 NEAR = 3.0
 """Standard errors within which the numbers of a method agree with those of a log, beside `CLOSE`."""
 
@@ -349,6 +352,31 @@ def identified(methods: tuple[Integrator, ...], step: float) -> IntegratorEstima
         min(m.order for m in methods),
         step,
     )
+
+
+def parted(
+    c: Array, covariance: Array, parts: Sequence[int], damped: bool
+) -> list[tuple[Integrator, int]]:
+    """Methods of low order with so many steps in each interval whose leading numbers are nearest to those c.
+
+    The numbers c are of fields with the power of an interval, of which a step is a part.
+    """
+    orders = np.array([f.order for f in FIELDS])
+    of_dampers = np.array(["damping" in f.name for f in FIELDS])
+    gaps = list[tuple[float, Integrator, int]]()
+    for method in INTEGRATORS:
+        if method.step is None or method.order > 2 or (not damped and "damping" in method.name):
+            continue
+        own = numbers_of(method)
+        leading = (orders == orders[np.flatnonzero(own)].min()) | (orders < method.order)
+        compared = np.flatnonzero(leading & (damped | ~of_dampers))
+        for k in parts:
+            scale = float(k) ** -orders[compared]
+            gap = c[compared] - own[compared] * scale
+            close = np.array([CLOSE[order] for order in orders[compared]]) * scale
+            C = covariance[np.ix_(compared, compared)] + np.diag(close**2)
+            gaps.append((float(gap @ np.linalg.solve(C, gap)) / len(compared), method, k))
+    return [(method, k) for _, method, k in sorted(gaps, key=lambda item: item[0])[:TRIED]]
 
 
 def numbers_of(method: Integrator) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
     AT_ONCE,
@@ -83,6 +83,9 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
         run, more = step(mechanism, run)
         found += more
+    differences = _differences(run)
+    if differences is not None:
+        return Cleaned(differences, tuple(found), {})
     comparisons = coordinates_against_speeds(mechanism, run)
     run, more = _without_spikes(run, comparisons)
     if more:
@@ -171,6 +174,25 @@ def _at_the_pace_of_the_slower(
         )
         return run.take(kept), [finding]
     return run, []
+
+
+def _differences(run: Trajectory) -> Trajectory | None:
+    """The run with its speeds marked as derived where they are central differences of the coordinates."""
+    pairs = Kinematics.of(run.coordinates, run.speeds).rates
+    if len(pairs) < len(run.speeds) or len(run) < LEAST_ROWS or _whole(run):
+        return None
+    i, j = np.array(pairs).T
+    q, u = run.q[:, i], run.u[:, j]
+    central = np.gradient(q, run.t, axis=0)[1:-1]
+    rounding = digits_of(run)["u"].half()[1:-1][:, j]
+    rounding = rounding + 16.0 * EPS * (np.abs(q[1:-1]) / np.diff(run.t).min() + np.abs(central))
+    if not np.all(np.abs(u[1:-1] - central) <= rounding):
+        return None
+    # Of the next order: h² d²u/dt² / 6, that is, a sixth of the second differences.
+    errors = np.abs(np.diff(u, 2, axis=0)).max(axis=0) / 6.0
+    names = [run.speeds[k] for k in j]
+    derived = {**run.provenance.derived, "u": dict(zip(names, errors.tolist(), strict=True))}
+    return replace(run, provenance=replace(run.provenance, derived=derived))
 
 
 def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:

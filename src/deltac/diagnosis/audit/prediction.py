@@ -99,7 +99,7 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
         defects = np.abs(inference.w[some]) * min(step / own, 1.0) ** (order + 1)
         end = predict(model, intervals, force, SHARE * defects).end
         after = _stepped(inference, method, intervals, end, force)
-        slope = 0.5 * (model.energy(end)[1] + model.energy(after)[1])
+        slope = 0.5 * (model.energy_gradient(end) + model.energy_gradient(after))
         power = np.einsum("km,km->k", slope, model.difference(end, after)) / step
         return float(np.abs(np.cumsum(power * weight)).max())
 

@@ -610,14 +610,14 @@ class _Inferring:
         Weighed at either end alone the sum is off by a share of the step. The second array is half of the
         difference. Where the motion is stiff, what is at the end no longer tells of the start.
         """
-        intervals, energy = self.log.intervals, self.model.energy
+        intervals, gradient = self.log.intervals, self.model.energy_gradient
         # The mean of both gradients makes of a quadratic energy what it changes by.
-        end = 0.5 * (energy(self.flow.end)[1] + energy(intervals.end)[1])
+        end = 0.5 * (gradient(self.flow.end) + gradient(intervals.end))
         rate = np.linalg.norm(self.J[0], axis=(1, 2)) * intervals.h[:, 0]
         mild = rate < 1.0
         start = np.array(end)
         transposed = self.Phi[mild].transpose(0, 2, 1)
-        before = energy(intervals.start)[1][mild][:, :, None]
+        before = gradient(intervals.start)[mild][:, :, None]
         start[mild] = np.linalg.solve(transposed, before)[:, :, 0]
         return 0.5 * (start + end), 0.5 * (end - start)
 
@@ -816,10 +816,9 @@ class _Inferring:
         c = p.nuisance_at(best.coefficients)
         covariance = p.inverse * variance * tau
         power = np.einsum("km,kmp->kp", self.gradient, self.B)
-        energies = self.model.energy
-        jump = energies(log.intervals.end)[0] - energies(self.as_logged.end)[0]
-        w = self.model.difference(self.as_logged.end, log.intervals.end)
-        jump = jump - np.einsum("km,km->k", self.slack, w)
+        gradient, ends = self.model.energy_gradient, (self.as_logged.end, log.intervals.end)
+        slope, w = 0.5 * sum(map(gradient, ends)), self.model.difference(*ends)
+        jump = np.einsum("km,km->k", slope - self.slack, w)
         causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
         if self.methods:
             work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]

@@ -63,15 +63,16 @@ class _Expressions:
             if p.name.kind == "damper" and p.name not in log.places
         ]
         damping = ca.SX(sum(dampers, start=ca.SX.zeros(len(at))))
-        E = ca.SX(terms.K2 - terms.K0 + terms.V)
+        E = ca.SX(terms.K2 + terms.K1 + terms.K0 + terms.V)
         along_q = ca.jtimes(s.qdot, s.u, ca.gradient(E, s.q), True)
+        driven = ca.gradient(ca.SX(terms.K1 + 2 * terms.K0), s.u)
         place = {"t": s.t, "q": s.q}
         state = {**place, "u": s.u}
         self.acceleration = Expression("a", {**state, "logged": symbols.logged}, a, often=True)
         self.damping = Expression("d", {**state, "logged": symbols.logged}, damping)
         self.matrices = Expression("m", place, crba(s)[at, at], G)
         self.qdot = Expression("r", state, s.qdot)
-        self.energy = Expression("e", state, E, ca.vertcat(along_q, ca.gradient(E, s.u)))
+        self.energy = Expression("e", state, ca.vertcat(along_q, ca.gradient(E, s.u)), driven)
         self.rows_of_G, self.n = G.shape[0], len(at)
         self.damped = bool(dampers) and not damping.is_zero()
 
@@ -138,6 +139,7 @@ class Model:
         )
         self._expressions = made
         self.rows_of_G, self.n, self.damped = made.rows_of_G, made.n, made.damped
+        self.rated = run.udot is not None and "udot" not in run.provenance.derived
         self.change: _Change | None = None
         self.cost = int(made.acceleration.function.n_instructions())
         names = Kinematics.of(run.coordinates, run.speeds)
@@ -191,14 +193,17 @@ class Model:
         """q̇ (T, nq) of the free coordinates."""
         return self._expressions.qdot(t, q, u)[0]
 
-    def energy(self, rows: Rows) -> tuple[Array, Array]:
-        """E = K₂ − K₀ + V (T,), J, and its gradient ∂E/∂x (T, 2n).
+    def energy_gradient(self, rows: Rows) -> Array:
+        """What a jump of the state adds to ΔC (T, 2n), J: ∂(K + V)/∂x, less what drives are booked for it.
 
-        That is K + V but for what drives of prescribed motions do when a state jumps, which is not in their
-        works by the equations of motion (Kane and Levinson 1990).
+        The power of a drive is ω·dp/dt, p the momentum along its prescribed speed ω. Where accelerations are
+        derived from the rows, a jump of u is part of dp/dt and does the work ∂(ω·p)/∂u; a jump of q is not,
+        since q̇ is that of the speeds. ω·p = K₁ + 2 K₀.
         """
-        value, gradient = self._expressions.energy(rows.t, rows.q, rows.u)
-        return value[:, 0], gradient
+        gradient, driven = self._expressions.energy(rows.t, rows.q, rows.u)
+        if not self.rated:
+            gradient = gradient - np.concatenate([np.zeros_like(driven), driven], axis=1)
+        return np.asarray(gradient)
 
     def response(self, t: Array, q: Array, force: Array) -> Array:
         """What generalized forces (T, n) or (T, n, p) add to the accelerations."""

@@ -126,17 +126,23 @@ class Evidence:
     def unnamed(self) -> bool:
         """Whether what is left is of terms of a model, beyond what is allowed, and of no few of them."""
         generic = self.inference.generic if self.inference is not None else None
-        # Rows on an interpolant, a solver's or one of coordinates alone, depart from the equations as terms
-        # of the state do.
-        provenance = self.run.provenance
-        interpolated = provenance.notes.get(ROWS) == INTERPOLATED or "u" in provenance.derived
         return (
             generic is not None
-            and not interpolated
+            and not self.smoothed
             and generic.log_odds > CERTAIN
             and generic.exchanged > self.allowed_flow
             and generic.explained > MOST
         )
+
+    @property
+    def smoothed(self) -> bool:
+        """Whether rows were made of others, by a filter, an interpolant, or as rates of coordinates.
+
+        They depart from the equations as small terms of the state do.
+        """
+        provenance = self.run.provenance
+        made = provenance.notes.get(ROWS) == INTERPOLATED or "u" in provenance.derived
+        return made or (self.inference is not None and self.inference.filter is not None)
 
     @cached_property
     def intermittent(self) -> bool:
@@ -281,7 +287,7 @@ def _findings(e: Evidence, kind: Kind) -> tuple[Finding, ...]:
     if departing is not None:
         own.append(departing)
     small = kind != "equation-error" and e.mistake[1] < 1.0 - PROBABLE["medium"]
-    if small and e.mistake[0] > PROBABLE["high"] and any(map(of_model, named)):
+    if small and not e.smoothed and e.mistake[0] > PROBABLE["high"] and any(map(of_model, named)):
         own.append(_small(e, next(filter(of_model, named))))
     weights = list(HEADINGS)
     everything = [*own, *e.findings]
@@ -452,7 +458,7 @@ def _undecided(e: Evidence) -> str:
         )
     if e.hidden > 1.0 - PROBABLE["medium"]:
         name, joules = max(inference.unseen.items(), key=lambda item: item[1])
-        times = 2.0 * joules / max(e.allowed, 1e-300)
+        times = min(2.0 * joules / max(e.allowed, 1e-300), 1e6)
         rows = int(np.ceil(times**2))
         return (
             f"{name} may hide {2.0 * joules:.2g} J, {times:.2g} times what is allowed: "

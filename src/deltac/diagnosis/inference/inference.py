@@ -47,6 +47,7 @@ from deltac.diagnosis.inference.hypotheses import (
     Fit,
     Posterior,
     autocorrelation_time,
+    fitted,
     least_squares,
     nothing,
     search,
@@ -111,8 +112,11 @@ ENOUGH = 300
 LOST = 0.3
 """Share of the intervals that may be lost where the model has no finite motion."""
 
-DELAYS, SPREADS = (-8, -4, -2, -1, 0, 1, 2, 4, 8), (0.5, 1, 2, 4)
+DELAYS, SPREADS = (-8, -4, -2, 0, 2, 4, 8), (0.5, 1, 2, 4)
 """Delays and deviations, in rows, of filters of forces that are compared: enough to linearise at."""
+
+WITHIN_A_ROW = 1.0
+"""Delays and deviations, in rows, up to which forces are held or ramped from row to row."""
 
 PARTS = (2, 3, 4, 5, 8, 10)
 """Steps between neighbouring rows of a log that does not say its step."""
@@ -139,6 +143,7 @@ class Inference:
         model, log: the equations and the rows.
         kernels: the columns of all causes.
         forces: how each logged force acts between rows, see `flow.FORCES`.
+        filter: delay and deviation (s) of a filter of the forces, as of the states; None for none.
         methods: integrators whose own map closes the rows, if any.
         blocks: the whitened equations: prediction errors, and measured accelerations where these are known.
         posterior: causes with their odds.
@@ -166,6 +171,7 @@ class Inference:
     log: Observations
     kernels: tuple[ColumnKernels, ...]
     forces: tuple[str, ...]
+    filter: tuple[float, float] | None
     methods: tuple[Integrator, ...]
     blocks: tuple[Block, ...]
     posterior: Posterior
@@ -460,7 +466,7 @@ class _Inferring:
         self.causes = self._cause_columns()
         self._act(nothing(len(self.coefficients)))
         posterior = self._compare()
-        if posterior.best.chosen and self._act(posterior.best):
+        if posterior.best.chosen and self._act(self._of_equations(posterior.best)):
             posterior = self._compare()
         if self.methods and self.methods[0].order == 1 and self._held():
             posterior = self._compare()
@@ -481,6 +487,12 @@ class _Inferring:
             self.kinds = kinds
             self._predict()
         return another
+
+    def _of_equations(self, best: Fit) -> Fit:
+        """The causes of a fit that are of the equations, alone: what forces do is asked anew."""
+        chosen = [c for c in best.chosen if c.kind not in OF_THE_LOG]
+        fit = fitted(self.blocks, chosen) if chosen else None
+        return fit or nothing(len(self.coefficients))
 
     def _act(self, best: Fit) -> bool:
         """Let forces act as is likeliest beside causes; whether that is otherwise than before."""
@@ -516,6 +528,8 @@ class _Inferring:
                 if not late and not np.any(np.where(self.of_log, 0.0, before.coefficients)):
                     break
                 for delay, smoothing in late:
+                    if abs(delay) <= WITHIN_A_ROW * self.step and self.filter is None:
+                        continue
                     variance = max(smoothing - delay**2, (NARROW * self.step) ** 2)
                     self._filtered(float(delay), float(np.sqrt(variance)))
                 self._linearised_at(before.coefficients)
@@ -764,7 +778,9 @@ class _Inferring:
         acting, h = self.force(self.kinds), float(np.median(intervals.h))
         nodes = np.linspace(0.0, 1.0, 5)
         now = np.stack([acting(s) for s in nodes])
-        hypotheses = [(d * h, s * h) for d in DELAYS for s in SPREADS]
+        hypotheses = [
+            (d * h, s * h) for d in DELAYS for s in SPREADS if max(abs(d), s) > WITHIN_A_ROW
+        ]
         columns = [np.zeros_like(self.w) for _ in hypotheses]
         responses = list(self._force_responses)
         for column, (delay, spread) in zip(columns, hypotheses, strict=True):
@@ -851,6 +867,7 @@ class _Inferring:
             log=log,
             kernels=self.kernels,
             forces=self.kinds,
+            filter=self.filter,
             methods=self.methods,
             blocks=self.blocks,
             posterior=posterior,

@@ -1,15 +1,20 @@
 """SDFormat files (Gazebo, Drake): links, joints and inertias, read from the XML itself.
 
-Read is one model, of a file of its own or the only one of a world: links with their inertias, joints of the
+Read is one model, of a file of its own or one of several: links with their inertias, joints of the
 kinds revolute, continuous, prismatic, ball, universal, screw and fixed with damping, spring and poses in
-any frame, joints that follow others (SDFormat 1.4 to 1.11, http://sdformat.org/spec). The body frame is the
-link's. What does work and has no counterpart here (contact, limits, dry friction, plugins) is named in the
-report.
+any frame, joints that follow others, closed loops (SDFormat 1.4 to 1.11, http://sdformat.org/spec). The
+body frame is the link's. What does work and has no counterpart here (contact, limits, dry friction,
+plugins) is named in the report.
+
+The first joint in the file with a link as its child carries that link. Every other joint, and one whose
+parent is already carried by its child, closes a loop: it is an exact constraint, which the file's pose
+satisfies.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
@@ -23,8 +28,17 @@ from deltac.importers.report import ImportReport, Remark
 from deltac.importers.urdf import xml_root
 from deltac.mechanism import joints
 from deltac.mechanism.bodies import Body, body
-from deltac.mechanism.constraints import Holonomic, gear
-from deltac.mechanism.joints import Joint
+from deltac.mechanism.constraints import (
+    Holonomic,
+    Loop,
+    gear,
+    loop_prismatic,
+    loop_revolute,
+    loop_spherical,
+    loop_universal,
+    loop_weld,
+)
+from deltac.mechanism.joints import Joint, JointOptions
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
 
@@ -32,6 +46,9 @@ GRAVITY = (0.0, 0.0, -9.8)
 """Where no world says otherwise (m/s²); SDFormat's default."""
 
 KINDS = ("revolute", "continuous", "prismatic", "ball", "universal", "screw", "fixed")
+LOOPS = ("revolute", "continuous", "prismatic", "ball", "universal", "fixed")
+"""Kinds of joints that can close a loop."""
+
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _WORLD, _MODEL = ("world", "__root__"), ("__model__", "")
 
@@ -60,6 +77,25 @@ def read_sdf(path: Path, model: str | None = None) -> tuple[Mechanism, ImportRep
         raise UnknownName(f"model file {path.name!r}: no model {model!r}{closest(model, by_name)}")
     chosen = models[0] if model is None else by_name[model]
     return _Reader(path.name, chosen, root.find("world")).read()
+
+
+@dataclass(frozen=True)
+class _Seat:
+    """A joint of a `kind` on its links: its frame's place and rotation in either, its axes in that frame."""
+
+    kind: str
+    parent: str
+    child: str
+    position: Array
+    rotation: Array
+    child_position: Array
+    child_rotation: Array
+    axes: tuple[Array, Array]
+
+    @property
+    def aligned(self) -> Array:
+        """The child's rotation in the parent in the file's pose."""
+        return self.rotation @ self.child_rotation.T
 
 
 class _Reader:
@@ -96,28 +132,18 @@ class _Reader:
 
     def read(self) -> tuple[Mechanism, ImportReport]:
         """The mechanism and what there is to say of it."""
-        carrier: dict[str, str] = {}
-        for name, joint in self.joints.items():
-            child = self.end(joint, "child")
-            if child in carrier:
-                raise ModelError(
-                    f"{self.file}: joints {carrier[child]!r} and {name!r} carry link {child!r}: closed "
-                    f"loops are "
-                    "not read; cut one, and add a loop constraint in Python"
-                )
-            carrier[child] = name
+        carriers = self.carriers()
         static = (self.model.findtext("static") or "").strip() in ("true", "1")
         made: list[Joint] = []
         waiting = list(self.links)
         done = {GROUND}
         while waiting:
-            ready = [link for link in waiting if self.parent(link, carrier) in done]
-            if not ready:
-                raise ModelError(f"{self.file}: links {waiting} are connected in a circle")
-            for link in ready:
-                made.append(self.carried(link, carrier.get(link), static))
+            for link in [link for link in waiting if self.parent(link, carriers) in done]:
+                made.append(self.carried(link, carriers.get(link), static))
                 done.add(link)
                 waiting.remove(link)
+        tree = set(carriers.values())
+        loops = [self.loop(name) for name in self.joints if name not in tree]
         self.left_out()
         gravity = GRAVITY
         if self.world is not None and (told := self.world.findtext("gravity")) is not None:
@@ -130,21 +156,37 @@ class _Reader:
         mechanism = Mechanism(
             [self.body(name, link) for name, link in self.links.items()],
             made,
-            constraints=list(self.mimics(made)),
+            constraints=[*loops, *self.mimics(made)],
             gravity=gravity,
             name=self.model.get("name") or self.file,
         )
         moving = sum(bool(joint.speeds) for joint in made)
-        read = Remark("tree", f"{len(self.links)} links, {moving} moving joints")
+        read = [Remark("tree", f"{len(self.links)} links, {moving} moving joints")]
+        read += [
+            Remark(loop.name, "joint that closes a loop, an exact constraint") for loop in loops
+        ]
         starts = {"model": mechanism.state(self.start(made))}
         return mechanism, ImportReport(
-            self.file, (read,), tuple(self.ignored), tuple(self.assumed), starts=starts
+            self.file, tuple(read), tuple(self.ignored), tuple(self.assumed), starts=starts
         )
 
-    def parent(self, link: str, carrier: Mapping[str, str]) -> str:
-        if link not in carrier:
-            return GROUND
-        return self.end(self.joints[carrier[link]], "parent")
+    def carriers(self) -> dict[str, str]:
+        """The joint that carries each link: the first of the file that makes no circle with those before."""
+        carriers: dict[str, str] = {}
+        for name, joint in self.joints.items():
+            child = self.end(joint, "child")
+            ancestor = parent = self.end(joint, "parent")
+            if child == parent:
+                raise ModelError(f"{self.file}: joint {name!r} joins link {child!r} to itself")
+            while ancestor in carriers:
+                ancestor = self.parent(ancestor, carriers)
+            if child not in carriers and child != ancestor:
+                carriers[child] = name
+        return carriers
+
+    def parent(self, link: str, carriers: Mapping[str, str]) -> str:
+        """The link that another hangs on; the ground for a root."""
+        return self.end(self.joints[carriers[link]], "parent") if link in carriers else GROUND
 
     def end(self, joint: Element, tag: str) -> str:
         """The link at one end of a joint."""
@@ -213,38 +255,88 @@ class _Reader:
                 )
             )
             return joints.free(link, link)
+        seat = self.seat(name)
+        place: JointOptions = {
+            "position": seat.position,
+            "rotation": seat.rotation,
+            "child_position": seat.child_position,
+            "child_rotation": seat.child_rotation,
+        }
+        options = self.dynamics(name, seat)
+        match seat.kind:
+            case "fixed":
+                return joints.fixed(name, seat.parent, link, **place)
+            case "ball":
+                return joints.spherical(
+                    name,
+                    seat.parent,
+                    link,
+                    position=seat.position,
+                    rotation=seat.aligned,
+                    child_position=seat.child_position,
+                )
+            case "universal":
+                return joints.universal(name, seat.parent, link, *seat.axes, **place)
+            case "screw":
+                pitch = self.screw_pitch(name, self.joints[name])
+                return joints.screw(
+                    name, seat.parent, link, seat.axes[0], pitch=pitch, **place, **options
+                )
+            case "prismatic":
+                return joints.prismatic(name, seat.parent, link, seat.axes[0], **place, **options)
+        return joints.revolute(name, seat.parent, link, seat.axes[0], **place, **options)
+
+    def loop(self, name: str) -> Loop:
+        """The constraint of a joint that closes a loop."""
+        seat = self.seat(name)
+        if seat.kind not in LOOPS:
+            raise ModelError(
+                f"{self.file}: joint {name!r} closes a loop, and its type {seat.kind!r} has no constraint; "
+                f"expected one of {', '.join(LOOPS)}. Write it before the other joints of its loop, so that "
+                "one of those closes it"
+            )
+        self.dynamics(name, seat, closing=True)
+        ends: dict[str, Any] = {
+            "body1": seat.parent,
+            "body2": seat.child,
+            "point1": seat.position,
+            "point2": seat.child_position,
+        }
+        first = seat.rotation @ seat.axes[0]
+        match seat.kind:
+            case "fixed":
+                return loop_weld(name, **ends, rotation=seat.aligned)
+            case "ball":
+                return loop_spherical(name, **ends)
+            case "universal":
+                second = seat.child_rotation @ seat.axes[1]
+                return loop_universal(name, **ends, axis1=first, axis2=second)
+            case "prismatic":
+                return loop_prismatic(name, **ends, axis1=first, rotation=seat.aligned)
+        return loop_revolute(name, **ends, axis1=first, axis2=seat.child_rotation @ seat.axes[0])
+
+    def seat(self, name: str) -> _Seat:
+        """Where a joint is on its links."""
         joint = self.joints[name]
         kind = joint.get("type", "")
         if kind not in KINDS:
             raise ModelError(
                 f"{self.file}: joint {name!r}: type {shown(kind)} is not read{closest(kind, KINDS)}"
             )
-        parent = self.end(joint, "parent")
-        R_parent, p_parent = (
-            (np.eye(3), np.zeros(3)) if parent == GROUND else self.world_pose(parent)
+        parent, child = self.end(joint, "parent"), self.end(joint, "child")
+        R, p = self.world_pose(name)
+        R_parent, p_parent = self.world_pose("world" if parent == GROUND else parent)
+        R_child, p_child = self.world_pose(child)
+        return _Seat(
+            kind,
+            parent,
+            child,
+            R_parent.T @ (p - p_parent),
+            R_parent.T @ R,
+            R_child.T @ (p - p_child),
+            R_child.T @ R,
+            (self.axis(name, joint, "axis", R), self.axis(name, joint, "axis2", R)),
         )
-        R_joint, p_joint = self.world_pose(name)
-        place: dict[str, Any] = {
-            "position": (R_parent.T @ (p_joint - p_parent)).tolist(),
-            "rotation": (R_parent.T @ R_joint).tolist(),
-            "child_position": (R_link.T @ (p_joint - p_link)).tolist(),
-            "child_rotation": (R_link.T @ R_joint).tolist(),
-        }
-        axes = [self.axis(name, joint, tag, R_joint, R_parent) for tag in ("axis", "axis2")]
-        options: dict[str, Any] = dict(self.dynamics(name, joint, kind))
-        match kind:
-            case "fixed":
-                return joints.fixed(name, parent, link, **place)
-            case "ball":
-                return joints.spherical(name, parent, link, **place)
-            case "universal":
-                return joints.universal(name, parent, link, axes[0], axes[1], **place)
-            case "screw":
-                pitch = self.screw_pitch(name, joint)
-                return joints.screw(name, parent, link, axes[0], pitch=pitch, **place, **options)
-            case "prismatic":
-                return joints.prismatic(name, parent, link, axes[0], **place, **options)
-        return joints.revolute(name, parent, link, axes[0], **place, **options)
 
     def screw_pitch(self, name: str, joint: Element) -> float:
         """Metres a radian: `screw_thread_pitch` is metres a turn, the old `thread_pitch` radians a metre."""
@@ -252,14 +344,12 @@ class _Reader:
             return self.number(joint, "screw_thread_pitch", 1.0, f"joint {name!r}") / (2 * np.pi)
         return -1.0 / self.number(joint, "thread_pitch", 1.0, f"joint {name!r}")
 
-    def axis(
-        self, name: str, joint: Element, tag: str, R_joint: Array, R_parent: Array
-    ) -> list[float]:
+    def axis(self, name: str, joint: Element, tag: str, R_joint: Array) -> Array:
         """The unit vector of an axis, in the joint's frame."""
         element = joint.find(tag)
         where = f"joint {name!r}: {tag}"
         if element is None:
-            return [0.0, 0.0, 1.0]
+            return np.array([0.0, 0.0, 1.0])
         xyz = element.find("xyz")
         direction = np.array(self.numbers(xyz.text if xyz is not None else "0 0 1", 3, where))
         frame = xyz.get("expressed_in", "") if xyz is not None else ""
@@ -271,16 +361,16 @@ class _Reader:
         size = float(np.linalg.norm(direction))
         if not size > 0.0:
             raise ModelError(f"{self.file}: {where} is zero, expected a direction")
-        values: list[float] = (direction / size).tolist()
-        return values
+        return direction / size
 
-    def dynamics(self, name: str, joint: Element, kind: str) -> dict[str, float]:
+    def dynamics(self, name: str, seat: _Seat, closing: bool = False) -> dict[str, float]:
         """Damping and spring of a joint of one axis.
 
-        Limits, dry friction, and what acts in joints of several axes go into the report.
+        Limits, dry friction, and what acts in joints of several axes or that close a loop go into the report.
         """
+        joint = self.joints[name]
         found: dict[str, float] = {}
-        if kind == "fixed":
+        if seat.kind == "fixed":
             return found
         for axis in (*joint.findall("axis"), *joint.findall("axis2")):
             where = f"joint {name!r}"
@@ -299,10 +389,11 @@ class _Reader:
                 abs(self.number(limit, key, 1e16, where)) < 1e15 for key in ("lower", "upper")
             ):
                 self.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
-        if kind in ("ball", "universal"):
+        if closing or seat.kind in ("ball", "universal"):
+            which = "that closes a loop" if closing else "of several axes"
             for key, what in (("damping", "damper"), ("stiffness", "spring")):
                 if key in found:
-                    text = f"{what} of a joint of several axes"
+                    text = f"{what} of a joint {which}"
                     self.ignored.append(Remark.logged(name, text, f"{what} {name}"))
             return {}
         return found

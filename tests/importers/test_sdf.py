@@ -98,14 +98,11 @@ JOINT = "<joint name='j' type='{}'><parent>world</parent><child>{}</child></join
         MODEL.format("<link name='a'><pose relative_to='b'>0 0 0 0 0 0</pose></link>"),
         MODEL.format("<link name='a'><inertial><mass>x</mass></inertial></link>"),
         MODEL.format(
-            LINK.format("a") + LINK.format("b")
-            + "<joint name='j' type='fixed'><parent>a</parent><child>b</child></joint>"
-            + "<joint name='k' type='fixed'><parent>b</parent><child>a</child></joint>"
+            LINK.format("a") + "<joint name='j' type='fixed'><parent>a</parent><child>a</child></joint>"
         ),
         MODEL.format(
-            LINK.format("a")
-            + "<joint name='j' type='fixed'><parent>world</parent><child>a</child></joint>"
-            + "<joint name='k' type='fixed'><parent>world</parent><child>a</child></joint>"
+            LINK.format("a") + JOINT.format("fixed", "a")
+            + "<joint name='k' type='gearbox'><parent>world</parent><child>a</child></joint>"
         ),
         "<!DOCTYPE x><sdf version='1.9'/>",
     ],

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+import sysconfig
 from pathlib import Path
 
 import numpy as np
@@ -232,3 +234,32 @@ def test_a_loop_leaves_the_motion_that_its_joint_would(
     assert spin == pytest.approx(axes @ direct, rel=1e-9, abs=1e-11)
     assert slide == pytest.approx(direct[0] if kind == "prismatic" else 0.0, rel=1e-9, abs=1e-11)
     assert np.abs(direct).max(initial=9.0) > 0.1
+
+
+CASSIE = Path(
+    sysconfig.get_path("purelib"),
+    "cmeel.prefix/share/example-robot-data/robots/cassie_description/robots/cassie_reduced.sdf",
+)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not CASSIE.exists(), reason="example-robot-data is not installed")
+def test_cassie_falls_with_its_loops_closed(tmp_path: Path) -> None:
+    """Without its dampers, what gravity gives is all kinetic energy."""
+    (path := tmp_path / "cassie.sdf").write_text(
+        re.sub("<damping>.*?</damping>", "", CASSIE.read_text())
+    )
+    loaded = dc.load_model(path)
+    mechanism = loaded.mechanism
+    loops = [f"{side}-{rod}" for side in ("left", "right") for rod in ("pitch-rod", "plantar-foot")]
+    assert {c.name for c in mechanism.constraints} == {f"{name}-joint" for name in loops}
+    guess = mechanism.state({}, {"left-knee-op": 1.0, "right-pitch-op": -2.0})
+    run = dc.simulate(loaded, dc.assemble(loaded, guess).state, 0.05, 1e-3)
+    first, last = (
+        dc.evaluate(mechanism, dc.State(0.0, run.q[k], run.u[k])) for k in (0, len(run.t) - 1)
+    )
+    falls = last.kinetic - first.kinetic
+    assert falls > 1.0
+    assert sum(last.potential.values()) - sum(first.potential.values()) == pytest.approx(
+        -falls, abs=1e-5 * falls
+    )

@@ -90,7 +90,7 @@ class _Seat:
     rotation: Array
     child_position: Array
     child_rotation: Array
-    axes: tuple[Array, Array]
+    axes: tuple[list[float], list[float]]
 
     @property
     def aligned(self) -> Array:
@@ -344,12 +344,12 @@ class _Reader:
             return self.number(joint, "screw_thread_pitch", 1.0, f"joint {name!r}") / (2 * np.pi)
         return -1.0 / self.number(joint, "thread_pitch", 1.0, f"joint {name!r}")
 
-    def axis(self, name: str, joint: Element, tag: str, R_joint: Array) -> Array:
+    def axis(self, name: str, joint: Element, tag: str, R_joint: Array) -> list[float]:
         """The unit vector of an axis, in the joint's frame."""
         element = joint.find(tag)
         where = f"joint {name!r}: {tag}"
         if element is None:
-            return np.array([0.0, 0.0, 1.0])
+            return [0.0, 0.0, 1.0]
         xyz = element.find("xyz")
         direction = np.array(self.numbers(xyz.text if xyz is not None else "0 0 1", 3, where))
         frame = xyz.get("expressed_in", "") if xyz is not None else ""
@@ -361,7 +361,8 @@ class _Reader:
         size = float(np.linalg.norm(direction))
         if not size > 0.0:
             raise ModelError(f"{self.file}: {where} is zero, expected a direction")
-        return direction / size
+        values: list[float] = (direction / size).tolist()
+        return values
 
     def dynamics(self, name: str, seat: _Seat, closing: bool = False) -> dict[str, float]:
         """Damping and spring of a joint of one axis.

@@ -221,7 +221,7 @@ def infer(
     """The inference for a run whose columns are in the mechanism's order; None for too few rows.
 
     `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it are not told.
-    Places and axes are no causes where the time `limit` has passed.
+    Where the time `limit` has passed, places and axes are no causes, and causes count to first order.
     """
     if not len(mechanism.free.u) or len(run) < 3:
         return None
@@ -243,7 +243,8 @@ def infer(
                 # Only then is it asked for places and axes: their columns are as many again.
                 inferring.add(geometry_columns(evaluator))
                 result = inferring.result()
-            return inferring.refined() if result.posterior.best.chosen else result
+            late = limit is not None and limit.passed("causes linearised at themselves")
+            return inferring.refined() if result.posterior.best.chosen and not late else result
     except (FlowError, np.linalg.LinAlgError):
         return None
 

@@ -30,9 +30,9 @@ def off_by(run: dc.Trajectory, kind: str, step: float = STEP) -> Off:
     intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
     force = LoggedForce.of(intervals, [(0, len(intervals))])((kind,) * rows.F.shape[1])
     gaps: Off = {}
-    for method, end in maps(model, intervals, force, steps_between(intervals.h, step)):
-        gap = float(np.abs(model.difference(end, intervals.end)).max())
-        gaps[method.name] = min(gap, gaps.get(method.name, np.inf))
+    for of in maps(model, intervals, force, steps_between(intervals.h, step)):
+        gap = float(np.abs(model.difference(of.end, intervals.end)).max())
+        gaps[of.method.name] = min(gap, gaps.get(of.method.name, np.inf))
     return gaps
 
 
@@ -81,10 +81,10 @@ def test_derivatives_of_a_map_are_those_of_steps_from_other_rows() -> None:
     force = LoggedForce.of(intervals, [(0, len(intervals))])(())
     counts = steps_between(intervals.h, STEP)
     assert counts is not None
-    (end,) = (
-        x for x in maps(model, intervals, force, counts) if x[0].name == "semi-implicit-euler"
+    (of,) = (
+        x for x in maps(model, intervals, force, counts) if x.method.name == "semi-implicit-euler"
     )
-    Phi = transition(model, end, intervals, force, counts)
+    Phi = transition(model, of, intervals, force)
     assert Phi is not None
     for k in (0, 20):
         for i, e in enumerate(np.eye(4)):

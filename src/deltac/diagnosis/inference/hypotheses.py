@@ -139,11 +139,14 @@ class Block:
         )  # fmt: skip
 
     def misfit(self, coefficients: Array) -> float:
-        """RSS with coefficients of causes, at least what the digits of the rows alone make of it.
+        """RSS with coefficients of causes, at least what digits alone make of it.
 
-        They are known: what fits better than they allow is fitted to their rounding.
+        Those of the rows are known, and columns are exact to half of a double's: what fits better than these
+        allow is fitted to rounding.
         """
-        return max(self.projected.left(coefficients), self.rounding * self.count)
+        whole = self.projected.left(np.zeros(len(self.causes)))
+        least = max(CANCELLED * whole, self.rounding * self.count)
+        return max(self.projected.left(coefficients), least)
 
     def residual(self, coefficients: Array) -> Array:
         """What is left of r (K, d) with coefficients of the causes' columns, nuisance fitted beside."""

@@ -221,7 +221,7 @@ def infer(
     """The inference for a run whose columns are in the mechanism's order; None for too few rows.
 
     `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it are not told.
-    Places and axes are no causes where the time `limit` has passed.
+    Where the time `limit` has passed, places and axes are no causes, and causes count to first order.
     """
     if not len(mechanism.free.u) or len(run) < 3:
         return None
@@ -243,7 +243,8 @@ def infer(
                 # Only then is it asked for places and axes: their columns are as many again.
                 inferring.add(geometry_columns(evaluator))
                 result = inferring.result()
-            return inferring.refined() if result.posterior.best.chosen else result
+            late = limit is not None and limit.passed("causes linearised at themselves")
+            return inferring.refined() if result.posterior.best.chosen and not late else result
     except (FlowError, np.linalg.LinAlgError):
         return None
 
@@ -466,7 +467,8 @@ class _Inferring:
         self.causes = self._cause_columns()
         self._act(nothing(len(self.coefficients)))
         posterior = self._compare()
-        if posterior.best.chosen and self._act(self._of_equations(posterior.best)):
+        # What mistakes do looks like filters and those like mistakes: filters are asked for beside causes.
+        if self._act(self._of_equations(posterior.best), filters=True):
             posterior = self._compare()
         if self.methods and self.methods[0].order == 1 and self._held():
             posterior = self._compare()
@@ -494,7 +496,7 @@ class _Inferring:
         fit = fitted(self.blocks, chosen) if chosen else None
         return fit or nothing(len(self.coefficients))
 
-    def _act(self, best: Fit) -> bool:
+    def _act(self, best: Fit, filters: bool = False) -> bool:
         """Let forces act as is likeliest beside causes; whether that is otherwise than before."""
         if self.filter is not None or not self.kinds or all(self.declared):
             return False
@@ -503,7 +505,7 @@ class _Inferring:
         if another:
             self.kinds = kinds
             self._predict()
-        filtering = self._filter_of_forces(best)
+        filtering = self._filter_of_forces(best) if filters else None
         if filtering is not None:
             self._filtered(*filtering)
             self._predict()

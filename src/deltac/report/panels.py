@@ -407,7 +407,7 @@ def orders(report: Study) -> LogPlot:
     return LogPlot(
         "How the errors fall with the step",
         "step h (s)" if report.measures.unit else "tolerance",
-        "share of the energy of the system, or of the ranges",
+        "share of energy, or of the ranges",
         tuple(cloud for cloud in clouds if cloud is not None),
         (Guide("accepted", report.tolerance), *limit),
         note="" if report.nominal is None else f"The solver's own order is {report.nominal}.",
@@ -480,12 +480,19 @@ def residuals(report: EquationCheck) -> Bars:
 
 def fronts(report: Recommendation) -> Iterator[LogPlot]:
     """Work and precision: |ΔC| of every trial over the time that it took, then the error of the motion."""
-    yield _front(report, "energy", "|ΔC|, share of the energy of the system")
+    yield _front(
+        report, "energy", "Energy error over time of computation", "|ΔC|, share of the energy"
+    )
     if any(np.isfinite(trial.motion) and trial.motion > 0.0 for trial in report.trials):
-        yield _front(report, "motion", "error of q and u, share of their ranges")
+        yield _front(
+            report,
+            "motion",
+            "Error of the motion over time of computation",
+            "share of the ranges of q, u",
+        )
 
 
-def _front(report: Recommendation, what: str, says: str) -> LogPlot:
+def _front(report: Recommendation, what: str, title: str, says: str) -> LogPlot:
     from deltac.diagnosis.recommend.result import setting_of
 
     clouds = []
@@ -512,4 +519,4 @@ def _front(report: Recommendation, what: str, says: str) -> LogPlot:
     asked = report.tolerance if what == "energy" else report.motion_tolerance
     guides = (Guide("asked for", asked),) if np.isfinite(asked) else ()
     note = "Down and to the left is better. The ring marks the recommended setting."
-    return LogPlot("Work and precision", "time of a run (s)", says, tuple(clouds), guides, note)
+    return LogPlot(title, "time of a run (s)", says, tuple(clouds), guides, note)

@@ -118,7 +118,7 @@ def page_of(report: Report, context: Beside) -> Page:
     """The page of a report; of one that has no page of its own, its text and its tables."""
     chapters = [*_motion(context.run, context.mechanism), *_told(report)]
     return Page(
-        title=type(report).__name__,
+        title=re.sub("(?<=[a-z])(?=[A-Z])", " ", type(report).__name__).capitalize(),
         asked=_first_line(report),
         tone=TONES.get(report.exit_code, "bad"),
         word=_sentence(report.summary()),
@@ -387,7 +387,8 @@ def _(report: Recommendation, context: Beside) -> Page:
         run = _recommended(context.model, best, report.duration)
     return Page(
         title="Solver and step" if context.mechanism is None else context.mechanism.name,
-        asked=f"Which solver, with which step, keeps a tolerance of {report.tolerance:g} at the least cost?",
+        asked="Which solver, with which step, keeps a tolerance of "
+        f"{fraction(report.tolerance)} at the least cost?",
         tone=TONES.get(report.exit_code, "bad"),
         word=_sentence(word),
         sentence=_RECOMMENDED[report.exit_code] if best is not None else "",

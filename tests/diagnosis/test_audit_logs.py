@@ -42,11 +42,13 @@ def test_a_decimated_log_is_not_accused() -> None:
 
 @pytest.mark.parametrize("n", [5, 10, 20, 40])
 def test_contacts_between_the_rows_are_not_accused(n: int) -> None:
-    """Error bars of a motion that is not smooth are small by chance now and then."""
-    found = audit(
-        model_of(HOPPER), of_rows_alone(hopper_run()).every(n)
-    )  # 1000 Hz to as little as 25 Hz
-    assert found.verdict.kind == "unresolved", found.verdict.explain()
+    """1000 Hz to as little as 25 Hz: the integrator is blamed as with every row, or nobody."""
+    run = of_rows_alone(hopper_run())
+    found, whole = (audit(model_of(HOPPER), run.every(k)) for k in (n, 1))
+    assert found.verdict.kind in ("unresolved", whole.verdict.kind), found.verdict.explain()
+    if found.verdict.kind == whole.verdict.kind:
+        told, true = (a.attribution.integrator.largest for a in (found, whole))
+        assert abs(told[0] - true[0]) <= max(3.0 * told[1], 0.1 * true[0])
 
 
 def test_forces_held_over_a_step_are_not_held_from_row_to_row() -> None:
@@ -55,7 +57,7 @@ def test_forces_held_over_a_step_are_not_held_from_row_to_row() -> None:
     each = [np.abs(audit(model_of(ARM), run.every(n)).energy_error).max() for n in (2, 5, 10)]
     np.testing.assert_allclose(each, each[0], rtol=0.02)
     found = audit(model_of(ARM), run.every(5), tolerance=1e-4)
-    assert found.verdict.kind == "unresolved", found.verdict.explain()
+    assert found.verdict.kind in ("unresolved", "consistent"), found.verdict.explain()
 
 
 def test_leaving_out_rows_acquits_nobody() -> None:

@@ -433,6 +433,16 @@ def search(
     return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
 
 
+def refitted(blocks: Sequence[Block], before: Posterior, alternatives: int) -> Posterior:
+    """The same causes with their numbers fitted anew, without those that have no odds any more."""
+    fit = fitted(blocks, before.best.chosen, before.best.theta)
+    if fit is None:
+        return before
+    fit = replace(fit, log_odds=before.best.log_odds, each=before.best.each)
+    best, near = _pruned(blocks, fit, list(before.alternatives), alternatives)
+    return Posterior(best, near, before.scores)
+
+
 def _pruned(
     blocks: Sequence[Block], best: Fit, near: list[Fit], alternatives: int
 ) -> tuple[Fit, tuple[Fit, ...]]:

@@ -50,6 +50,7 @@ from deltac.diagnosis.inference.hypotheses import (
     fitted,
     least_squares,
     nothing,
+    refitted,
     search,
 )
 from deltac.diagnosis.inference.integrators import (
@@ -280,6 +281,7 @@ class _Inferring:
         self.steps, self.log = 0, log
         self.shortlist: tuple[Integrator, ...] = ()
         self.by_rates: tuple[Block, Posterior] | None = None
+        self.refining = False
         self._predict()
         self.fields, self.J = self._integrator_columns()
         lost = ~np.all(
@@ -518,6 +520,7 @@ class _Inferring:
         Where the model with the causes in it has no motion between the rows, the one without.
         """
         state = dict(self.__dict__)
+        self.refining = True
         try:
             for turn in range(RELINEARISATIONS):
                 before = self.posterior.best
@@ -660,6 +663,8 @@ class _Inferring:
         return trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
 
     def _search(self, block: Block) -> Posterior:
+        if self.refining:
+            return refitted((block,), self.posterior, len(self.candidates))
         # Known accelerations are linear in almost all causes: small ones beside large ones are real.
         many = (MANY, 0.0) if self._knows_accelerations else (TOGETHER, BESIDE)
         return search(

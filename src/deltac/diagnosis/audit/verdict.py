@@ -206,12 +206,15 @@ class Evidence:
         unknown = max(self.unexplained, self.hidden)
         if self.lacking and wrong > 0.0 and not self.certain:
             unknown, wrong = wrong, 0.0
-        right = (1.0 - wrong) * (1.0 - unknown)
+        # A mistake that may be hidden acquits no integrator; what nothing explains may be anybody's.
+        right = 1.0 - wrong
+        blamed = right * (1.0 - min(unknown, self.unexplained)) * self.integrator
+        consistent = right * (1.0 - unknown) * (1.0 - self.integrator)
         return {
-            "consistent": right * (1.0 - self.integrator),
-            "integration-error": right * self.integrator,
+            "consistent": consistent,
+            "integration-error": blamed,
             "equation-error": wrong,
-            "unresolved": (1.0 - wrong) * unknown,
+            "unresolved": max(right - blamed - consistent, 0.0),
         }
 
     # --- what else is known ---

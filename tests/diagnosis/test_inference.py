@@ -3,18 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.signal import butter, lfilter
+from scipy.stats import norm
 
 import deltac as dc
 from deltac.arrays import Array
+from deltac.diagnosis.audit.verdict import Evidence
+from deltac.diagnosis.causes.causes import candidates
+from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
 from deltac.diagnosis.inference.inference import infer
 from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.whitening import whitened
+from deltac.diagnosis.measurements.cleaning import cleaned
+from deltac.diagnosis.residuals.at_samples import Evaluator
 
 G, L1, L2 = 9.81, 0.6, 0.4
 VALUES = {"m1": 1.0, "m2": 0.7, "c1": 0.02, "c2": 0.01, "g": G}
@@ -340,3 +351,156 @@ def test_rows_of_noise_accuse_nobody(seed: int) -> None:
     audit = dc.audit(mechanism, run)
     assert audit.verdict.kind == "unresolved"
     assert not [f for f in audit.findings if f.weight == "cause"]
+
+
+# --- causes in the equations, filters, gaps, unknown steps -----------------------------------------------
+
+
+def kernels_of(run: dc.Trajectory) -> tuple[Evaluator, ColumnKernels]:
+    evaluator = Evaluator(MECHANISM, run)
+    return evaluator, column_kernels(evaluator)
+
+
+@pytest.mark.parametrize(
+    ("kind", "element", "theta", "wrong"),
+    [
+        ("body-inertia", "b", 0.6, {"m2": 0.7 * 1.6}),
+        ("damping", "j2", 0.05, {"c2": 0.06}),
+        ("gravity", "gravity", -0.3, {"g": 0.7 * G}),
+    ],
+)
+def test_a_model_with_a_cause_is_that_of_the_textbook_with_other_numbers(
+    kind: str, element: str, theta: float, wrong: dict[str, float]
+) -> None:
+    """However large the cause is: inertia acts through u̇, in which the equations are solved anew."""
+    run = log(rk4, 5e-3, duration=0.5)
+    evaluator, kernels = kernels_of(run)
+    (cause,) = (
+        c for c in candidates(evaluator, kernels.columns) if (c.kind, c.element) == (kind, element)
+    )
+    coefficients = np.zeros(len(kernels.columns))
+    np.add.at(coefficients, list(cause.columns), cause.coefficients(np.array([theta])))
+    rows = rows_of(run, slice(None))
+    found = Model(MECHANISM, run).changed((kernels,), coefficients).at(rows)
+    for k in (0, 50, 100):
+        a, b = accelerations(absolute(run.q[k], run.u[k]), VALUES | wrong)
+        assert found[k] == pytest.approx([a, b - a], rel=1e-11)  # rounding of two factorisations
+
+
+def test_a_large_mistake_beside_a_coarse_integrator_is_told_without_another() -> None:
+    """A mass 40 % too large and semi-implicit Euler: what the first order in either misses is no cause."""
+    audit = dc.audit(MECHANISM, log(semi_implicit_euler, 5e-3, m2=0.7 * 1.4))
+    assert [(c.kind, c.element) for c in audit.causes] == [("body-inertia", "b")]
+    # The second pass of Gauss and Newton starts 1e-4 off, and squares that.
+    assert audit.causes[0].size == pytest.approx(1.4, rel=1e-7)
+    assert audit.integrator is not None and "semi-implicit-euler" in audit.integrator.names
+
+
+def test_joules_are_those_of_steps_and_flows_of_both_equations() -> None:
+    """A damper three times as strong, and steps of 5 ms: each against the textbook's exact flows.
+
+    The integrator's are E after a step less E after the exact flow of the equations that were simulated, the
+    mistake's those of that flow less the model's; by the middle of both ends of a step.
+    """
+    wrong, h = VALUES | {"c2": 0.03}, 5e-3
+    run = log(semi_implicit_euler, h, duration=2.0, c2=0.03)
+    parts = dc.audit(MECHANISM, run).attribution
+    assert parts is not None
+
+    def energy(q: Array, u: Array) -> float:
+        a, b, w, v = absolute(q, u)
+        K = 0.5 * (1.7 * L1**2 * w**2 + 0.7 * L2**2 * v**2) + 0.7 * L1 * L2 * np.cos(a - b) * w * v
+        return float(K - 1.7 * G * L1 * np.cos(a) - 0.7 * G * L2 * np.cos(b))
+
+    sums = np.zeros(
+        (2, 2)
+    )  # of the integrator and the mistake, at the end and the start of the steps
+    for k in range(len(run) - 1):
+        here, there = (run.q[k], run.u[k]), (run.q[k + 1], run.u[k + 1])
+        for side, (x, z, sign) in enumerate(((here, there, 1.0), (there, here, -1.0))):
+            ends = [exact(*x, sign * h, p) for p in (wrong, VALUES)]
+            own, nominal = (energy(e[:2], e[2:]) for e in ends)
+            sums[side] += sign * np.array([energy(*z) - own, own - nominal])
+    expected, slack = sums.mean(axis=0), np.abs(sums[0] - sums[1]) / 2.0
+    told = np.array([parts.integrator.energy, parts.equations.energy])
+    # Gradients in place of differences: the defect of a step squared, 1e-4 of its joules.
+    assert np.all(np.abs(told - expected) <= slack + 1e-3 * np.abs(expected))
+
+
+def test_a_filtered_force_is_that_of_its_kernel() -> None:
+    """Of a sine, a triangle of half width w leaves sinc²(ω w/2), a delay δ later; of a ramp, the delay."""
+    t, delay, spread, omega = np.linspace(0.0, 2.0, 1001), 0.013, 0.006, 30.0
+    F = np.column_stack([np.sin(omega * t), 3.0 * t])
+    rows = Rows(t, np.zeros((1001, 1)), np.zeros((1001, 1)), F)
+    intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
+    pieces = [(0, 1000)]
+    smooth = LoggedForce.of(intervals, pieces)(("smooth", "smooth"))
+    found = LoggedForce.filtered(intervals, pieces, smooth, delay, spread).start.F
+    gain = np.sinc(omega * spread * np.sqrt(6.0) / 2.0 / np.pi) ** 2
+    inner = slice(100, 900)
+    # Means by the trapezoid of quarters of an interval: (ω h/4)²/12 of the force.
+    allowed = 2.0 * (omega * 2e-3 / 4.0) ** 2 / 12.0
+    assert found[inner, 0] == pytest.approx(
+        gain * np.sin(omega * (t[:-1][inner] - delay)), abs=allowed
+    )
+    assert found[inner, 1] == pytest.approx(3.0 * (t[:-1][inner] - delay), abs=1e-9)
+
+
+def test_states_that_were_filtered_are_told_by_the_filters_delay() -> None:
+    """A Butterworth filter of second order at 60 Hz delays what is slow by √2/(2π 60) s."""
+    mechanism, run = held()
+    h, edge = 1e-3, 60.0
+    b, a = butter(2, 2.0 * edge * h)
+    x = np.c_[run.q, run.u]
+    x = (lfilter(b, a, x - x[0], axis=0) + x[0])[200:]
+    forces = {name: f[200:] for name, f in run.forces.items()}
+    log = replace(run, t=run.t[200:], q=x[:, :1], u=x[:, 1:], forces=forces)
+    audit = dc.audit(mechanism, log)
+    assert audit.verdict.kind == "consistent"
+    assert audit.inference is not None and audit.inference.filter is not None
+    # The next term of its phase is (ω/ω_c)² of it: 3 % at the drive's 11 rad/s and its harmonics.
+    assert audit.inference.filter[0] == pytest.approx(np.sqrt(2.0) / (2 * np.pi * edge), rel=0.05)
+
+
+def test_the_step_of_a_log_that_lacks_rows_and_does_not_say_its_step() -> None:
+    for step, parts in ((explicit_euler, 4), (semi_implicit_euler, 5)):
+        run = log(step, 4e-3, duration=2.0).every(parts)
+        found = dc.audit(MECHANISM, replace(run, provenance=dc.Provenance("hand"))).integrator
+        name = step.__name__.replace("_", "-")
+        assert found is not None and name in found.names
+        assert found.step == pytest.approx(4e-3, rel=1e-9)
+
+
+def test_gaps_add_what_their_ends_do() -> None:
+    """Of a rate that is linear in time, all of it: the trapezoid is exact."""
+    run = log(rk4, 5e-3, duration=1.0)
+    run = run.take(np.delete(np.arange(201), np.arange(60, 100)))
+    observed = observations(Model(MECHANISM, run), run, 1000)
+    assert observed is not None and len(observed.pieces) == 2
+    t, h = observed.intervals.start.t, observed.intervals.h[:, 0]
+    rate = 2.0 + 3.0 * (t + 0.5 * h)
+    whole = 2.0 + 1.5 * run.t[-1] ** 2 / run.t[-1]
+    # Rates are those of the middles of the intervals beside the gap: half an interval from its ends.
+    assert observed.running(rate * h)[-1] == pytest.approx(whole * run.t[-1], rel=1e-12)
+
+
+def test_central_differences_are_no_measured_speeds() -> None:
+    run = log(rk4, 5e-3, duration=1.0)
+    differences = replace(run, u=np.gradient(run.q, run.t, axis=0))
+    assert "u" in cleaned(MECHANISM, differences).run.provenance.derived
+    assert "u" not in cleaned(MECHANISM, run).run.provenance.derived
+    assert dc.audit(MECHANISM, differences).verdict.kind == "consistent"
+
+
+@pytest.mark.parametrize(("joules", "error"), [(0.0, 0.2), (0.0, 50.0), (1.5, 0.4), (-6.0, 1.0)])
+def test_the_probability_of_an_error_is_that_of_its_posterior(joules: float, error: float) -> None:
+    """Spike and slab of equal weight, by quadrature of likelihood times prior."""
+    ledger = SimpleNamespace(energy_exchanged=300.0, reference_energy=1000.0)
+    evidence = Evidence(cast(Any, None), cast(Any, ledger), "", None, None, None, (), 1e-3)
+    found = evidence._beyond(np.array([joules]), np.array([error]))[0]
+    size = max(0.01 * 300.0, abs(joules))
+    J = np.linspace(-40.0, 40.0, 400_001)
+    slab = norm.pdf(joules, J, error) * norm.pdf(J, 0.0, size)
+    total = np.trapezoid(slab, J) + norm.pdf(joules, 0.0, error)
+    beyond = np.trapezoid(np.where(np.abs(J) > 1.0, slab, 0.0), J)
+    assert found == pytest.approx(beyond / total, abs=2e-4)  # steps of the quadrature

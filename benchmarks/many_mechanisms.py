@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 os.environ["DELTAC_CACHE"] = "off"
-import deltac as dc  # noqa: E402
+import deltac as dc  # noqa: E402, the cache is switched off before deltac reads the environment
 
 SOLVERS = ("ode4", "implicit-midpoint", "DOP853")
 EVERY = 100

@@ -333,7 +333,10 @@ def _friction(rng: np.random.Generator, wrong: bool) -> Run | None:
     control = None
     if rng.random() < 0.5:
         w, size = rng.uniform(2, 12), rng.uniform(1, 5)
-        control = lambda k, x: np.array([size * np.sin(w * k * h)])  # noqa: E731
+
+        def control(k: int, x: Array) -> Array:
+            return np.array([size * np.sin(w * k * h)])
+
     h = float(rng.choice([0.001, 0.002]))
     return _of_system(
         system,
@@ -822,7 +825,9 @@ def _of_machine(rng: np.random.Generator, wrong: bool, who: str) -> Run | None:
     torque = held(recording.tau)
     if continuous:
         zero = np.zeros(n)
-        torque = lambda k, t: np.array([drive(s, zero, zero, list(machine.motors)) for s in t])  # noqa: E731
+
+        def torque(k: Array, t: Array) -> Array:
+            return np.array([drive(s, zero, zero, list(machine.motors)) for s in t])
 
     def told() -> Joules | None:
         if fault in ("dry-friction", "wall"):

@@ -113,11 +113,11 @@ def simulated(
     rows, values = [np.asarray(x, float)], [control(0, np.asarray(x, float))]
     for k in range(steps):
         x, now = rows[-1], values[-1]
-        if hold == "ramped":
-            following = control(k + 1, x)
-            torque = lambda i, t, a=now, b=following, k=k: a + (b - a) * (t / h - k)[:, None]  # noqa: E731
-        else:
-            torque = lambda i, t, a=now: a[None]  # noqa: E731
+        following = control(k + 1, x) if hold == "ramped" else now
+
+        def torque(i: Array, t: Array, a: Array = now, b: Array = following, k: int = k) -> Array:
+            return np.asarray(a + (b - a) * (t / h - k)[:, None])
+
         rows.append(advanced(plant, scheme, np.array([k]), x[None], torque, h)[0])
         values.append(following if hold == "ramped" else control(k + 1, rows[-1]))
         if not np.isfinite(rows[-1]).all() or np.abs(rows[-1]).max() > 1e3:

@@ -6,7 +6,7 @@ class Mechanism:
         raise NotImplementedError  # abstract, as in the code that this imitates
 
     def forces(self, q, u):
-        raise NotImplementedError
+        raise NotImplementedError  # abstract, too
 
     def __call__(self, t, q, u):
         return np.linalg.solve(self.mass_matrix(q), self.forces(q, u))

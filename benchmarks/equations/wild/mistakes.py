@@ -1,5 +1,6 @@
 """Mistakes in the programs of this folder, as people make them: words, what was written, what it became."""
 
+# Code as it stands in the programs, a mistake a line.
 # ruff: noqa: E501
 
 from __future__ import annotations

@@ -65,8 +65,8 @@ def joules(
     of_log: Array,
     variance: float,
     tau: float,
-) -> tuple[Attribution, float, float]:
-    """The attribution, the joules that nothing explains, and the error by what the flow does not know.
+) -> tuple[Attribution, float]:
+    """The attribution, and the joules that nothing explains.
 
     Args:
         log: the rows.
@@ -83,8 +83,7 @@ def joules(
     rows = np.sqrt(of_rows + of_rows[0])
     unknown = np.einsum("km,kmn,kn->k", gradient, Q, gradient) * max(variance, 1.0)
     rest = log.running(jump) - integrator.curve - equations.curve
-    uncertain = np.sqrt(np.cumsum(unknown) * tau)
-    error = np.hypot(rows, uncertain)
+    error = np.hypot(rows, np.sqrt(np.cumsum(unknown) * tau))
     unexplained = float(np.max(np.abs(rest - of_log) - UNEXPLAINED * error, initial=0.0))
     parts = Attribution(log.intervals.end.t, integrator, equations, Share(rest, error))
-    return parts, max(unexplained, 0.0), float(uncertain[-1])
+    return parts, max(unexplained, 0.0)

@@ -158,7 +158,6 @@ class Inference:
         energy: what each adds to ΔC by the end, J.
         generic: equations that are wrong in a way without a name.
         unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
-        uncertain: standard error (J) by what forces did between rows, and by the flow's own.
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
         unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
             by its name.
@@ -187,7 +186,6 @@ class Inference:
     energy: Array
     generic: Generic
     unexplained: float
-    uncertain: float
     intermittent: tuple[float, NDArray[np.bool_]]
     unseen: dict[str, float]
     residual: Array
@@ -244,8 +242,11 @@ def infer(
                 # Only then is it asked for places and axes: their columns are as many again.
                 inferring.add(geometry_columns(evaluator))
                 result = inferring.result()
-            late = limit is not None and limit.passed("causes linearised at themselves")
-            return inferring.refined() if result.posterior.best.chosen and not late else result
+            if not result.posterior.best.chosen or (
+                limit is not None and limit.passed("causes linearised at themselves")
+            ):
+                return result
+            return inferring.refined()
     except (FlowError, np.linalg.LinAlgError):
         return None
 
@@ -602,9 +603,8 @@ class _Inferring:
         """The same where several steps of unknown length lie between rows, as the series' numbers say."""
         if self.run.provenance.step is not None or self.plant.n > MOST_SPEEDS:
             return
-        c, covariance = self._numbers(series, best)
+        (c, covariance), force = self._numbers(series, best), self.force(self.kinds)
         for method, k in parted(c, covariance, PARTS, self.plant.damped):
-            force = self.force(self.kinds)
             yield from maps(self.plant, self.log.intervals, force, self.counts, k, [method])
 
     def _numbers(self, series: Block, best: Fit) -> tuple[Array, Array]:
@@ -862,7 +862,7 @@ class _Inferring:
         integrator = self._on_path(integrator, self.w - left - causes, left)
         mistake = self._share(best, power[:, ni:], tau)
         of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
-        attribution, unexplained, uncertain = joules(
+        attribution, unexplained = joules(
             log, self.uncertain, self.gradient, jump, integrator, mistake, of_log, variance, tau
         )
         exchanged, errors, energy = self._exchanged(best)
@@ -895,7 +895,6 @@ class _Inferring:
             energy=energy,
             generic=Generic(odds, float(unnamed), explained),
             unexplained=unexplained,
-            uncertain=uncertain * self.whole,
             intermittent=_intermittent(rows, best),
             unseen=self._unseen(best, tau),
             residual=left,

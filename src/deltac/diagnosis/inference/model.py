@@ -85,27 +85,22 @@ class _Change:
     """
 
     def __init__(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> None:
-        at, self.mass, self.damped = 0, 0.0, False
+        at, self.damped = 0, False
         self.parts: list[Expression] = []
         for columns in kernels:
             c = coefficients[at : at + len(columns.columns)]
             at += len(c)
             t, q, u, udot, logged, *rates = columns.inputs
-            still = [ca.SX.zeros(x.shape) for x in rates]
-            x = ca.mtimes(columns.expression[:, 1:], ca.sparsify(ca.DM(c)))
-            (x,) = ca.substitute([x], rates, still)
-            A = ca.jacobian(x, udot)
-            A = ca.substitute([A], [u, logged], [ca.SX.zeros(u.shape), ca.SX.zeros(logged.shape)])[
-                0
-            ]
-            dampers = [k for k, column in enumerate(columns.columns) if _damps(column) and c[k]]
-            damping = ca.SX.zeros(x.shape)
-            for k in dampers:
-                damping += c[k] * columns.expression[:, 1 + k]
-            (damping,) = ca.substitute([damping], rates, still)
-            self.damped |= bool(dampers)
+            of_dampers = np.array([_damps(column) for column in columns.columns], dtype=bool)
+            self.damped |= bool(np.any(c[of_dampers]))
+            x, damping = (
+                ca.mtimes(columns.expression[:, 1:], ca.sparsify(ca.DM(some)))
+                for some in (c, np.where(of_dampers, c, 0.0))
+            )
+            still = [ca.SX.zeros(rate.shape) for rate in rates]
+            x, damping = ca.substitute([x, damping], rates, still)
             inputs = {"t": t, "q": q, "u": u, "udot": udot, "logged": logged}
-            self.parts.append(Expression("x", inputs, x, A, damping))
+            self.parts.append(Expression("x", inputs, x, ca.jacobian(x, udot), damping))
 
     def __call__(self, t: Array, q: Array, u: Array, a: Array, F: Array) -> list[list[Array]]:
         """Of forces, then of the geometry: x (T, n), ∂x/∂u̇ (T, n, n), and what of x are dampers (T, n)."""

@@ -34,8 +34,8 @@ OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-
 
 
 MISTAKE = 0.01
-"""Joules that an error moves, as a share of the energy exchanged, before the log is seen: masses, lengths and
-dampers are rarely known better, steps rarely chosen better."""
+"""Prior standard deviation of an error's energy, as a fraction of the energy exchanged: masses, lengths and
+dampers are rarely known to better than a per cent."""
 
 MOST = 0.9
 """Share of what is left that terms of a model must explain to be a mistake without a name."""
@@ -172,9 +172,10 @@ class Evidence:
         return float(np.mean(self._beyond(np.zeros_like(error), error)))
 
     def _beyond(self, joules: Array, error: Array) -> Array:
-        """Probabilities that errors whose joules are told with standard errors exceed what is allowed.
+        """Probabilities that errors of energies known to standard errors exceed what is allowed.
 
-        Before the log is seen an error is there or not alike, and if it is, moves N(0, S²) J.
+        A spike-and-slab posterior: an error is absent or present with equal prior probability, and its energy
+        is N(0, S²) J if it is present.
         """
         size = np.maximum(MISTAKE * self.ledger.energy_exchanged, np.abs(joules)) + 1e-300
         error = np.clip(error, 1e-12 * size, 1e6 * size)

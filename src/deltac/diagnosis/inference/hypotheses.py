@@ -433,13 +433,34 @@ def search(
     return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
 
 
-def refitted(blocks: Sequence[Block], before: Posterior, alternatives: int) -> Posterior:
-    """The same causes with their numbers fitted anew, without those that have no odds any more."""
-    fit = fitted(blocks, before.best.chosen, before.best.theta)
-    if fit is None:
+def refitted(
+    blocks: Sequence[Block], before: Posterior, candidates: Sequence[Candidate]
+) -> Posterior:
+    """The same causes with their numbers fitted anew, without those that have no odds any more.
+
+    Of sets that explained as much before, and of causes of fewer numbers within one of several, those that
+    explain as much here are equal again: what is preferred may be another one.
+    """
+    sets = [(f.chosen, f.theta) for f in (before.best, *before.alternatives)]
+    chosen, theta = sets[0]
+    for k, c in enumerate(chosen):
+        rest = [*chosen[:k], *chosen[k + 1 :]], [*theta[:k], *theta[k + 1 :]]
+        sets += [
+            ((*rest[0], simple), tuple(rest[1]))
+            for simple in candidates
+            if simple.size < c.size and set(simple.columns) <= set(c.columns)
+        ]
+    fits = [fit for fit in (fitted(blocks, *some) for some in sets) if fit is not None]
+    fits = [f for f in fits if all(c.plausible(x) for c, x in zip(f.chosen, f.theta))]
+    if not fits:
         return before
-    fit = replace(fit, log_odds=before.best.log_odds, each=before.best.each)
-    best, near = _pruned(blocks, fit, list(before.alternatives), alternatives)
+    odds = np.zeros(len(fits))
+    for b in blocks:
+        tau = max(autocorrelation_time(b.residual(fit.coefficients)) for fit in fits)
+        odds += [b.evidence(fit, tau) for fit in fits]
+    equal = [fit for fit, e in zip(fits, odds) if e >= odds.max() - EQUAL]
+    best = min(equal, key=lambda f: sum(c.rank(x) for c, x in zip(f.chosen, f.theta)))
+    best, near = _pruned(blocks, best, [f for f in equal if f is not best], len(candidates))
     return Posterior(best, near, before.scores)
 
 

@@ -360,6 +360,7 @@ class _Inferring:
         self.force = LoggedForce.of(intervals, self.log.pieces)
         self.kinds = ("smooth",) * len(self.kinds)
         self.coefficients = self._of_filter(self.coefficients)
+        self.thinned = True  # the kernel is not that of the filter: what it lacks is unknown
 
     def _linearised_at(self, coefficients: Array) -> None:
         """Flow and columns of the model with causes of these coefficients in its equations."""
@@ -513,6 +514,7 @@ class _Inferring:
             self._filtered(*filtering)
             self._predict()
             self.causes = self._cause_columns()
+            self.Q = self._unknown()
         return another or filtering is not None
 
     def refined(self) -> Inference:
@@ -539,6 +541,8 @@ class _Inferring:
                     variance = max(smoothing - delay**2, (NARROW * self.step) ** 2)
                     self._filtered(float(delay), float(np.sqrt(variance)))
                 self._linearised_at(before.coefficients)
+                if self.filter is not None:
+                    self.Q = self._unknown()
                 self.posterior = self._compare()
                 if self.posterior.best.chosen == before.chosen and before.repeats(
                     self.posterior.best
@@ -664,7 +668,7 @@ class _Inferring:
 
     def _search(self, block: Block) -> Posterior:
         if self.refining:
-            return refitted((block,), self.posterior, len(self.candidates))
+            return refitted((block,), self.posterior, self.candidates)
         # Known accelerations are linear in almost all causes: small ones beside large ones are real.
         many = (MANY, 0.0) if self._knows_accelerations else (TOGETHER, BESIDE)
         return search(

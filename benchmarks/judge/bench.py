@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-os.environ.setdefault("DELTAC_EVALUATOR", "casadi")
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np

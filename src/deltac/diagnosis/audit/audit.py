@@ -529,8 +529,11 @@ def _attributed(inference: Inference, ledger: Ledger, function: str, in_loop: bo
 
     equations = Share(along(own.equations.curve), along(own.equations.curve_error, True))
     if in_loop:
-        integrator = Share(delta_c - equations.curve, np.hypot(bar, equations.curve_error))
-        return Attribution(t, integrator, equations, Share(np.zeros_like(bar), bar))
+        share, error = delta_c - equations.curve, np.hypot(bar, equations.curve_error)
+        if inference.methods and len(own.t) == len(t) - 1:
+            # A step's own works and those of the flow from its row differ where forces depend on the state.
+            error = np.hypot(error, np.abs(share - along(own.integrator.curve)))
+        return Attribution(t, Share(share, error), equations, Share(np.zeros_like(bar), bar))
     integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))
     rest = delta_c - integrator.curve - equations.curve
     # Works of the ledger are quadratures of the rows, the flow's are not: each bounds the other's error.

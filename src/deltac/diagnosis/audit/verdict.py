@@ -101,21 +101,14 @@ class Evidence:
         allowed = self.allowed_flow
         there, beyond = 0.0, 0.0
         best = inference.posterior.best
-        # Of a log that is not yet right, what explains the rest accuses nobody.
-        of_log = [
-            joules
-            for c, joules in zip(best.chosen, inference.exchanged, strict=True)
-            if c.kind in OF_THE_LOG
-        ]
-        slip = max(of_log, default=0.0)
         for c, odds, joules, error in zip(
             best.chosen, best.each, inference.exchanged, inference.exchanged_error, strict=True
         ):
-            if c.kind not in OF_THE_LOG and joules > slip:
+            if c.kind not in OF_THE_LOG:
                 p = float(expit(odds))
                 there = max(there, p)
                 beyond = max(beyond, p * float(ndtr((joules - allowed) / max(error, 1e-300))))
-        if self.unnamed and not slip:
+        if self.unnamed and not any(c.kind in OF_THE_LOG for c in best.chosen):
             p = float(expit(inference.generic.log_odds - CERTAIN))
             there, beyond = max(there, p), max(beyond, p)
         if self.intermittent:

@@ -69,7 +69,6 @@ class ColumnKernels:
     columns: tuple[Column, ...]
     speeds: int
     expression: SX
-    evaluator: Evaluator
     inputs: tuple[SX, ...]
 
     @cached_property
@@ -108,7 +107,7 @@ def column_kernels(evaluator: Evaluator) -> ColumnKernels:
     else:
         first = _projected(evaluator, residual)
     inputs = (s.t, s.q, s.u, s.udot, symbols.logged, rate, curve)
-    return ColumnKernels(tuple(kept), len(s.free_u), ca.horzcat(first, *columns), evaluator, inputs)
+    return ColumnKernels(tuple(kept), len(s.free_u), ca.horzcat(first, *columns), inputs)
 
 
 def _projected(evaluator: Evaluator, x: SX) -> SX:

@@ -82,7 +82,7 @@ def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
         columns[0] += ca.mtimes(G.T, symbols.reactions.multipliers)
     rates = [ca.SX.sym(name, symbols.logged.shape[0]) for name in ("rate", "curve")]
     inputs = (s.t, s.q, s.u, s.udot, symbols.logged, *rates)
-    return ColumnKernels(tuple(changes), len(s.free_u), ca.horzcat(*columns), evaluator, inputs)
+    return ColumnKernels(tuple(changes), len(s.free_u), ca.horzcat(*columns), inputs)
 
 
 def _own(evaluator: Evaluator, parts: Sequence[Channel]) -> list[SX]:

@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.model import Model, Rows
@@ -70,11 +70,15 @@ SUBDIVISIONS = 4
 
 @dataclass(frozen=True, eq=False)
 class LoggedForce:
-    """Logged forces (N, m) between the rows: at the start, their change, and the bends of a cubic."""
+    """Logged forces (N, m) between the rows: at the start, their change, and the bends of a spline.
+
+    `doubt` (N, m): by how much their mean over an interval differs between splines of two orders.
+    """
 
     first: Array
     change: Array
     bends: tuple[Array, Array]
+    doubt: Array
 
     def parts(self, s: float) -> tuple[Array, Array, Array]:
         """What a, b and c multiply at the fraction s."""
@@ -130,12 +134,19 @@ class LoggedForce:
         """Those of intervals in pieces of consecutive ones."""
         first, change, h = intervals.start.F, intervals.end.F - intervals.start.F, intervals.h
         slopes = [np.zeros_like(first), np.zeros_like(first)]
+        doubt = np.zeros_like(first)
         for a, b in pieces:
             t = np.append(intervals.start.t[a:b], intervals.end.t[b - 1])
             F = np.concatenate([first[a:b], intervals.end.F[b - 1 : b]])
-            rate = np.gradient(F, t, axis=0, edge_order=2 if len(t) > 2 else 1)
+            rate = lower = np.gradient(F, t, axis=0, edge_order=2 if len(t) > 2 else 1)
+            if len(t) > 3:
+                rate = CubicSpline(t, F, axis=0)(t, 1)
             slopes[0][a:b], slopes[1][a:b] = rate[:-1], rate[1:]
-        return LoggedForce(first, change, (h * slopes[0] - change, h * slopes[1] - change))
+            # The mean of s(1 − s)² and of s²(1 − s) is 1/12 each.
+            gap = np.abs(rate - lower)
+            doubt[a:b] = h[a:b] * (gap[:-1] + gap[1:]) / 12.0
+        bends = h * slopes[0] - change, h * slopes[1] - change
+        return LoggedForce(first, change, bends, doubt)
 
 
 @dataclass(frozen=True, eq=False)

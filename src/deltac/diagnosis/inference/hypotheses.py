@@ -61,7 +61,7 @@ class Block:
     @cached_property
     def gram(self) -> tuple[Array, Array, float]:
         """DᵀD, Dᵀr, rᵀr."""
-        D = self.D.reshape(-1, self.D.shape[-1])
+        D = self.D.reshape(self.r.size, self.D.shape[-1])
         r = self.r.ravel()
         return D.T @ D, D.T @ r, float(r @ r)
 
@@ -124,7 +124,7 @@ class Block:
         A, b, rr = self.gram
         n, c = self.nuisance, self.causes
         origin = self.origin if len(self.origin) else np.zeros(len(c))
-        D = self.D.reshape(-1, self.D.shape[-1])
+        D = self.D.reshape(self.r.size, self.D.shape[-1])
         s = _inverse_sizes(np.diag(A)[n] + self.variance / self.prior**2)
         ridge = np.diag(np.sqrt(self.variance) / self.prior)
         Q, R = np.linalg.qr(np.concatenate([D[:, n], ridge]) * s)
@@ -138,15 +138,19 @@ class Block:
             inverse @ inverse.T, inverse @ of_c, rr,
         )  # fmt: skip
 
-    def misfit(self, coefficients: Array) -> float:
-        """RSS with coefficients of causes, at least what digits alone make of it.
+    @cached_property
+    def least(self) -> float:
+        """RSS that digits alone make.
 
         Those of the rows are known, and columns are exact to half of a double's: what fits better than these
         allow is fitted to rounding.
         """
         whole = self.projected.left(np.zeros(len(self.causes)))
-        least = max(CANCELLED * whole, self.rounding * self.count)
-        return max(self.projected.left(coefficients), least)
+        return max(CANCELLED * whole, self.rounding * self.count)
+
+    def misfit(self, coefficients: Array) -> float:
+        """RSS with coefficients of causes, at least what digits alone make of it."""
+        return max(self.projected.left(coefficients), self.least)
 
     def residual(self, coefficients: Array) -> Array:
         """What is left of r (K, d) with coefficients of the causes' columns, nuisance fitted beside."""
@@ -308,12 +312,14 @@ def fitted(
         for k, c in enumerate(chosen):
             theta[k] = theta[k] + step[at : at + c.size]
             at += c.size
-        made = coefficients(theta)
+        made, before = coefficients(theta), variance
         variance = [b.projected.left(made) / b.count for b in blocks]
-    T, X, _ = normal()
-    inverse = inverted(T, X)
-    if inverse is None:
-        return None
+        inverse = inverse * (variance[0] / before[0])
+    if curved:
+        T, X, _ = normal()
+        inverse = inverted(T, X)
+        if inverse is None:
+            return None
     return Fit(tuple(chosen), tuple(theta), coefficients(theta), 0.0, inverse, T)
 
 
@@ -329,11 +335,7 @@ def evidence(
         before, after = b.misfit(without.coefficients), b.misfit(fit.coefficients)
         total += 0.5 * rows * float(np.log(before / after))
         independent += rows
-    return (
-        total
-        - 0.5 * numbers * float(np.log(max(independent, 2.0)))
-        - float(np.log(max(alternatives, 1)))
-    )
+    return total - _price(numbers, independent, alternatives)
 
 
 @dataclass(frozen=True, eq=False)
@@ -372,30 +374,49 @@ its own size looks like a small one of another kind."""
 
 
 PROMISING = 48
-"""Causes that are fitted in full, those first that alone take most off what the best set leaves."""
+"""Causes that are fitted in full at most."""
 
 
-def _promising(
+def _ordered(
     blocks: Sequence[Block], best: Fit, candidates: Sequence[Candidate]
-) -> list[Candidate]:
-    """The causes that explain most of what is left, to first order, and that may stand beside the best."""
-    parts = []
+) -> list[tuple[float, Candidate]]:
+    """The most that each cause may add to the log odds beside the best set, the best first.
+
+    By the columns that the chosen causes leave of its own: exact for a cause that is linear in its numbers.
+    """
+    parts, rows, least = [], 0.0, 0.0
     for block in blocks:
         p, now = block.projected, best.coefficients
-        variance = p.left(now)
-        parts.append((p.A / variance, p.slope(now) / variance))
-    gains = []
+        variance = block.misfit(now) / block.count
+        A, b = p.A, p.slope(now)
+        if best.chosen:
+            to = p.A @ best.tangent
+            inner = np.linalg.pinv(best.tangent.T @ to, rcond=SINGULAR, hermitian=True)
+            A, b = A - to @ inner @ to.T, b - to @ (inner @ (best.tangent.T @ b))
+        parts.append((A / variance, b / variance))
+        rows += block.count
+        least += block.least / variance
+    bounds = []
     for c in candidates:
         if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):
             continue
-        columns, L = list(c.columns), c.linear
-        A, b = np.zeros((c.size, c.size)), np.zeros(c.size)
+        columns = list(c.columns)
+        L = c.linear if c.quadratic is None else np.eye(len(columns))
+        A, b = np.zeros((L.shape[1], L.shape[1])), np.zeros(L.shape[1])
         for gram, right in parts:
             A += L.T @ gram[np.ix_(columns, columns)] @ L
             b += L.T @ right[columns]
-        gains.append((float(b @ least_squares(A, b)), c))
-    gains.sort(key=lambda item: -item[0])
-    return [c for _, c in gains[:PROMISING]]
+        left = max(rows - float(b @ least_squares(A, b)), least, 1e-300)
+        bounds.append(
+            (0.5 * rows * float(np.log(rows / left)) - _price(c.size, rows, len(candidates)), c)
+        )
+    bounds.sort(key=lambda item: -item[0])
+    return bounds
+
+
+def _price(numbers: int, rows: float, alternatives: int) -> float:
+    """Log odds that free numbers and the choice among alternatives cost."""
+    return 0.5 * numbers * float(np.log(max(rows, 2.0))) + float(np.log(max(alternatives, 1)))
 
 
 def search(
@@ -415,7 +436,10 @@ def search(
     scores: list[tuple[float, Candidate, float]] = []
     for _ in range(most):
         fits: list[tuple[float, Fit]] = []
-        for c in _promising(blocks, best, candidates):
+        top, wanted = CERTAIN, 0 if scores else SHORTLIST
+        for bound, c in _ordered(blocks, best, candidates)[:PROMISING]:
+            if len(fits) >= wanted and bound < top - EQUAL:
+                break
             fit = fitted(blocks, (*best.chosen, c), best.theta)
             if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
                 continue
@@ -423,6 +447,7 @@ def search(
             if joules.min() < max(least, beside * joules.max()):
                 continue
             fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
+            top = max(top, fits[-1][0])
         fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))
         if not scores:
             scores = [(e, f.chosen[-1], float(exchanged(f)[0])) for e, f in fits[:SHORTLIST]]

@@ -86,6 +86,12 @@ from deltac.trajectories import Trajectory
 WORK = 3e8
 """Instructions that the columns of causes may take, about: some tenths of a second."""
 
+PRODUCT = 0.02
+"""Time of a product of two numbers in one of matrices beside that of an instruction that is interpreted."""
+
+FEW = 60
+"""Rows that tell how well the numbers of causes are known where no cause can have odds."""
+
 MOST_ROWS, LEAST_ROWS = 4000, 150
 
 MOST_COST = 100_000
@@ -227,12 +233,22 @@ def infer(
     model = Model(mechanism, run)
     evaluator = Evaluator(mechanism, run)
     kernels = column_kernels(evaluator)
-    log = observations(model, run, int(np.clip(WORK / kernels.cost, LEAST_ROWS, MOST_ROWS)))
-    if log is None:
+    products = 2 * model.n * len(kernels.columns) ** 2
+    cost = kernels.cost + PRODUCT * products
+    log = observations(model, run, int(np.clip(WORK / cost, LEAST_ROWS, MOST_ROWS)))
+    few = observations(model, run, FEW)
+    if log is None or few is None:
         return None
     try:
         with np.errstate(all="ignore"), compiled():
-            inferring = _Inferring(model, run, log, evaluator, kernels, energy)
+            inferring = _Inferring(model, run, log, evaluator, energy)
+            if (alone := inferring.closed()) is not None:
+                sample = _Inferring(model, run, few, evaluator, energy)
+                sample.add(kernels)
+                known = sample.result()
+                if not known.finds_something:
+                    return _with_causes(alone, known)
+            inferring.add(kernels)
             result = inferring.result()
             if (
                 result.finds_something
@@ -251,6 +267,20 @@ def infer(
         return None
 
 
+def _with_causes(alone: Inference, known: Inference) -> Inference:
+    """The result of a log that closes, with what a sample of its rows tells of the causes excluded."""
+    share = np.sqrt(len(known.w) / len(alone.w))
+    return replace(
+        alone,
+        kernels=known.kernels,
+        blocks=known.blocks,
+        posterior=known.posterior,
+        candidates=known.candidates,
+        generic=known.generic,
+        unseen={name: share * joules for name, joules in known.unseen.items()},
+    )
+
+
 class _Inferring:
     """One inference: the flow and its columns, then hypotheses one after the other."""
 
@@ -260,14 +290,15 @@ class _Inferring:
         run: Trajectory,
         log: Observations,
         evaluator: Evaluator,
-        kernels: ColumnKernels,
         energy: float,
     ) -> None:
         self.model, self.run, self.evaluator, self.energy = model, run, evaluator, energy
         self.plant = model
         self.filter: tuple[float, float] | None = None
         self.kernels: tuple[ColumnKernels, ...] = ()
-        self.add(kernels)
+        self.candidates: tuple[Candidate, ...] = ()
+        self.of_log, self.coefficients = np.zeros(0, dtype=np.bool_), np.zeros(0)
+        self.late: tuple[str, ...] = ()
         intervals = log.intervals
         h = float(np.median(intervals.h))
         self.step = min(run.provenance.step or h, h)
@@ -282,6 +313,7 @@ class _Inferring:
         self.steps, self.log = 0, log
         self.shortlist: tuple[Integrator, ...] = ()
         self.by_rates: tuple[Block, Posterior] | None = None
+        self.mapped: tuple[Prediction, list[Map]] | None = None
         self.refining = False
         self._predict()
         self.fields, self.J = self._integrator_columns()
@@ -423,6 +455,8 @@ class _Inferring:
 
     def _responses(self, model: Model, at: Rows, a: Array, rate: Array, curve: Array) -> Array:
         """What all causes do to the accelerations (N, n, P), by force or by geometry."""
+        if not self.kernels:
+            return np.zeros((*a.shape, 0))
         samples = (at.t, at.q, at.u, a, at.F, rate, curve)
         forces, *geometry = (kernels(*samples)[:, :, 1:] for kernels in self.kernels)
         parts = [model.response(at.t, at.q, forces)]
@@ -441,7 +475,7 @@ class _Inferring:
     def _unknown(self) -> Array:
         """The covariance of what the flow does not know, of forces between rows by likelihood."""
         Q, between, across = unknown(
-            self.plant, self.log, self.flow, self.force, self.w, self.thinned
+            self.plant, self.log, self.flow, self.force, self.kinds, self.w, self.thinned
         )
         h = self.log.intervals.h
         beyond = remainder(self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, self._h)
@@ -465,6 +499,12 @@ class _Inferring:
         return Q + across
 
     # --- hypotheses ---
+
+    def closed(self) -> Inference | None:
+        """The result where rows or accelerations hold to their digits without a cause: none has odds then."""
+        result = self.result()
+        block = self.blocks[0]
+        return result if block.projected.left(np.zeros(0)) <= block.least else None
 
     def result(self) -> Inference:
         """The posterior of the causes that there are columns of."""
@@ -504,11 +544,13 @@ class _Inferring:
         """Let forces act as is likeliest beside causes; whether that is otherwise than before."""
         if self.filter is not None or not self.kinds or all(self.declared):
             return False
-        kinds = self._kinds_of_forces(best)
+        # Without causes they were asked already.
+        kinds = self._kinds_of_forces(best) if best.chosen or not filters else self.kinds
         another = kinds != self.kinds
         if another:
             self.kinds = kinds
             self._predict()
+            self.Q = self._unknown()
         filtering = self._filter_of_forces(best) if filters else None
         if filtering is not None:
             self._filtered(*filtering)
@@ -561,19 +603,18 @@ class _Inferring:
         self.Phi, self.B = transported(log.intervals.h, self.J, both)
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
         places = ni + np.arange(P)
-        columns = np.concatenate([self.w[:, :, None], self.B], axis=2)
-        white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, columns)
-        D = np.ascontiguousarray(white[:, :, 1:])
-        series = self._block(white[:, :, 0], D, ni, places)
+        columns, Phi = np.concatenate([self.w[:, :, None], self.B], axis=2), self.Phi
         if log.rounding < 1.0:
             # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
             # order.
-            c = np.clip(series.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
-            h = self._h
-            change = first_order_jacobian(model, log.intervals.start, h, c)
-            Phi = self.Phi + log.intervals.h[:, :, None] * change @ self.Phi
-            moved, _ = whitened(log.pieces, Phi, log.noise, self.Q, columns)
-            series = self._block(moved[:, :, 0], moved[:, :, 1:], ni, places)
+            white, _ = whitened(log.pieces, Phi, log.noise, self.Q, columns[:, :, : 1 + ni])
+            alone = self._block(white[:, :, 0], white[:, :, 1:], ni, places[:0])
+            c = np.clip(alone.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
+            change = first_order_jacobian(model, log.intervals.start, self._h, c)
+            Phi = Phi + log.intervals.h[:, :, None] * change @ Phi
+        white, _ = whitened(log.pieces, Phi, log.noise, self.Q, columns)
+        series = self._block(white[:, :, 0], white[:, :, 1:], ni, places)
+        D = np.ascontiguousarray(white[:, :, places + 1])
         self.gradient, self.slack = self._weights()
         self.least = max(NEGLIGIBLE * self.energy, self._remainder(series), self._attenuation())
         measured = self._of_rates() if self._knows_accelerations else None
@@ -581,7 +622,7 @@ class _Inferring:
         self.methods: tuple[Integrator, ...] = ()
         self.defects, self.of_rows = list[Array](), series
         for ends in (self._maps(), self._maps_by_parts(series, posterior.best)):
-            methods = self._closest(list(ends), D[:, :, places])
+            methods = self._closest(list(ends), Phi, D)
             if methods is None or not methods.may_close(series, posterior.best):
                 continue
             closing = self._of_method(methods.ends[0], places)
@@ -596,12 +637,14 @@ class _Inferring:
         self.blocks: tuple[Block, ...] = (measured[0] if measured else self.of_rows,)
         return posterior
 
-    def _maps(self) -> Iterator[Map]:
-        """Maps of methods by which rows may follow from each other."""
-        log = self.log
-        force = self.force(self.kinds)
-        yield from maps(self.plant, log.intervals, force, self.counts, 1, self.shortlist)
-        yield Map(EXACT, np.ones(len(log.intervals), dtype=np.intp), self.flow.end)
+    def _maps(self) -> Sequence[Map]:
+        """Maps of methods by which rows may follow from each other: the same until the flow is another."""
+        log, force = self.log, self.force(self.kinds)
+        if self.mapped is None or self.mapped[0] is not self.flow:
+            own = maps(self.plant, log.intervals, force, self.counts, 1, self.shortlist)
+            exact = Map(EXACT, np.ones(len(log.intervals), dtype=np.intp), self.flow.end)
+            self.mapped = self.flow, [*own, exact]
+        return self.mapped[1]
 
     def _maps_by_parts(self, series: Block, best: Fit) -> Iterator[Map]:
         """The same where several steps of unknown length lie between rows, as the series' numbers say."""
@@ -618,13 +661,13 @@ class _Inferring:
         tau = autocorrelation_time(series.residual(best.coefficients))
         return p.nuisance_at(best.coefficients)[some], (p.inverse * variance * tau)[some, some]
 
-    def _closest(self, ends: list[Map], D: Array) -> _Methods | None:
+    def _closest(self, ends: list[Map], Phi: Array, D: Array) -> _Methods | None:
         """Those by which rows follow from each other most closely, beside whitened causes D."""
         if not ends:
             return None
         log = self.log
         own = np.stack([self.model.difference(of.end, log.intervals.end) for of in ends], axis=2)
-        white, _ = whitened(log.pieces, self.Phi, log.noise, self.Q, own)
+        white, _ = whitened(log.pieces, Phi, log.noise, self.Q, own)
         return _Methods.of(ends, white, D, log.rounding)
 
     def _weights(self) -> tuple[Array, Array]:
@@ -690,7 +733,7 @@ class _Inferring:
         weight = np.sqrt(robust_weights(r))[:, None]
         return Block(
             r * weight, D * weight[:, :, None], np.arange(nuisance), self.prior[:nuisance], places,
-            self.log.rounding, origin=self.coefficients,
+            self.log.rounding, origin=self.coefficients[: len(places)],
         )  # fmt: skip
 
     def _exchanged(self, fit: Fit) -> tuple[Array, Array, Array]:
@@ -853,8 +896,11 @@ class _Inferring:
             # Methods that close the rows alike do not make the same joules; nor do forces between rows of
             # which a method takes one alone.
             others = np.stack([*curves, *(curves[0] + x for x in self._other_forces())])
-            integrator = Share(curves[0], np.abs(others - curves[0]).max(axis=0))
             left = self.w - self.defects[0] - causes
+            # Where they leave more than the rows' noise, the rest may be the integrator's.
+            rest = np.cumsum(np.einsum("km,km->k", self.gradient**2, left**2))
+            beyond = np.sqrt(max(1.0 - 1.0 / max(variance, 1.0), 0.0) * tau * rest)
+            integrator = Share(curves[0], np.hypot(np.abs(others - curves[0]).max(axis=0), beyond))
         else:
             curves = log.running(power[:, :ni])
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
@@ -984,7 +1030,8 @@ class _Methods:
         finite = [k for k in range(len(ends)) if np.isfinite(r[:, :, k]).all()]
         if not finite:
             return None
-        X, y = D.reshape(-1, D.shape[2]), r[:, :, finite].reshape(-1, len(finite))
+        y = r[:, :, finite].reshape(-1, len(finite))
+        X = D.reshape(len(y), D.shape[2])
         x = least_squares(X.T @ X, X.T @ y)
         residual = y - X @ x
         floors = np.maximum((residual**2).sum(axis=0), 1e-300)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import factorial
 
@@ -191,13 +191,19 @@ def unit_responses(model: Model, at: Rows) -> Iterator[Array]:
 
 
 def unknown(
-    model: Model, log: Observations, flow: Prediction, force: LoggedForce, w: Array, thinned: bool
+    model: Model,
+    log: Observations,
+    flow: Prediction,
+    force: LoggedForce,
+    kinds: Sequence[str],
+    w: Array,
+    thinned: bool,
 ) -> tuple[Array, Array, Array]:
     """Covariances (N, 2n, 2n) of what the flow does not know: own, between rows, across constraints.
 
     Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep
     them. Where steps were not all logged a force may have taken any way from one row to the next: by its
-    change, uniformly.
+    change, uniformly. Where they were, one that is smooth (`kinds`) may differ from its spline.
     """
     n, h, at = model.n, log.intervals.h, flow.nodes[0]
     Q = np.zeros((len(h), 2 * n, 2 * n))
@@ -205,13 +211,18 @@ def unknown(
     Q[:, diagonal, diagonal] = flow.error**2
     coarse = np.any(log.force_noise > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
     between = np.zeros_like(Q)
-    for k, response in enumerate(unit_responses(model, at) if coarse.any() or thinned else ()):
+    smooth = np.array([kind == "smooth" for kind in kinds], dtype=bool)
+    doubt = np.where(smooth, force.doubt, 0.0)
+    some = coarse.any() or thinned or doubt.any()
+    for k, response in enumerate(unit_responses(model, at) if some else ()):
         du = response * h * log.force_noise[:, k : k + 1]
         both = np.concatenate([0.5 * h * du, du], axis=1)
         Q += both[:, :, None] * both[:, None, :]
+        size = doubt[:, k]
         if thinned:
             bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
             size = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
+        if size.any():
             du = response * (h[:, 0] * size)[:, None]
             both = np.concatenate([0.5 * h * du, du], axis=1)
             early = np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1)

@@ -7,19 +7,43 @@ the same in all of them: their Gram matrices, each in units of its own noise, ar
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.inference.hypotheses import Block, Fit, Posterior, search
+from deltac.diagnosis.inference.hypotheses import (
+    Block,
+    Fit,
+    Posterior,
+    autocorrelation_time,
+    search,
+)
 from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference
 
 OF_ONE_MOTION = (*OF_THE_LOG, "missing-stop")
 """Causes whose columns are another log's, or lie where only one motion goes."""
 
 
-def joint_posterior(inferences: Sequence[Inference]) -> Posterior:
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """What several logs say together: the posterior of the causes, and all whitened equations."""
+
+    posterior: Posterior
+    blocks: tuple[Block, ...]
+
+    def left(self, coefficients: Array) -> float:
+        """Sum of squares of all whitened equations with coefficients of causes (P,)."""
+        return float(sum(block.projected.left(coefficients) for block in self.blocks))
+
+    def deviation(self, fit: Fit, k: int) -> Array:
+        """Standard errors of the numbers of a cause, by the slowest correlation of what is left."""
+        residuals = (block.residual(fit.coefficients) for block in self.blocks)
+        slowest = max(map(autocorrelation_time, residuals))
+        return np.asarray(fit.deviation(k) * np.sqrt(slowest))
+
+
+def joint_posterior(inferences: Sequence[Inference]) -> Joint:
     """The causes that all logs have together, with their odds from all rows; one inference at least."""
     first = inferences[0]
     columns = [[c for kernels in one.kernels for c in kernels.columns] for one in inferences]
@@ -30,25 +54,21 @@ def joint_posterior(inferences: Sequence[Inference]) -> Posterior:
         for c in first.candidates
         if c.kind not in OF_ONE_MOTION and all(k in places for k in c.columns)
     ]
-    blocks = [
+    blocks = tuple(
         _of_columns(block, [own.index(c) for c in shared])
         for one, own in zip(inferences, columns)
         for block in one.blocks
-    ]
+    )
 
     def effects(fit: Fit) -> Array:
         """Size of what each cause adds to the whitened equations of all logs."""
-        return np.sqrt(
-            [
-                sum(
-                    float(np.sum((b.D[..., b.causes[list(c.columns)]] @ c.coefficients(theta)) ** 2))
-                    for b in blocks
-                )
-                for c, theta in zip(fit.chosen, fit.theta, strict=True)
-            ]
-        )
+        squares = np.zeros(len(fit.chosen))
+        for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
+            some, x = list(c.columns), c.coefficients(theta)
+            squares[k] = sum(float(x @ b.projected.A[np.ix_(some, some)] @ x) for b in blocks)
+        return np.sqrt(squares)
 
-    return search(blocks, candidates, effects, 0.0)
+    return Joint(search(blocks, candidates, effects, 0.0), blocks)
 
 
 def _of_columns(block: Block, places: Sequence[int]) -> Block:

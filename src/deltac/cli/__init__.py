@@ -76,8 +76,7 @@ COMMANDS = {
     ),
     "atlas": Command(
         "Judge the models of installed packages in every simulator, resumably.",
-        "deltac atlas robots.toml --out results\n"
-        "  deltac atlas --status results",
+        "deltac atlas robots.toml --out results\n  deltac atlas --status results",
         "sweep",
         "atlas",
     ),

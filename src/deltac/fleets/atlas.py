@@ -72,7 +72,7 @@ class AtlasSpec(BaseModel):
                 "." for folders of one's own, relative to the plan
     simulators  integrators by simulator, see `deltac.recorders.experiments.SIMULATORS`
     motions     of `MOTIONS`
-    duration    of each motion, s
+    duration    of each motion, s; longer for models whose own step makes it less than `rows` steps
     step        of models that name none (URDF), s
     steps       of each run, as multiples of the model's own step
     speeds      the most that a model may have: larger ones are a row that says so
@@ -85,6 +85,7 @@ class AtlasSpec(BaseModel):
     simulators: dict[str, list[str]]
     motions: list[str] = list(MOTIONS)
     duration: Positive = 0.3
+    rows: int = 50
     step: Positive = 0.002
     steps: list[Positive] = [2.0, 1.0, 0.5]
     speeds: int = 64
@@ -144,7 +145,12 @@ class AtlasPiece(Piece):
     def about(self) -> dict[str, Any]:
         """The first row."""
         own = self.setting
-        return {"model": own.label, "solver": solver_label(own), "motion": own.motion, "step": self.steps[0]}
+        return {
+            "model": own.label,
+            "solver": solver_label(own),
+            "motion": own.motion,
+            "step": self.steps[0],
+        }
 
     def point(self) -> dict[str, tuple[str, Any]]:
         """Model, solver, motion, step."""
@@ -289,7 +295,9 @@ def read_atlas(path: Path) -> AtlasSpec:
         for solver in solvers:
             orders = SIMULATORS[name].orders
             if solver not in orders:
-                raise UnknownName(f"{path}: simulators.{name}: {solver!r}{closest(solver, list(orders))}")
+                raise UnknownName(
+                    f"{path}: simulators.{name}: {solver!r}{closest(solver, list(orders))}"
+                )
     return spec
 
 
@@ -333,10 +341,14 @@ def plan_atlas(path: Path) -> AtlasPlan:
     simulators = {n: s for n, s in spec.simulators.items() if SIMULATORS[n].installed}
     if not files or not simulators:
         lacking = f"; not installed: {', '.join(skipped)}" if skipped else ""
-        raise FileError(f"{path}: no {'model' if not files else 'simulator'} of it is there{lacking}")
+        raise FileError(
+            f"{path}: no {'model' if not files else 'simulator'} of it is there{lacking}"
+        )
     rounds: list[list[tuple[Setting, float | None]]] = []
     for label, file in files.items():
-        common = Setting(label, str(file), tolerance=spec.tolerance, audit_seconds=spec.audit_seconds)
+        common = Setting(
+            label, str(file), tolerance=spec.tolerance, audit_seconds=spec.audit_seconds
+        )
         settings = list(_settings(spec, common, simulators))
         # In rounds over all models, so that an atlas that is not complete is a sample of all.
         random.Random(label).shuffle(settings)
@@ -346,10 +358,17 @@ def plan_atlas(path: Path) -> AtlasPlan:
             rounds[k] += [(setting, step) for step in steps]
     rows = [row for one in rounds for row in one]
     versions_of = {**versions(), **_versions(simulators)}
-    contents = {s: hashlib.blake2b(Path(s).read_bytes()).hexdigest() for s in map(str, files.values())}
+    contents = {
+        s: hashlib.blake2b(Path(s).read_bytes()).hexdigest() for s in map(str, files.values())
+    }
     addresses = []
     for setting, step in rows:
-        about = {**asdict(setting), "path": contents[setting.path], "step": step, "versions": versions_of}
+        about = {
+            **asdict(setting),
+            "path": contents[setting.path],
+            "step": step,
+            "versions": versions_of,
+        }
         addresses.append(hashlib.blake2b(digest(about), digest_size=ADDRESS).hexdigest())
     return AtlasPlan(
         spec.name, tuple(addresses), spec, f"deltac atlas {path}", tuple(rows), tuple(skipped)
@@ -366,6 +385,7 @@ def _settings(
         if count > spec.speeds:
             raise InputError(f"{count} speeds, more than the {spec.speeds} of this atlas")
         step = experiment.own_step or spec.step
+        duration = max(spec.duration, spec.rows * step)
     except InputError as error:
         yield replace(common, failure=Failure(error.code, str(error))), [None]
         return
@@ -374,7 +394,7 @@ def _settings(
             if SIMULATORS[name].mjcf or experiment.is_urdf:
                 for solver in solvers:
                     own = replace(
-                        common, simulator=name, solver=solver, motion=motion, duration=spec.duration
+                        common, simulator=name, solver=solver, motion=motion, duration=duration
                     )
                     yield own, [step * factor for factor in spec.steps]
 

@@ -146,7 +146,9 @@ class Experiment:
         urdf = read_urdf(self.path)
         if urdf.floating:
             raise ModelError(f"{self.path.name}: joint {[*urdf.floating.values()][0]!r} floats")
-        mimics = [j.get("name") for j in urdf.document.findall("joint") if j.find("mimic") is not None]
+        mimics = [
+            j.get("name") for j in urdf.document.findall("joint") if j.find("mimic") is not None
+        ]
         if mimics:
             raise ModelError(f"{self.path.name}: joint {mimics[0]!r} mimics another")
         return urdf.text(placeholders=False, shapes=False)
@@ -154,7 +156,10 @@ class Experiment:
     @cached_property
     def dampers(self) -> Array:
         """Coefficients of the driven joints' dampers, N·m·s/rad or N·s/m, as the URDF file gives them."""
-        laws = {j.get("name"): j.find("dynamics") for j in read_urdf(self.path).document.findall("joint")}
+        laws = {
+            j.get("name"): j.find("dynamics")
+            for j in read_urdf(self.path).document.findall("joint")
+        }
         own = [laws.get(name) for name in self.joints]
         return np.array([0.0 if law is None else float(law.get("damping", 0.0)) for law in own])
 
@@ -166,7 +171,7 @@ def run_deltac(experiment: Experiment, step: float, solver: str) -> Trajectory:
     """Of deltac itself: the mechanism, without contacts."""
     mechanism = experiment.model.mechanism
     controller = None
-    if experiment.motion != "fall":
+    if experiment.motion != "fall" and experiment.joints:
         own = [joint_torque(name, name) for name in experiment.joints]
         mechanism = replace(mechanism, forces=(*mechanism.forces, *own))
         q, u = experiment.places
@@ -176,7 +181,12 @@ def run_deltac(experiment: Experiment, step: float, solver: str) -> Trajectory:
 
         controller = Controller(drive)
     return simulate(
-        mechanism, experiment.start, experiment.steps(step) * step, step, solver, controller=controller
+        mechanism,
+        experiment.start,
+        experiment.steps(step) * step,
+        step,
+        solver,
+        controller=controller,
     )
 
 
@@ -220,9 +230,7 @@ def run_drake(experiment: Experiment, step: float, solver: str) -> Trajectory:
     plant = MultibodyPlant(step if discrete else 0.0)
     Parser(plant).AddModelsFromString(experiment.text, "urdf")
     links = [plant.get_body(k) for k in map(_body_index, range(1, plant.num_bodies()))]
-    children = {
-        plant.get_joint(k).child_body().index() for k in plant.GetJointIndices()
-    }
+    children = {plant.get_joint(k).child_body().index() for k in plant.GetJointIndices()}
     for link in links:
         if link.index() not in children:
             plant.WeldFrames(plant.world_frame(), link.body_frame())
@@ -239,7 +247,10 @@ def run_drake(experiment: Experiment, step: float, solver: str) -> Trajectory:
         np.array([place(joint) for joint in joints], dtype=int)
         for place in (lambda j: j.position_start(), lambda j: j.velocity_start())
     )
-    positions, speeds = np.array(plant.GetPositions(context)), np.array(plant.GetVelocities(context))
+    positions, speeds = (
+        np.array(plant.GetPositions(context)),
+        np.array(plant.GetVelocities(context)),
+    )
     positions[q] = experiment.start.q[experiment.places[0]]
     speeds[u] = experiment.start.u[experiment.places[1]]
     plant.SetPositions(context, positions)
@@ -272,14 +283,20 @@ def run_pybullet(experiment: Experiment, step: float, solver: str) -> Trajectory
         p.setGravity(0, 0, -GRAVITY, **of)
         p.setTimeStep(step, **of)
         with _file(experiment.text) as path:
-            robot = p.loadURDF(
-                path, useFixedBase=True, flags=p.URDF_USE_INERTIA_FROM_FILE, **of
-            )
-        names = {p.getJointInfo(robot, j, **of)[1].decode(): j for j in range(p.getNumJoints(robot, **of))}
+            robot = p.loadURDF(path, useFixedBase=True, flags=p.URDF_USE_INERTIA_FROM_FILE, **of)
+        names = {
+            p.getJointInfo(robot, j, **of)[1].decode(): j
+            for j in range(p.getNumJoints(robot, **of))
+        }
         places = [names[name] for name in experiment.joints]
         for j in range(-1, p.getNumJoints(robot, **of)):
-            p.changeDynamics(robot, j, linearDamping=0, angularDamping=0, maxJointVelocity=1e6, **of)
-        q, u = (part[where] for part, where in zip((experiment.start.q, experiment.start.u), experiment.places))
+            p.changeDynamics(
+                robot, j, linearDamping=0, angularDamping=0, maxJointVelocity=1e6, **of
+            )
+        q, u = (
+            part[where]
+            for part, where in zip((experiment.start.q, experiment.start.u), experiment.places)
+        )
         for j, angle, speed in zip(places, q, u):
             p.resetJointState(robot, j, angle, speed, **of)
             p.setJointMotorControl2(robot, j, p.VELOCITY_CONTROL, force=0, **of)
@@ -292,7 +309,11 @@ def run_pybullet(experiment: Experiment, step: float, solver: str) -> Trajectory
                     robot, places, p.TORQUE_CONTROL, forces=torque.tolist(), **of
                 )
                 p.stepSimulation(**of)
-                acting = {} if experiment.motion == "fall" else dict(zip(experiment.joints, torque.tolist()))
+                acting = (
+                    {}
+                    if experiment.motion == "fall"
+                    else dict(zip(experiment.joints, torque.tolist()))
+                )
                 recorder.sample(acting)
             return recorder.trajectory()
     finally:
@@ -380,9 +401,9 @@ EXUDYN = {
     "generalized-alpha": ("GeneralizedAlpha", 2),
     "trapezoidal": ("TrapezoidalIndex2", 2),
     "rk4": ("RK44", 4),
-    "velocity-verlet": ("VelocityVerlet", 2),
+    "velocity-verlet": ("VelocityVerlet", 1),
 }
-"""Exudyn's solvers: their names there, and their orders."""
+"""Exudyn's solvers: their names there, and their orders; Verlet's is 2 without forces that depend on speeds."""
 
 
 def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
@@ -396,10 +417,15 @@ def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
     turns, kinds = [np.eye(3)], []
     for joint in joints:
         short = joint.shortname()
-        kinds.append(exudyn.JointType.PrismaticZ if short[10] == "P" else exudyn.JointType.RevoluteZ)
+        kinds.append(
+            exudyn.JointType.PrismaticZ if short[10] == "P" else exudyn.JointType.RevoluteZ
+        )
         axis = np.eye(3)["XYZ".index(short[-1])] if short[-1] in "XYZ" else _axis(pin, joint)
         turns.append(_onto(axis))
-    placed = [turns[model.parents[k]].T @ model.jointPlacements[k].translation for k in range(1, model.njoints)]
+    placed = [
+        turns[model.parents[k]].T @ model.jointPlacements[k].translation
+        for k in range(1, model.njoints)
+    ]
     rotated = [
         turns[model.parents[k]].T @ model.jointPlacements[k].rotation @ turns[k]
         for k in range(1, model.njoints)
@@ -407,7 +433,8 @@ def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
     inertias = list(model.inertias)[1:]
     damping = experiment.dampers[order]
     q0, u0 = (
-        part[where][order] for part, where in zip((experiment.start.q, experiment.start.u), experiment.places)
+        part[where][order]
+        for part, where in zip((experiment.start.q, experiment.start.u), experiment.places)
     )
     mbs = exudyn.SystemContainer().AddSystem()
     n = len(joints)
@@ -454,15 +481,23 @@ def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
     time.numberOfSteps, time.endTime = experiment.steps(step), experiment.steps(step) * step
     time.verboseMode = 0
     time.newton.relativeTolerance, time.newton.absoluteTolerance = 1e-12, 1e-14
-    settings.solutionSettings.writeSolutionToFile = False
+    settings.solution.file.write = False
     name, power = EXUDYN[solver]
 
     def of_joint(k: int) -> Callable[[float, Array, Array], Array]:
         return lambda t, q, u: np.eye(n)[k] * torque(t, q, u)[k]
 
-    driven = {} if experiment.motion == "fall" else {f"actuator {x}": of_joint(k) for k, x in enumerate(names)}
+    driven = (
+        {}
+        if experiment.motion == "fall"
+        else {f"actuator {x}": of_joint(k) for k, x in enumerate(names)}
+    )
     with record_exudyn(
-        mbs, node, names, forces=driven, accelerations=name in ("GeneralizedAlpha", "TrapezoidalIndex2")
+        mbs,
+        node,
+        names,
+        forces=driven,
+        accelerations=name in ("GeneralizedAlpha", "TrapezoidalIndex2"),
     ) as recorder:
         mbs.SolveDynamic(settings, solverType=getattr(exudyn.DynamicSolverType, name))
     return recorder.trajectory(solver, step, order=power)
@@ -527,9 +562,9 @@ SIMULATORS = {
         {"tamsi": 1, "sap": 1, "implicit_euler": 1, "runge_kutta2": 2, "runge_kutta3": 3},
     ),
     "pybullet": Simulator(run_pybullet, "pybullet", False, {"semi-implicit euler": 1}),
-    "pinocchio": Simulator(
-        run_pinocchio, "pinocchio", False, {"rk4": 4, "semi-implicit euler": 1}
+    "pinocchio": Simulator(run_pinocchio, "pinocchio", False, {"rk4": 4, "semi-implicit euler": 1}),
+    "exudyn": Simulator(
+        run_exudyn, "exudyn", False, {n: order for n, (_, order) in EXUDYN.items()}
     ),
-    "exudyn": Simulator(run_exudyn, "exudyn", False, {n: order for n, (_, order) in EXUDYN.items()}),
 }
 """Whatever can make an `Experiment`, by name."""

@@ -68,8 +68,8 @@ Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 class AtlasSpec(BaseModel):
     """An atlas as its TOML file describes it.
 
-    models      patterns of files, by the installed distribution that ships them; those after "!" are left out;
-                "." for folders of one's own, relative to the plan
+    models      patterns of files, by the installed distribution that ships them; those after "!" are left
+                out; "." for folders of one's own, relative to the plan
     simulators  integrators by simulator, see `deltac.recorders.experiments.SIMULATORS`
     motions     of `MOTIONS`
     duration    of each motion, s; longer for models whose own step makes it less than `rows` steps

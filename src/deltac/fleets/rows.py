@@ -18,10 +18,10 @@ TEXT, NUMBER = "text", "number"
 FAILED = "failed"
 """The verdict of a row that could not be made: its code and message say why."""
 
-SETTING = ("model", "solver", "motion", "step", "solver_tolerance", "duration")
+SETTING = ("model", "solver", "step", "solver_tolerance", "duration")
 """Columns that tell the setting of a run."""
 
-POINT = ("log", "episode", *SETTING)
+POINT = ("log", "episode", "motion", *SETTING)
 
 
 def is_point(column: str) -> bool:

@@ -1,8 +1,8 @@
 """The same motion of a model's file in any simulator, recorded step by step.
 
-An `Experiment` is what all of them share: the file, where the motion starts, and torques at its joints. MuJoCo
-runs a file with its contacts, motors and passive forces. The others read URDF without shapes, so nothing
-touches there: joints, inertias, dampers, and what drives the joints.
+An `Experiment` is what all of them share: the file, where the motion starts, and torques at its joints.
+MuJoCo runs a file with its contacts, motors and passive forces. The others read URDF without shapes, so
+nothing touches there: joints, inertias, dampers, and what drives the joints.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -46,13 +47,13 @@ SPEED = 0.3
 """Speeds at the start, rad/s or m/s, with alternating signs: a model in equilibrium would not move."""
 
 SWAY = (2.0, 5.0)
-"""Of driven joints: frequency, Hz, and the acceleration, rad/s² or m/s², that the torque alone would cause."""
+"""Of driven joints: frequency, Hz, and the acceleration, rad/s² or m/s², by the torque alone."""
 
 HOLD = (1.5, 0.7)
 """Of held joints: frequency, Hz, and damping ratio of a joint that moves alone."""
 
 MOTIONS = ("fall", "sway", "hold")
-"""No motor acts; small controls, functions of time alone; springs and dampers hold the joints at the start."""
+"""No motor acts; small controls that are functions of time; springs and dampers hold the joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +119,8 @@ class Experiment:
         """Of each driven joint when it moves alone, at the start: the diagonal of M, kg·m² or kg."""
         system = trace(self.model.mechanism)
         mass = ca.Function("M", [system.q], [ca.diag(ca.densify(crba(system)))])
-        return np.asarray(mass(self.start.q)).ravel()[self.places[1]]
+        diagonal: Array = np.asarray(mass(self.start.q)).ravel()
+        return np.asarray(diagonal[self.places[1]])
 
     def torque(self, t: float, q: Array, u: Array) -> Array:
         """Torques, N·m or N, of the driven joints at t (s), of their own q and u."""
@@ -224,16 +226,16 @@ def run_drake(experiment: Experiment, step: float, solver: str) -> Trajectory:
     simulator("pydrake", "drake")
     from pydrake.multibody.parsing import Parser
     from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
+    from pydrake.multibody.tree import BodyIndex
     from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 
     discrete = {"tamsi": "kTamsi", "sap": "kSap"}.get(solver)
     plant = MultibodyPlant(step if discrete else 0.0)
     Parser(plant).AddModelsFromString(experiment.text, "urdf")
-    links = [plant.get_body(k) for k in map(_body_index, range(1, plant.num_bodies()))]
     children = {plant.get_joint(k).child_body().index() for k in plant.GetJointIndices()}
-    for link in links:
-        if link.index() not in children:
-            plant.WeldFrames(plant.world_frame(), link.body_frame())
+    for index in map(BodyIndex, range(1, plant.num_bodies())):
+        if index not in children:
+            plant.WeldFrames(plant.world_frame(), plant.get_body(index).body_frame())
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -GRAVITY])
     if discrete:
         plant.set_discrete_contact_approximation(getattr(DiscreteContactApproximation, discrete))
@@ -243,10 +245,8 @@ def run_drake(experiment: Experiment, step: float, solver: str) -> Trajectory:
         ResetIntegratorFromFlags(simulation, solver, step).set_fixed_step_mode(True)
     context = simulation.get_mutable_context()
     joints = [plant.GetJointByName(name) for name in experiment.joints]
-    q, u = (
-        np.array([place(joint) for joint in joints], dtype=int)
-        for place in (lambda j: j.position_start(), lambda j: j.velocity_start())
-    )
+    q = np.array([joint.position_start() for joint in joints], dtype=np.intp)
+    u = np.array([joint.velocity_start() for joint in joints], dtype=np.intp)
     positions, speeds = (
         np.array(plant.GetPositions(context)),
         np.array(plant.GetVelocities(context)),
@@ -372,7 +372,7 @@ def run_pinocchio(experiment: Experiment, step: float, solver: str) -> Trajector
             tau = None if experiment.motion == "fall" else own
             recorder.sample(k * step, q, v, tau=tau, forces=dampers(v))
 
-            def slope(q: Array, v: Array) -> Array:
+            def slope(q: Array, v: Array, own: Array = own) -> Array:
                 return np.array(pin.aba(model, data, q, v, own - damping * v))
 
             h = step
@@ -403,13 +403,13 @@ EXUDYN = {
     "rk4": ("RK44", 4),
     "velocity-verlet": ("VelocityVerlet", 1),
 }
-"""Exudyn's solvers: their names there, and their orders; Verlet's is 2 without forces that depend on speeds."""
+"""Exudyn's solvers: names there, and orders; Verlet's is 2 if no force depends on speeds."""
 
 
 def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
     """Exudyn's kinematic tree, from the file as Pinocchio reads it; torques are those of each instant."""
     exudyn = simulator("exudyn", "exudyn")
-    from exudyn.itemInterface import NodeGenericODE2, ObjectKinematicTree
+    items: Any = import_module("exudyn.itemInterface")
 
     pin, model, _, _ = _pinocchio(experiment)
     joints, names = list(model.joints)[1:], list(model.names)[1:]
@@ -439,7 +439,7 @@ def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
     mbs = exudyn.SystemContainer().AddSystem()
     n = len(joints)
     node = mbs.AddNode(
-        NodeGenericODE2(
+        items.NodeGenericODE2(
             numberOfODE2Coordinates=n, referenceCoordinates=[0.0] * n,
             initialCoordinates=q0.tolist(), initialCoordinates_t=u0.tolist(),
         )
@@ -454,7 +454,7 @@ def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
     if experiment.motion != "fall":
         options["forceUserFunction"] = lambda _, t, item, q, u: torque(t, q, u)
     mbs.AddObject(
-        ObjectKinematicTree(
+        items.ObjectKinematicTree(
             nodeNumber=node,
             jointTypes=kinds,
             linkParents=[int(k) - 1 for k in list(model.parents)[1:]],
@@ -527,12 +527,6 @@ def _file(text: str) -> Iterator[str]:
         yield path
     finally:
         os.unlink(path)
-
-
-def _body_index(k: int) -> Any:
-    from pydrake.multibody.tree import BodyIndex
-
-    return BodyIndex(k)
 
 
 @dataclass(frozen=True)

@@ -47,10 +47,10 @@ SPEED = 0.3
 """Speeds at the start, rad/s or m/s, with alternating signs: a model in equilibrium would not move."""
 
 SWAY = (2.0, 5.0)
-"""Of driven joints: frequency, Hz, and the acceleration, rad/s² or m/s², by the torque alone."""
+"""Of driven joints: frequency, Hz, and the acceleration, rad/s² or m/s², by one torque alone."""
 
 HOLD = (1.5, 0.7)
-"""Of held joints: frequency, Hz, and damping ratio of a joint that moves alone."""
+"""Of held joints: frequency, Hz, and damping ratio of one that is held alone."""
 
 MOTIONS = ("fall", "sway", "hold")
 """No motor acts; small controls that are functions of time; springs and dampers hold the joints."""
@@ -116,11 +116,11 @@ class Experiment:
 
     @cached_property
     def inertia(self) -> Array:
-        """Of each driven joint when it moves alone, at the start: the diagonal of M, kg·m² or kg."""
+        """Of each driven joint while the others give way, at the start: 1/(M⁻¹)ₖₖ, kg·m² or kg."""
         system = trace(self.model.mechanism)
-        mass = ca.Function("M", [system.q], [ca.diag(ca.densify(crba(system)))])
-        diagonal: Array = np.asarray(mass(self.start.q)).ravel()
-        return np.asarray(diagonal[self.places[1]])
+        mass = ca.Function("M", [system.q], [ca.densify(crba(system))])
+        inverse: Array = np.linalg.inv(np.asarray(mass(self.start.q)))
+        return np.asarray(1.0 / np.diag(inverse)[self.places[1]])
 
     def torque(self, t: float, q: Array, u: Array) -> Array:
         """Torques, N·m or N, of the driven joints at t (s), of their own q and u."""

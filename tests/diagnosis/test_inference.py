@@ -16,11 +16,12 @@ from scipy.stats import norm
 import deltac as dc
 from deltac.arrays import Array
 from deltac.diagnosis.audit.verdict import Evidence
-from deltac.diagnosis.causes.causes import candidates
+from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
-from deltac.diagnosis.inference.inference import infer
+from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
+from deltac.diagnosis.inference.inference import _Inferring, infer
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.whitening import whitened
@@ -504,3 +505,109 @@ def test_the_probability_of_an_error_is_that_of_its_posterior(joules: float, err
     total = np.trapezoid(slab, J) + norm.pdf(joules, 0.0, error)
     beyond = np.trapezoid(np.where(np.abs(J) > 1.0, slab, 0.0), J)
     assert found == pytest.approx(beyond / total, abs=2e-4)  # steps of the quadrature
+
+
+def servo(h: float) -> tuple[dc.Mechanism, dc.Trajectory]:
+    """A pendulum under a stiff PD torque of the instant, by RK4, its torque logged at the rows."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("bob", 1.0)],
+        [dc.revolute("j", "ground", "bob", child_position=(0, 0.8, 0), damping=0.1)],
+        gravity=(0, -9.81, 0),
+    )
+
+    def torque(x: Array) -> float:
+        return float(-900.0 * (x[0] - 0.6) - 80.0 * x[1])  # the fast mode decays with 112/s
+
+    def rate(x: Array) -> Array:
+        return np.array([x[1], (torque(x) - 0.1 * x[1] - 9.81 * 0.8 * np.sin(x[0])) / 0.64])
+
+    rows = [np.array([0.5, 0.0])]
+    for _ in range(round(0.3 / h)):
+        x = rows[-1]
+        k1 = rate(x)
+        k2 = rate(x + h / 2 * k1)
+        k3 = rate(x + h / 2 * k2)
+        rows.append(x + h / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + h * k3)))
+    y = np.array(rows)
+    return mechanism, dc.Trajectory(
+        t=np.arange(len(y)) * h, q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
+        forces={"actuator motor": np.array([[torque(x)] for x in rows])},
+        provenance=dc.Provenance("own loop", solver="rk4", step=h, order=4),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("h", [4e-3, 2e-3])
+def test_a_torque_of_the_instant_accuses_nobody(h: float) -> None:
+    mechanism, run = servo(h)
+    inference = infer(mechanism, run)
+    assert inference is not None and not inference.posterior.best.chosen
+    assert dc.audit(mechanism, run).verdict.kind == "consistent"
+
+
+def test_forces_between_rows_are_splines_within_their_doubt() -> None:
+    """Means of a sine over each interval: the error is of fourth order, the doubt of third."""
+    h = 0.05
+    t = np.arange(41) * h
+    rows = [
+        Rows(x, np.zeros((40, 0)), np.zeros((40, 0)), np.sin(3.0 * x)[:, None])
+        for x in (t[:-1], t[1:])
+    ]
+    force = LoggedForce.of(Intervals(*rows), [(0, 40)])
+    s, w = np.polynomial.legendre.leggauss(4)
+    between = force(("smooth",))
+    mean = sum(b * between(0.5 + 0.5 * a) for a, b in zip(s, w / 2.0, strict=True))[:, 0]
+    error = np.abs(mean - (np.cos(3.0 * t[:-1]) - np.cos(3.0 * t[1:])) / (3.0 * h))
+    inner = slice(4, -4)  # a spline's ends are of lower order
+    assert error[inner].max() < 0.01 * (3.0 * h) ** 4
+    assert np.all(error <= force.doubt[:, 0] + 1e-12)
+
+
+def test_what_a_sample_tells_of_a_log_that_closes_is_what_all_rows_tell() -> None:
+    run = log(rk4, 2e-3)
+    closed = infer(MECHANISM, run)
+    evaluator, model = Evaluator(MECHANISM, run), Model(MECHANISM, run)
+    observed = observations(model, run, 4000)
+    assert closed is not None and closed.closes and observed is not None
+    whole = _Inferring(model, run, observed, evaluator, 0.0)
+    whole.add(column_kernels(evaluator))
+    result = whole.result()
+    assert closed.posterior.best.chosen == result.posterior.best.chosen == ()
+    energies = [x.attribution.integrator.energy for x in (closed, result)]
+    assert energies[0] == pytest.approx(energies[1], abs=3.0 * result.attribution.integrator.error)
+    assert closed.unseen.keys() == result.unseen.keys()
+    largest = max(result.unseen, key=lambda name: result.unseen[name])
+    # Long stretches tell more of a number than as many rows in short ones: a sample errs to the safe side.
+    assert 0.5 < closed.unseen[largest] / result.unseen[largest] < 100.0
+
+
+def test_the_order_in_which_causes_are_fitted_is_by_least_squares() -> None:
+    rng = np.random.default_rng(5)
+    D, r = rng.standard_normal((50, 2, 6)), rng.standard_normal((50, 2))
+    block = Block(r, D, np.arange(2), np.full(2, 1e6), np.arange(2, 6))
+    causes = [
+        Candidate("damping", f"{k}", (k,), np.eye(1), ("",), np.zeros(1), ("",)) for k in range(4)
+    ]
+    best = fitted((block,), causes[:1])
+    assert best is not None
+    X, y = D.reshape(-1, 6), r.ravel()
+
+    def left(columns: list[int]) -> float:
+        return float(np.linalg.lstsq(X[:, columns], y, rcond=None)[1][0])
+
+    for bound, c in _ordered((block,), best, causes):
+        gain = 0.5 * 98 * np.log(left([0, 1, 2]) / left([0, 1, 2, 2 + c.columns[0]]))
+        assert bound == pytest.approx(gain - 0.5 * np.log(98) - np.log(4), abs=1e-6)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.01])
+def test_a_coarse_step_is_no_wrong_clock(scale: float) -> None:
+    """Of a method of order two ∫u dt of the rows is not q, by O(h²); a wrong clock has another map."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("bob", 0.5)],
+        [dc.revolute("j", "ground", "bob", child_position=(0, -0.6, 0))],
+        gravity=(0, -9.81, 0),
+    )
+    run = dc.simulate(mechanism, {"j": 0.1}, 0.3, 0.02, "ode2")
+    bare = replace(run, t=scale * run.t, works={}, integrals={}, udot=None, mechanism=None)
+    doubts = {f.kind for f in dc.audit(mechanism, bare).findings if f.weight == "doubt"}
+    assert doubts == (set() if scale == 1.0 else {"clock-scale"})

@@ -447,10 +447,15 @@ def _judged(
     missing = checks.assumed_zero(run, report)
     findings += checks.assumed_zero_finding(missing)
     progress(0.2)
-    doubted = any(f.weight == "doubt" for f in findings)
-    inference = (
-        None if doubted else infer(mechanism, log.consecutive, ledger.energy_exchanged, limit)
-    )
+    doubts = {f.kind for f in findings if f.weight == "doubt"}
+    inference = None
+    if doubts <= set(checks.OF_RATES):
+        inference = infer(mechanism, log.consecutive, ledger.energy_exchanged, limit)
+    if doubts and inference is not None and inference.closes:
+        # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
+        findings = [f for f in findings if f.kind not in doubts]
+    elif doubts:
+        inference = None
     progress(0.7)
     reading = None
     certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]

@@ -101,14 +101,17 @@ class Evidence:
         allowed = self.allowed_flow
         there, beyond = 0.0, 0.0
         best = inference.posterior.best
+        # Of a log that is not yet right, what explains the rest accuses nobody.
+        of_log = [c.kind in OF_THE_LOG for c in best.chosen]
+        slip = float(inference.exchanged[of_log].max(initial=0.0))
         for c, odds, joules, error in zip(
             best.chosen, best.each, inference.exchanged, inference.exchanged_error, strict=True
         ):
-            if c.kind not in OF_THE_LOG:
+            if c.kind not in OF_THE_LOG and joules > slip:
                 p = float(expit(odds))
                 there = max(there, p)
                 beyond = max(beyond, p * float(ndtr((joules - allowed) / max(error, 1e-300))))
-        if self.unnamed and not any(c.kind in OF_THE_LOG for c in best.chosen):
+        if self.unnamed and not slip:
             p = float(expit(inference.generic.log_odds - CERTAIN))
             there, beyond = max(there, p), max(beyond, p)
         if self.intermittent:

@@ -314,13 +314,14 @@ def fitted(
             at += c.size
         made, before = coefficients(theta), variance
         variance = [b.projected.left(made) / b.count for b in blocks]
-        inverse = inverse * (variance[0] / before[0])
+        covariance = inverse * (variance[0] / before[0])
     if curved:
         T, X, _ = normal()
         inverse = inverted(T, X)
         if inverse is None:
             return None
-    return Fit(tuple(chosen), tuple(theta), coefficients(theta), 0.0, inverse, T)
+        covariance = inverse
+    return Fit(tuple(chosen), tuple(theta), coefficients(theta), 0.0, covariance, T)
 
 
 def evidence(

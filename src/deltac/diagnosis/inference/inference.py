@@ -215,6 +215,11 @@ class Inference:
         wrong = any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
         return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
 
+    @property
+    def closes(self) -> bool:
+        """Whether each row follows from the one before by a known step, within the noise of both."""
+        return bool(self.methods) and self.excess <= 1.0
+
     def deviation(self, c: Candidate) -> float:
         """Standard error of the number of a cause of one, beside the best causes."""
         return _deviation(self.blocks, c, self.posterior.best, self.tau)
@@ -898,7 +903,8 @@ class _Inferring:
             others = np.stack([*curves, *(curves[0] + x for x in self._other_forces())])
             left = self.w - self.defects[0] - causes
             # Where they leave more than the rows' noise, the rest may be the integrator's.
-            rest = np.cumsum(np.einsum("km,km->k", self.gradient**2, left**2))
+            known = np.where(log.unknown, 0.0, self.gradient)
+            rest = np.cumsum(np.einsum("km,km->k", known**2, left**2))
             beyond = np.sqrt(max(1.0 - 1.0 / max(variance, 1.0), 0.0) * tau * rest)
             integrator = Share(curves[0], np.hypot(np.abs(others - curves[0]).max(axis=0), beyond))
         else:

@@ -273,7 +273,7 @@ def studied(
         findings += noticed.of_impacts(mechanism, finest.run)
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bar[-1])
-    findings += unresolved_works(ledger)
+    findings += unresolved_works(finest.run, ledger)
     findings += noticed.of_corrections(ledger, function, tolerance * ledger.reference_energy)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)

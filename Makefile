@@ -17,7 +17,7 @@ BENCH := $(VENV)/.deltac-bench
 .DEFAULT_GOAL := help
 .NOTPARALLEL:
 .SUFFIXES:
-.PHONY: help demo test test-casadi test-slow lint types layers check bench bench-verdict bench-foreign bench-judge bench-repair \
+.PHONY: help demo test test-casadi test-slow lint types schema layers check bench bench-verdict bench-foreign bench-judge bench-repair \
 	bench-blackbox bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
 
 help:  ## list the targets
@@ -43,6 +43,9 @@ lint: $(DEV)  ## style: ruff's rules and format
 
 types: $(DEV)  ## types: mypy, strict
 	$(PY) -m mypy
+
+schema: $(TEST)  ## write the JSON Schema of results anew, after a key has changed
+	$(PY) -m website.json_schema
 
 layers: $(DEV)  ## the direction of imports
 	$(VENV)/bin/lint-imports

@@ -1,7 +1,7 @@
-"""No module names one of a package above it, not even in a text that is imported later.
+"""What import-linter does not see: texts that name modules above, circles, and clients that know too much.
 
-import-linter follows `import` statements alone. The root of the package is exempt: it stands above all, and
-declares which module has a public name or a service.
+import-linter follows `import` statements between packages alone. The root of the package is exempt: it stands
+above all, and declares which module has a public name or a service.
 """
 
 from __future__ import annotations
@@ -9,8 +9,12 @@ from __future__ import annotations
 import ast
 import re
 import tomllib
+from collections.abc import Iterator, Mapping
+from graphlib import CycleError, TopologicalSorter
 from importlib import import_module
 from pathlib import Path
+
+import pytest
 
 from deltac.calls.services import provided
 
@@ -56,6 +60,99 @@ def test_no_text_names_a_module_above() -> None:
     places = {p: p.relative_to(ROOT / "src/deltac").with_suffix("").parts[0] for p in files}
     found = {str(p): upward(p.read_text("utf-8"), package) for p, package in places.items()}
     assert {p: texts for p, texts in found.items() if texts} == {}
+
+
+def path_of(module: str) -> Path:
+    path = ROOT / "src" / module.replace(".", "/")
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+
+
+def statements(node: ast.AST) -> Iterator[ast.ImportFrom]:
+    """Imports from modules of deltac, also in functions; not those for type checkers."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.ImportFrom) and str(child.module).startswith("deltac."):
+            yield child
+        elif not (isinstance(child, ast.If) and ast.unparse(child.test) == "TYPE_CHECKING"):
+            yield from statements(child)
+
+
+def graph(modules: Mapping[str, str]) -> dict[str, set[str]]:
+    """Module -> the modules that it imports, at any time."""
+    edges: dict[str, set[str]] = {}
+    for module, source in modules.items():
+        targets = set()
+        for statement in statements(ast.parse(source)):
+            for alias in statement.names:
+                inner = f"{statement.module}.{alias.name}"
+                targets.add(inner if inner in modules else str(statement.module))
+        edges[module] = targets - {module}
+    return edges
+
+
+def sources() -> dict[str, str]:
+    files = (ROOT / "src/deltac").rglob("*.py")
+    names = {".".join(p.relative_to(ROOT / "src").with_suffix("").parts): p for p in files}
+    return {m.removesuffix(".__init__"): p.read_text("utf-8") for m, p in names.items()}
+
+
+def test_a_circle_is_seen() -> None:
+    a = "def f():\n    from deltac.b import g"
+    edges = graph({"deltac.a": a, "deltac.b": "from deltac.a import f"})
+    with pytest.raises(CycleError):
+        TopologicalSorter(edges).prepare()
+
+
+def test_imports_make_no_circle() -> None:
+    """Not even those that are made when a function is called."""
+    TopologicalSorter(graph(sources())).prepare()
+
+
+def public_names() -> set[tuple[str, str]]:
+    """(module, name) of what stubs and public modules list."""
+    stubs = [*(ROOT / "src/deltac").rglob("__init__.pyi")]
+    spaces = [path_of(f"deltac.{name}") for name in PUBLIC_MODULES]
+    trees = {path: ast.parse(path.read_text("utf-8")) for path in (*stubs, *spaces)}
+    names = {
+        (home, alias.name)
+        for path, tree in trees.items()
+        for statement in tree.body
+        if isinstance(statement, ast.ImportFrom)
+        for alias in statement.names
+        for home in (str(statement.module), f"deltac.{path.stem}")
+    }
+    return names | {("deltac", name) for name in PUBLIC_MODULES}
+
+
+PUBLIC_MODULES = (
+    "bodies",
+    "joints",
+    "forces",
+    "constraints",
+    "events",
+    "shapes",
+    "laws",
+    "solvers",
+)
+COMMON = ("deltac.arrays", "deltac.rotations", "deltac.errors")
+"""What every package may know: a type of arrays, rotations, errors."""
+
+
+@pytest.mark.parametrize("client", ["problems"])
+def test_clients_import_public_names_only(client: str) -> None:
+    """What a problem is made of, a user has as well; `deltac.energy` is the core of the verb `balance`."""
+    public = public_names() | {("deltac.energy", "balance"), ("deltac.mechanism.laws", "LawLike")}
+    private = [
+        (module, statement.module, alias.name)
+        for module, source in sources().items()
+        if module.startswith(f"deltac.{client}")
+        for statement in ast.walk(ast.parse(source))
+        if isinstance(statement, ast.ImportFrom) and str(statement.module).startswith("deltac")
+        if not str(statement.module).startswith((f"deltac.{client}", *COMMON))
+        for alias in statement.names
+        if (statement.module, alias.name) not in public | {("deltac", "rotations")}
+        if statement.module != "deltac" or alias.name != client
+    ]
+    assert private == []
 
 
 def test_every_service_is_there() -> None:

@@ -15,8 +15,9 @@ from PIL import Image
 import deltac as dc
 from deltac.arrays import EPS
 from deltac.report.page.scene import scene
+from deltac.report.picture import blank
 from deltac.report.still import draw
-from deltac.report.style import BAD, GOOD, blank, styled
+from deltac.report.style import BAD, GOOD, styled
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "testing.gif"
 

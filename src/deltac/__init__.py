@@ -24,6 +24,8 @@ __all__ = sorted(_PUBLIC)
 
 provide(
     {
+        "MonitoredEnv": "deltac.recorders.gymnasium_monitor",
+        "MujocoMonitor": "deltac.recorders.mujoco_monitor",
         "evaluate": "deltac.analysis.evaluate",
         "figure": "deltac.report.plots",
         "html_of": "deltac.report.page",

@@ -131,11 +131,11 @@ class Model:
         """The state at which it starts where none is asked for, or None."""
         return next(iter(self.starts.values()), None)
 
-    def start(self, given: StateLike = None) -> State:
+    def start(self, state: StateLike = None) -> State:
         """The state at which a motion starts.
 
         Args:
-            given: a State; names of coordinates with their values; a text ``"hip=0.3,u.hip=-1"`` of the same
+            state: a State; names of coordinates with their values; a text ``"hip=0.3,u.hip=-1"`` of the same
                 (speeds with ``u.``, degrees as ``30deg``); the name of one of `starts`, such as a keyframe
                 of an MJCF file; a ``.json`` or ``.toml`` file with tables q and u, or a log, whose first row
                 is taken. None: the model's own start.
@@ -143,37 +143,37 @@ class Model:
         Raises:
             InputError: none is given and the model has none; it does not fit the mechanism.
         """
-        if given is None:
+        if state is None:
             if not self.starts:
                 raise StateError(
                     f"state: mechanism {self.mechanism.name!r} does not say where its motion starts; give "
                     "state=mechanism.state({...}), or a Problem, which has one"
                 )
             return next(iter(self.starts.values()))
-        if isinstance(given, Mapping):
-            return self.mechanism.state(given)
-        if isinstance(given, str | Path):
-            return _told(self, str(given))
-        if not isinstance(given, State):
+        if isinstance(state, Mapping):
+            return self.mechanism.state(state)
+        if isinstance(state, str | Path):
+            return _told(self, str(state))
+        if not isinstance(state, State):
             raise WrongType(
-                f"state: found {type(given).__name__}, expected a State, made by mechanism.state(...), or "
+                f"state: found {type(state).__name__}, expected a State, made by mechanism.state(...), or "
                 "values by the names of coordinates"
             )
         expected = (len(self.mechanism.coordinates), len(self.mechanism.speeds))
-        if (given.q.size, given.u.size) != expected:
+        if (state.q.size, state.u.size) != expected:
             raise StateError(
-                f"state: it has {given.q.size} coordinates and {given.u.size} speeds, mechanism "
+                f"state: it has {state.q.size} coordinates and {state.u.size} speeds, mechanism "
                 f"{self.mechanism.name!r} has {expected[0]} and {expected[1]}; make it by "
                 "mechanism.state(...) of this mechanism"
             )
-        values = (given.t, *given.q.tolist(), *given.u.tolist())
+        values = (state.t, *state.q.tolist(), *state.u.tolist())
         if not all(type(v) is float or isinstance(v, Real) for v in values) or not all(
             map(math.isfinite, values)
         ):
             raise StateError(
                 "the state is not finite; make it by mechanism.state(...), which says where"
             )
-        return given
+        return state
 
     def with_parameters(self, **values: float) -> Model:
         """The same model with other values of parameters, or of other `Mechanism.numbers`."""
@@ -341,12 +341,12 @@ def _told(model: Model, text: str) -> State:
             f"state {text!r}: expected name=value,… or a file (.json, .toml, or a log){starts}"
         )
     values: dict[str, dict[str, float]] = {"q": {}, "u": {}}
-    t, said = 0.0, set[str]()
+    t, names = 0.0, set[str]()
     for part in text.split(","):
         name, _, value = (piece.strip() for piece in part.partition("="))
-        if (whole := name.removeprefix("q.")) in said:
+        if (whole := name.removeprefix("q.")) in names:
             raise InputError(f"state {text!r}: {name!r} is given twice; leave one out")
-        said.add(whole)
+        names.add(whole)
         number = _number(value, f"state {part.strip()!r}")
         if name == "t":
             t = number
@@ -406,7 +406,7 @@ def _run(path: Path, what: str, *names: str) -> ModuleType:
             sys.path.remove(folder)
 
 
-def _users(code: Callable[[], T], path: Path, said: str) -> T:
+def _users(code: Callable[[], T], path: Path, failure: str) -> T:
     """What code of a user's file returns; an error of it comes with the line of the file."""
     try:
         return code()
@@ -415,7 +415,7 @@ def _users(code: Callable[[], T], path: Path, said: str) -> T:
     except BaseException as error:  # a script may call sys.exit()
         frames = traceback.extract_tb(error.__traceback__)
         lines = [f.lineno for f in frames if Path(f.filename).resolve() == path.resolve()]
-        place = f"{said}, line {lines[-1]}" if lines else said
+        place = f"{failure}, line {lines[-1]}" if lines else failure
         if isinstance(error, InputError):
             raise InputError(f"{place}: {error}") from error
         raise SourceError(f"{place}: {type(error).__name__}: {error}") from error

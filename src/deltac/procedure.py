@@ -121,10 +121,10 @@ class Examination(
         if self.recommendation is not None and self.recommendation.best is not None:
             yield f"To do: use {self.recommendation.summary()}."
         judged = (self.study, self.audit, self.check)
-        seen = [part.verdict.limits for part in judged if part is not None]
+        all_limits = [part.verdict.limits for part in judged if part is not None]
         if self.recommendation is not None:
-            seen.append(self.recommendation.limits)
-        limits = dict.fromkeys(limit for each in seen for limit in each)
+            all_limits.append(self.recommendation.limits)
+        limits = dict.fromkeys(limit for each in all_limits for limit in each)
         if limits:
             yield f"Not seen: {'; '.join(limits)}."
 

@@ -20,7 +20,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.energy.ledger import Ledger
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.laws import Law
+from deltac.mechanism.expressions import Law
 from deltac.models import ModelLike, StateLike, chosen_map, load_model
 from deltac.simulation import simulate as simulation
 from deltac.simulation.equations import Controller, Equations

@@ -6,8 +6,10 @@ be said is known.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +18,7 @@ import pytest
 import deltac as dc
 from deltac.diagnosis.check import whole
 from deltac.diagnosis.check.numbers import formula
+from deltac.diagnosis.check.table import check_table
 from deltac.dynamics import system
 
 P = {"m1": 1.1, "m2": 0.93, "l1": 1.05, "c1": 0.52, "c2": 0.41, "I1": 0.083, "I2": 0.33, "g": 9.81}
@@ -190,6 +193,74 @@ STIFF = np.linalg.solve(
     parts(np.zeros(2), np.zeros(2), P)[0],
     np.array([[P["m1"] * P["c1"] * P["g"] + G1 + G2, G2], [G2, G2]]),
 )
+
+
+UNNAMED = dc.Mechanism(
+    [
+        dc.body("upper", P["m1"], (0.9, 0.9, P["I1"]), (0, -P["c1"], 0)),
+        dc.body("lower", P["m2"], (0.9, 0.9, P["I2"]), (0, -P["c2"], 0)),
+    ],
+    [
+        dc.revolute("a", "ground", "upper"),
+        dc.revolute("b", "upper", "lower", position=(0, -P["l1"], 0)),
+    ],
+    gravity=(0, -P["g"], 0),
+)
+"""The same machine, of which no number has a name."""
+
+
+def damped(t: Any, q: Any, u: Any) -> Any:
+    """A damper on the second joint, and a heavier lower arm."""
+    M, f = parts(q, u, P | {"m2": 1.1})
+    return np.linalg.solve(M, f - np.array([0.0, 0.2 * u[1]]))
+
+
+@pytest.mark.parametrize(
+    ("rhs", "causes"),
+    [
+        (lambda t, q, u: arm(t, q, u, m2=1.1), {("body-mass", "lower"): 1.1 / P["m2"]}),
+        (lambda t, q, u: arm(t, q, u, I2=0.4), {("body-moments", "lower"): 0.4 / P["I2"]}),
+        (lambda t, q, u: arm(t, q, u, c2=0.45), {("body-centre", "lower"): -0.04}),
+        (lambda t, q, u: arm(t, q, u, g=9.9), {("gravity", "gravity"): 9.9}),
+        (damped, {("missing-damper", "b"): 0.2, ("body-mass", "lower"): 1.1 / P["m2"]}),
+    ],
+)
+def test_numbers_of_a_model_without_names_are_causes(
+    rhs: Callable[..., Any], causes: dict[tuple[str, str], float]
+) -> None:
+    """All equations are off by many terms; the model's own numbers say it in one or two."""
+    check = dc.check_equations(UNNAMED, rhs)
+    told = {(f.kind, f.element): f for f in check.findings if f.weight == "cause"}
+    assert told.keys() == causes.keys()
+    for cause, value in causes.items():
+        shown = [float(x) for x in re.findall(r"-?\d+\.\d+", told[cause].what)]
+        assert shown[0] == pytest.approx(value, rel=1e-5)
+    assert all(len(b.terms) < 2 or all(m.plain for m in b.terms) for b in check.blame)
+
+
+def test_an_error_that_is_none_of_the_models_numbers_has_no_cause() -> None:
+    """A force that is no element of any model: nothing is guessed."""
+
+    def rhs(t: Any, q: Any, u: Any) -> Any:
+        M, f = parts(q, u, P)
+        return np.linalg.solve(M, f + np.array([0.3 * np.sin(3 * q[0]) * u[1], 0.1 * np.cos(q[0])]))
+
+    check = dc.check_equations(UNNAMED, rhs)
+    assert check.verdict.kind == "equation-error"
+    assert not [f for f in check.findings if f.weight == "cause"]
+
+
+def test_a_table_of_accelerations_has_the_same_causes(tmp_path: Path) -> None:
+    path = tmp_path / "states.csv"
+    states = dc.write_states(UNNAMED, path, count=32)
+    head, *rows = path.read_text().splitlines()
+    table = [head]
+    for k, row in enumerate(rows):
+        udot = arm(0.0, states.q[:, k], states.u[:, k], m2=1.1)
+        table.append(",".join([*row.split(",")[:5], *map(repr, map(float, udot))]))
+    path.write_text("\n".join(table) + "\n")
+    check = check_table(UNNAMED, path)
+    assert [(f.kind, f.element) for f in check.findings] == [("body-mass", "lower")]
 
 
 def test_numbers_as_formulas() -> None:

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from deltac.dynamics.laws import to_casadi
 from deltac.errors import InputError
+from deltac.mechanism.expressions import FUNCTIONS
 from deltac.mechanism.grammar import parse
-from deltac.mechanism.laws import FUNCTIONS, q, time, u
+from deltac.mechanism.laws import q, time, u
 
 SYMBOLS = [time(), q("elbow"), u("base.wx"), sp.Symbol("k", real=True)]
 t, angle, speed, k = SYMBOLS

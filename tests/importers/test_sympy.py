@@ -25,7 +25,7 @@ from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward
 from deltac.errors import InputError
 from deltac.importers import equations_from_sympy, symbolic_equations
-from deltac.mechanism.laws import symbol_of
+from deltac.mechanism.expressions import symbol_of
 from tests.systems.random_mechanisms import random_state
 
 M1, M2, L1, L2, G, C = sp.symbols("m1 m2 l1 l2 g c")

@@ -27,7 +27,7 @@ export class Plot {
       const value = el("span", { class: "value" });
       const button = el("button", {
         type: "button", class: "key", "aria-pressed": String(line.shown),
-        style: `--c: ${var(--${variable(line.colour, k)})`,
+        style: `--c: var(--${variable(line.colour, k)})`,
         click: () => this.toggle(entry),
       }, el("i", { class: line.dashed ? "swatch dashed" : "swatch" }), el("span", {}, line.name), value);
       const entry: Drawn = { line, series: n, low: 0, high: 0, value, button, shown: line.shown };

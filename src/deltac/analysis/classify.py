@@ -287,12 +287,12 @@ def _integrable(motion: EquationsOfMotion, velocity: set[int], t: Array, q: Arra
     order = sorted(velocity)
     W = motion.W
     plus = ca.solve(ca.mtimes(W.T, W), W.T)
-    moving = rows.at_rest(s.u)
-    forms = ca.horzcat(ca.mtimes(rows.G[order, :], plus), moving[order])
+    rate_at_rest = rows.at_rest(s.u)
+    forms = ca.horzcat(ca.mtimes(rows.G[order, :], plus), rate_at_rest[order])
     at = ca.vertcat(s.q, s.t)
     jacobians = [ca.jacobian(forms[k, :].T, at) for k in range(len(order))]
     curls = [slope - slope.T for slope in jacobians]
-    dense = [ca.densify(ca.vec(x)) for x in (rows.G, moving, W, *curls)]
+    dense = [ca.densify(ca.vec(x)) for x in (rows.G, rate_at_rest, W, *curls)]
     f = ca.Function("curls", [s.t, s.q], dense, {"cse": True})
     G, b, W_, *curl = evaluate_at(f, t[None, :], q)
     p, n, nc = s.u.shape[0], q.shape[0], len(rows)

@@ -87,8 +87,8 @@ def inverse_dynamics(
     motion = equations_of_motion(released)
     terms = motion.terms(at.t[None, :], at.q.T, at.u.T)
     tied = {ChannelName("constraint", constraint.name) for constraint in mechanism.constraints}
-    given = {n: f for n, f in run.forces.items() if n not in tied and n not in channels}
-    acting = {name: force.T for name, force in terms.forces.items()} | given
+    applied = {n: f for n, f in run.forces.items() if n not in tied and n not in channels}
+    acting = {name: force.T for name, force in terms.forces.items()} | applied
     needed = np.einsum("tij,tj->ti", terms.M, at.udot) + terms.bias.T
     needed = needed - sum(acting.values(), start=np.zeros_like(needed))
     driven = [k for place in channels.values() for k in range(place.start, place.stop)]
@@ -121,7 +121,7 @@ def inverse_dynamics(
         constraints=constraints,
         residual=needed - explained,
         singular=at.t[singular],
-        run=replace(run, forces={**given, **forces, **constraints}, mechanism=mechanism),
+        run=replace(run, forces={**applied, **forces, **constraints}, mechanism=mechanism),
     )
 
 
@@ -150,12 +150,12 @@ def _channels(mechanism: Mechanism, drives: Sequence[str] | None) -> dict[Channe
 
 def _solved(columns: Array, needed: Array, drives: int) -> tuple[Array, NDArray[np.intp]]:
     """Least solutions x (T, n) of A x = b, and samples at which the first entries are not determined."""
-    left, values, right = np.linalg.svd(columns, full_matrices=False)
+    basis, values, right = np.linalg.svd(columns, full_matrices=False)
     largest = values.max(axis=1, initial=1e-300)[:, None]
     present = values > DEPENDENT * largest
     inverse = np.where(present, 1.0 / np.where(present, values, 1.0), 0.0)
-    x = np.einsum("tkn,tk->tn", right, inverse * np.einsum("tmk,tm->tk", left, needed))
+    x = np.einsum("tkn,tk->tn", right, inverse * np.einsum("tmk,tm->tk", basis, needed))
     # What the kept directions leave of a unit force of a drive is not determined.
-    kept = right[:, :, :drives] * present[:, :, None]
-    share = 1.0 - np.square(kept).sum(axis=1)
+    coefficients = right[:, :, :drives] * present[:, :, None]
+    share = 1.0 - np.square(coefficients).sum(axis=1)
     return x, np.flatnonzero((share > 1e-6).any(axis=1))

@@ -245,8 +245,10 @@ def equilibrium(
     full_q, full_u = at.q[0].copy(), at.u[0].copy()
     full_q[free.q], full_u[free.u] = q, 0.0
     state = mechanism.state(full_q, full_u, t)
-    here = Instants(mechanism, at.t, full_q[None, :], full_u[None, :], at.inputs, None, single=True)
-    small = _linearised(motion, here)
+    at_state = Instants(
+        mechanism, at.t, full_q[None, :], full_u[None, :], at.inputs, None, single=True
+    )
+    small = _linearised(motion, at_state)
     return Equilibrium(state, lam, float(force.max(initial=0.0)) * size, small, _stability(small))
 
 
@@ -265,11 +267,11 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
     mechanism, rows, free = at.mechanism, motion.rows, at.mechanism.free
     t, q, u, inputs = float(at.t[0]), at.q[0][free.q], at.u[0][free.u], at.inputs[0]
     phi, psi = motion.violation(t, q, u)
-    off = np.abs(np.concatenate([phi, psi]))
-    if len(off) and not float(off.max()) <= VIOLATED:
-        worst = rows.names[int(off.argmax()) % len(rows)]
+    violation = np.abs(np.concatenate([phi, psi]))
+    if len(violation) and not float(violation.max()) <= VIOLATED:
+        worst = rows.names[int(violation.argmax()) % len(rows)]
         raise StateError(
-            f"state: it violates constraint {worst!r} by {off.max():.3g} m or rad (per s); "
+            f"state: it violates constraint {worst!r} by {violation.max():.3g} m or rad (per s); "
             "deltac.assemble(mechanism, state) finds a consistent state nearby"
         )
     p, m = len(free.u), len(inputs)
@@ -285,10 +287,10 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
         return response + solution.response @ multipliers, multipliers
 
     acceleration, lam = solved(-bias[:, None], -gamma[:, None])
-    here = (t, q, u, acceleration[:, 0], lam[:, 0], inputs)
-    r_q, c_q, psi_q, kin = slopes.along(*here, dq=W)
-    r_u, c_u, _, _ = slopes.along(*here, du=np.eye(p))
-    r_i, c_i, _, _ = slopes.along(*here, di=np.eye(m))
+    point = (t, q, u, acceleration[:, 0], lam[:, 0], inputs)
+    r_q, c_q, psi_q, kin = slopes.along(*point, dq=W)
+    r_u, c_u, _, _ = slopes.along(*point, du=np.eye(p))
+    r_i, c_i, _, _ = slopes.along(*point, di=np.eye(m))
     udot, _ = solved(-np.hstack([r_q, r_u, r_i]), -np.hstack([c_q, c_u, c_i]))
     # δq = W δθ, so δθ̇ = δu + W⁺ (∂q̇/∂q W − Ẇ) δθ.
     turning = np.linalg.pinv(W) @ (kin - slopes.frame_rate(t, q, u))
@@ -356,38 +358,40 @@ class Slopes:
         self._frame = motion.system.once("frame rate", lambda: _frame_rate(motion))
 
     def along(
-        self, *here: Any, dq: Any = None, du: Any = None, da: Any = None, di: Any = None
+        self, *point: Any, dq: Any = None, du: Any = None, da: Any = None, di: Any = None
     ) -> list[Array]:
         """Slopes of r, ψ̇, ψ, q̇ as columns, one for each direction.
 
         `here` are t, q, u, u̇, λ and inputs; directions of q, u, u̇ and inputs are columns (n, directions).
         """
-        given = dict(zip((1, 2, 3, 5), (dq, du, da, di)))
-        count = next(d.shape[1] for d in given.values() if d is not None)
-        directions = [np.zeros((len(here[k]), count)) if d is None else d for k, d in given.items()]
+        rates = dict(zip((1, 2, 3, 5), (dq, du, da, di)))
+        count = next(d.shape[1] for d in rates.values() if d is not None)
+        directions = [
+            np.zeros((len(point[k]), count)) if d is None else d for k, d in rates.items()
+        ]
         if not count:
             sizes = [self._function.numel_out(k) for k in range(4, 8)]
             return [np.zeros((size, 0)) for size in sizes]
-        return evaluate_at(self._function, *here, *directions)[4:]
+        return evaluate_at(self._function, *point, *directions)[4:]
 
     def equations(
         self, t: float, q: Array, u: Array, inputs: Array
     ) -> tuple[Array, Array, Array, Array, Array]:
         """M (p, p), G (nc, p), W (nq, p); h − f (p,), and γ (nc,)."""
         p, nc = len(u), len(self._motion.rows)
-        here = (t, q, u, np.zeros(p), np.zeros(nc), inputs)
-        M = self.along(*here, da=np.eye(p))[0]
-        _, _, G, W = self.along(*here, du=np.eye(p))
+        point = (t, q, u, np.zeros(p), np.zeros(nc), inputs)
+        M = self.along(*point, da=np.eye(p))[0]
+        _, _, G, W = self.along(*point, du=np.eye(p))
         still = [np.zeros(n) for n in (len(q), p, p, len(inputs))]
-        bias, gamma = evaluate_at(self._function, *here, *still)[:2]
+        bias, gamma = evaluate_at(self._function, *point, *still)[:2]
         return 0.5 * (M + M.T), G, W, bias, gamma
 
     def at_rest(self, t: float, q: Array, lam: Array, inputs: Array) -> tuple[Array, Array, Array]:
         """Slopes of r (p, p) by displacements along W, G and W, where free speeds and accelerations are 0."""
         p = len(self._motion.system.free_u)
-        here = (t, q, np.zeros(p), np.zeros(p), lam, inputs)
-        _, _, G, W = self.along(*here, du=np.eye(p))
-        return self.along(*here, dq=W)[0], G, W
+        point = (t, q, np.zeros(p), np.zeros(p), lam, inputs)
+        _, _, G, W = self.along(*point, du=np.eye(p))
+        return self.along(*point, dq=W)[0], G, W
 
     def frame_rate(self, t: float, q: Array, u: Array) -> Array:
         """Ẇ (nq, p)."""
@@ -409,9 +413,9 @@ def _directional(motion: EquationsOfMotion) -> Any:
         ca.jtimes(ca.vertcat(*values), whole, direction),
         [0, *np.cumsum([x.shape[0] for x in values]).tolist()],
     )
-    given = [s.t, s.q, s.u, s.udot, lam, s.inputs, *along]
+    symbols = [s.t, s.q, s.u, s.udot, lam, s.inputs, *along]
     columns = [ca.densify(x) for x in (*values, *slopes)]
-    return ca.Function("slopes", given, columns, {"cse": True})
+    return ca.Function("slopes", symbols, columns, {"cse": True})
 
 
 def _frame_rate(motion: EquationsOfMotion) -> Any:

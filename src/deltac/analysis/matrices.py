@@ -394,10 +394,10 @@ class _Instant:
             last = np.eye(count + 1)[count]
             G, G_dot = self.G_all[split.rows], self.terms["G_dot"][split.rows]
             G_dependent = G[:, places]
-            off = G @ speeds + np.outer(self.c[split.rows], last)
-            speeds[places] = -np.linalg.solve(G_dependent, off)
-            off = G_dot @ speeds + G @ rates + np.outer(self.terms["c_dot"][split.rows], last)
-            rates[places] = -np.linalg.solve(G_dependent, off)
+            violation = G @ speeds + np.outer(self.c[split.rows], last)
+            speeds[places] = -np.linalg.solve(G_dependent, violation)
+            violation = G_dot @ speeds + G @ rates + np.outer(self.terms["c_dot"][split.rows], last)
+            rates[places] = -np.linalg.solve(G_dependent, violation)
         P, P_dot = self.terms["P"], self.terms["P_dot"]
         both, both_dot = P @ speeds, P @ rates + P_dot @ speeds
         return both[:, :count], both[:, count], both_dot[:, :count], both_dot[:, count]

@@ -22,7 +22,7 @@ Target = TypeVar("Target", bound=Callable[..., Any])
 
 
 def checked(
-    made: Target, options: Callable[..., Any] | None = None, name: str | None = None
+    target: Target, options: Callable[..., Any] | None = None, name: str | None = None
 ) -> Target:
     """A public function or class, called with wrong arguments: an InputError names the closest ones.
 
@@ -30,16 +30,16 @@ def checked(
     `inspect` and editors show; `name` is what users call it by, if not its own name. A call that is right
     costs nothing.
     """
-    signature = inspect.signature(made)
+    signature = inspect.signature(target)
     if options is not None:
         own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
         offered = inspect.signature(options).parameters.values()
         more = [p for p in offered if p.kind is p.KEYWORD_ONLY]
         signature = signature.replace(parameters=[*own, *more])
-    if isinstance(made, type):
-        made.__init__ = _refusing(made.__init__, name or made.__name__, signature, skip=1)  # type: ignore[misc]
-        return made
-    refusing = _refusing(made, name or made.__name__, signature)
+    if isinstance(target, type):
+        target.__init__ = _refusing(target.__init__, name or target.__name__, signature, skip=1)  # type: ignore[misc]
+        return target
+    refusing = _refusing(target, name or target.__name__, signature)
     refusing.__signature__ = signature  # type: ignore[attr-defined]
     return refusing
 
@@ -150,8 +150,8 @@ def _is(value: Any, kind: str) -> bool:
         case "Array" | "FloatArray" | "ArrayLike":
             return bool(import_module("numpy").asarray(value).dtype.kind in "biuf")
         case name:
-            known = _class(name)
-            return known is None or isinstance(value, known)
+            kind_class = _class(name)
+            return kind_class is None or isinstance(value, kind_class)
 
 
 def _class(name: str) -> type | None:
@@ -183,12 +183,12 @@ def named(signature: inspect.Signature) -> list[str]:
     return [p.name for p in signature.parameters.values() if p.kind not in unnamed]
 
 
-def unknown_argument(name: str, given: str, taken: Sequence[str]) -> UnknownName:
+def unknown_argument(name: str, argument: str, arguments: Sequence[str]) -> UnknownName:
     """The error that `name` takes no such argument; it tells all that it takes."""
-    hint = closest(given, taken)
-    names = ", ".join(taken) or "no arguments"
+    hint = closest(argument, arguments)
+    names = ", ".join(arguments) or "no arguments"
     tail = f"{hint} It takes {names}" if "did you mean" in hint else f"; it takes {names}"
-    return UnknownName(f"{name}: unknown argument {given!r}{tail}")
+    return UnknownName(f"{name}: unknown argument {argument!r}{tail}")
 
 
 def _short(signature: inspect.Signature) -> str:

@@ -26,7 +26,7 @@ def problems(
             metavar="NAME", show_default=False, help="A problem's name. Without it, all are listed."
         ),
     ] = None,
-    given: Annotated[
+    source: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="OPTION=VALUE", help="Choose a variant, as in --set n=40."),
     ] = None,
@@ -55,7 +55,7 @@ def problems(
     elif name is None:
         _list([library.load(problem_name) for problem_name in library.names()], as_json)
     else:
-        _compared(library.load(name, **_options(given or [])), as_json)
+        _compared(library.load(name, **_options(source or [])), as_json)
 
 
 def _options(texts: list[str]) -> dict[str, Any]:

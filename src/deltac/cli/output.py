@@ -81,8 +81,8 @@ def deliver(
     written = {"figure": figure, "page": page}
     files = {what: str(path) for what, path in written.items() if path is not None}
     if form is options.Form.json:
-        told = {type(other).__name__.lower(): other.contents() for other in more}
-        print_json(type(report).__name__, {**report.contents(), **told, **contents, **files})
+        others = {type(other).__name__.lower(): other.contents() for other in more}
+        print_json(type(report).__name__, {**report.contents(), **others, **contents, **files})
     else:
         # What has a line and an edit says more to a program than what the check found without them.
         fixed = [part for part in more if getattr(part, "fixes", ())]

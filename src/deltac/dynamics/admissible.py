@@ -56,7 +56,7 @@ def onto_positions(
         return q.copy()
     single, q = q.ndim == 1, np.array(q[:, None] if q.ndim == 1 else q, dtype=float)
     still = np.zeros((len(equations.system.free_u), q.shape[1]))
-    moving = np.ones(len(still), dtype=bool) if movable is None else movable
+    mobile = np.ones(len(still), dtype=bool) if movable is None else movable
 
     def at(q: Array) -> tuple[Array, Array, Array, Array, Array]:
         with np.errstate(all="ignore"):
@@ -68,21 +68,21 @@ def onto_positions(
     for _ in range(most):
         if not active.any():
             break
-        delta = _least(M, G, phi, moving, active, dependent)
+        delta = _least(M, G, phi, mobile, active, dependent)
         step = np.einsum("bij,jb->ib", W, delta)
         share = np.ones(q.shape[1])
         while True:
             trial = _unit(equations, q + share * step)
-            found = at(trial)
-            short = active & ~(found[-1] < (1.0 - 0.1 * share) * size)
+            terms = at(trial)
+            short = active & ~(terms[-1] < (1.0 - 0.1 * share) * size)
             short &= (share >= SHORTEST) & (size > NEAR)
             if not short.any():
                 break
             share[short] *= 0.5
-        took = active & (found[-1] < size)
+        took = active & (terms[-1] < size)
         q[:, took] = trial[:, took]
-        M[took], G[took], W[took] = found[0][took], found[2][took], found[3][took]
-        phi[:, took], size = found[1][:, took], np.where(took, found[-1], size)
+        M[took], G[took], W[took] = terms[0][took], terms[2][took], terms[3][took]
+        phi[:, took], size = terms[1][:, took], np.where(took, terms[-1], size)
         active = took & (size > tolerance)
     return q[:, 0] if single else q
 
@@ -106,32 +106,32 @@ def onto_speeds(
         return u.copy()
     single, u = u.ndim == 1, np.array(u[:, None] if u.ndim == 1 else u, dtype=float)
     q = q[:, None] if q.ndim == 1 else q
-    moving = np.ones(len(u), dtype=bool) if movable is None else movable
+    mobile = np.ones(len(u), dtype=bool) if movable is None else movable
     everywhere = np.ones(u.shape[1], dtype=bool)
     for _ in range(passes):
         M, _, psi, G, _ = equations.ties(t, q, u, p)
-        u = u + _least(M, G, psi, moving, everywhere, dependent)
+        u = u + _least(M, G, psi, mobile, everywhere, dependent)
     return u[:, 0] if single else u
 
 
 def _least(
-    M: Array, G: Array, violation: Array, moving: Mask, active: Mask, dependent: float
+    M: Array, G: Array, violation: Array, mobile: Mask, active: Mask, dependent: float
 ) -> Array:
     """The least change (p, B) of the moving speeds that removes a violation (nc, B) at active states."""
-    change = np.zeros((len(moving), len(active)))
+    change = np.zeros((len(mobile), len(active)))
     usable = active & np.isfinite(M).all(axis=(1, 2)) & np.isfinite(G).all(axis=(1, 2))
     usable &= np.isfinite(violation).all(axis=0)
-    if usable.any() and moving.any():
+    if usable.any() and mobile.any():
         at = np.flatnonzero(usable)
-        inertia = M[at][:, moving][:, :, moving]
-        rows, off = G[at][:, :, moving], violation[:, at].T
+        inertia = M[at][:, mobile][:, :, mobile]
+        rows, error = G[at][:, :, mobile], violation[:, at].T
         try:
-            change[np.ix_(moving, at)] = least_squares(inertia, rows, dependent).least(off).T
+            change[np.ix_(mobile, at)] = least_squares(inertia, rows, dependent).least(error).T
         except np.linalg.LinAlgError:  # a mass matrix among them is singular: that state stays
             for k, place in enumerate(at):
                 with suppress(np.linalg.LinAlgError):
-                    found = least_squares(inertia[k], rows[k], dependent)
-                    change[moving, place] = found.least(off[k])
+                    steps = least_squares(inertia[k], rows[k], dependent)
+                    change[mobile, place] = steps.least(error[k])
     return change
 
 

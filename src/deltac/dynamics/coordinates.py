@@ -73,36 +73,36 @@ class OwnCoordinates:
         return ca.jtimes(self.told, along, ca.vertcat(self.own_qdot, 1))
 
 
-def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinates:
+def trace_map(system: System, coordinate_map: CoordinateMap, rows: Rows) -> OwnCoordinates:
     """Write a coordinate map out in symbols; `rows` are the mechanism's constraints, or independent ones.
 
     InputError where it does not fit the mechanism.
     """
     mechanism = system.mechanism
-    given.check(mechanism)
-    q_laws, u_laws = given.laws()
+    coordinate_map.check(mechanism)
+    q_laws, u_laws = coordinate_map.laws()
     q_names = [mechanism.coordinates[i].name for i in system.free_q]
     u_names = [mechanism.speeds[i].name for i in system.free_u]
-    assembled = given.assembled(mechanism)
+    assembled = coordinate_map.assembled(mechanism)
     mapped = bool(q_laws) and not assembled
-    own_names = given.coordinates if given.coordinates else tuple(q_names)
-    own_u = ca.SX.sym("own_u", len(given.speeds) or len(own_names))
+    own_names = coordinate_map.coordinates if coordinate_map.coordinates else tuple(q_names)
+    own_u = ca.SX.sym("own_u", len(coordinate_map.speeds) or len(own_names))
     if u_laws or assembled:
         _enough(own_u.shape[0], len(u_laws) or own_u.shape[0], rows, u_names, mechanism.name)
     values: dict[str, SX] = {
         **{name: system.values[name] for name in mechanism.parameters},
         "t": system.t,
     }
-    values.update({f"u.{name}": own_u[k] for k, name in enumerate(given.speeds)})
+    values.update({f"u.{name}": own_u[k] for k, name in enumerate(coordinate_map.speeds)})
 
     # The user's coordinates y: own ones, or functions of the mechanism's.
     chosen = ca.SX.sym("own_q", len(own_names))
-    told: SX | None = None
+    reported: SX | None = None
     own_q = chosen if mapped else system.q
     if assembled:
-        told = _told(system, given, q_laws, values, q_names)
+        reported = _told(system, coordinate_map, q_laws, values, q_names)
     values.update({f"q.{name}": chosen[k] for k, name in enumerate(own_names)})
-    in_state = told if told is not None else own_q
+    in_state = reported if reported is not None else own_q
 
     def law(given_law: object) -> SX:
         return ca.substitute(to_casadi(given_law, values), chosen, in_state)
@@ -114,7 +114,7 @@ def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinate
     removal: Callable[[SX], SX] | None = None
     if u_laws:
         places = [k for k, name in enumerate(u_names) if name in u_laws]
-        known = ca.vertcat(*(law(u_laws[u_names[k]]) for k in places))
+        speeds = ca.vertcat(*(law(u_laws[u_names[k]]) for k in places))
     elif assembled and q_laws:
         missing = [name for name in q_laws if name not in u_names]
         if missing:
@@ -124,11 +124,11 @@ def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinate
             )
         places = [u_names.index(name) for name in q_laws]
         rates = ca.vertcat(*(to_casadi(q_laws[u_names[k]], values) for k in places))
-        known = ca.jtimes(rates, ca.vertcat(chosen, system.t), ca.vertcat(own_u, 1))
-        known = ca.substitute(known, chosen, in_state)
+        speeds = ca.jtimes(rates, ca.vertcat(chosen, system.t), ca.vertcat(own_u, 1))
+        speeds = ca.substitute(speeds, chosen, in_state)
     elif assembled:  # rates of functions of the mechanism's coordinates
-        assert told is not None
-        slope, drift = ca.mtimes(ca.jacobian(told, own_q), W), ca.jacobian(told, system.t)
+        assert reported is not None
+        slope, drift = ca.mtimes(ca.jacobian(reported, own_q), W), ca.jacobian(reported, system.t)
         stack = ca.vertcat(G, slope)
 
         def removal(violation: SX) -> SX:
@@ -136,14 +136,14 @@ def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinate
 
         u = solve_tall(stack, ca.vertcat(-psi, own_u - drift))
         places = list(range(len(u_names)))
-        known = u
+        speeds = u
     else:
         if not _all_rates(system):
             raise ModelError(
                 "the coordinate map has no u=, but the speeds of spherical and free joints are not the "
                 "rates of their coordinates; give u= with each of the mechanism's speeds"
             )
-        places, known = list(range(len(u_names))), ca.mtimes(Jq, own_u) + q_t
+        places, speeds = list(range(len(u_names))), ca.mtimes(Jq, own_u) + q_t
     if len(places) < len(u_names):  # the others follow from the constraints
         rest = [k for k in range(len(u_names)) if k not in places]
 
@@ -153,10 +153,10 @@ def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinate
             return change
 
         u = ca.SX.zeros(len(u_names))
-        u[places] = known
-        u[rest] = -solve_tall(G[:, rest], psi + ca.mtimes(G[:, places], known))
+        u[places] = speeds
+        u[rest] = -solve_tall(G[:, rest], psi + ca.mtimes(G[:, places], speeds))
     else:
-        u = known
+        u = speeds
     Y = ca.jacobian(u, own_u)
     if ca.depends_on(Y, own_u):
         raise ModelError("the coordinate map's u= must be linear in its own speeds u.<name>")
@@ -167,9 +167,13 @@ def trace_map(system: System, given: CoordinateMap, rows: Rows) -> OwnCoordinate
         own_qdot = own_u
     else:
         own_qdot = solve_tall(Jq, ca.mtimes(W, u) - q_t)
-    inverse = _inverse(system, given, own_q, q, Jq, values, q_names) if mapped else system.q
-    names = given.speeds or tuple(own_names)
-    return OwnCoordinates(own_q, own_u, q, u, Y, Z, own_qdot, inverse, mapped, told, removal, names)
+    inverse = (
+        _inverse(system, coordinate_map, own_q, q, Jq, values, q_names) if mapped else system.q
+    )
+    names = coordinate_map.speeds or tuple(own_names)
+    return OwnCoordinates(
+        own_q, own_u, q, u, Y, Z, own_qdot, inverse, mapped, reported, removal, names
+    )
 
 
 def _enough(own: int, laws: int, rows: Rows, names: Sequence[str], mechanism: str) -> None:
@@ -178,76 +182,79 @@ def _enough(own: int, laws: int, rows: Rows, names: Sequence[str], mechanism: st
     if min(own, laws) >= free:
         return
     what = f"names {own} speeds" if own < free else f"gives {laws} of the mechanism's speeds"
-    left = "" if not len(rows) else f" that the constraints leave of {', '.join(names)}"
+    remainder = "" if not len(rows) else f" that the constraints leave of {', '.join(names)}"
     raise ModelError(
-        f"the coordinate map {what}, but the motion of {mechanism!r} has {free} independent ones{left}; give "
+        f"the coordinate map {what}, but the motion of {mechanism!r} has {free} independent ones"
+        f"{remainder}; give "
         f"{free - min(own, laws)} more"
     )
 
 
 def _told(
     system: System,
-    given: CoordinateMap,
+    coordinate_map: CoordinateMap,
     q_laws: Mapping[str, object],
     values: Mapping[str, SX],
     q_names: Sequence[str],
 ) -> SX:
     """Own coordinates as functions of the mechanism's (t, q)."""
-    if given.inverse:
-        return _laws_of_state(system, given, values, q_names)
-    y = ca.SX.sym("y", len(given.coordinates))
-    of_y = {**values, **{f"q.{name}": y[k] for k, name in enumerate(given.coordinates)}}
+    if coordinate_map.inverse:
+        return _laws_of_state(system, coordinate_map, values, q_names)
+    y = ca.SX.sym("y", len(coordinate_map.coordinates))
+    of_y = {**values, **{f"q.{name}": y[k] for k, name in enumerate(coordinate_map.coordinates)}}
     laws = ca.vertcat(*(to_casadi(law, of_y) for law in q_laws.values()))
     slope = ca.jacobian(laws, y)
     if slope.shape[0] != slope.shape[1] or ca.depends_on(slope, y):
         raise ModelError(
-            f"the coordinate map gives {', '.join(q_laws)} by {', '.join(given.coordinates)}, and how these "
-            "follow from the mechanism's coordinates is not known; give inverse= with each own coordinate "
-            "as a law of the mechanism's q.<coordinate>"
+            f"the coordinate map gives {', '.join(q_laws)} by {', '.join(coordinate_map.coordinates)}, "
+            "and how these follow from the mechanism's coordinates is not known; give inverse= with each own "
+            "coordinate as a law of the mechanism's q.<coordinate>"
         )
     for name in q_laws:
         if name not in q_names:
             raise UnknownName(f"the coordinate map: {name!r} is prescribed{closest(name, q_names)}")
     offset = ca.substitute(laws, y, ca.SX.zeros(y.shape[0]))
-    here = ca.vertcat(*(system.q[list(q_names).index(name)] for name in q_laws))
-    return ca.solve(slope, here - offset)
+    values_at_state = ca.vertcat(*(system.q[list(q_names).index(name)] for name in q_laws))
+    return ca.solve(slope, values_at_state - offset)
 
 
 def trace_split(
-    system: System, given: CoordinateMap | None, rows: Rows | None = None
+    system: System, coordinate_map: CoordinateMap | None, rows: Rows | None = None
 ) -> OwnCoordinates | None:
     """Own generalized speeds in which testing functions divide the kinetic energy; none by default.
 
     `rows` are the mechanism's independent constraints. Own speeds that they make dependent on the others are
     eliminated: the last of them that can be, as the textbooks number them.
     """
-    if given is None:
+    if coordinate_map is None:
         return None
     bound = Rows.none(system) if rows is None else rows
-    own = trace_map(system, given, bound)
+    own = trace_map(system, coordinate_map, bound)
     count, free = own.own_u.shape[0], own.u.shape[0] - len(bound)
     if not len(bound) or own.removal is not None or count == free:
         return own
     G, psi = (ca.substitute(x, system.q, own.q) for x in (bound.G, bound.at_rest(system.u)))
     columns, rest = ca.mtimes(G, own.Y), psi + ca.mtimes(G, own.Z)
     dependent = _dependent(system, own, columns, count - free)
-    kept = [k for k in range(count) if k not in dependent]
-    small = ca.SX.sym("own_u", len(kept))
+    independent = [k for k in range(count) if k not in dependent]
+    small = ca.SX.sym("own_u", len(independent))
     full = ca.SX.zeros(count)
-    full[kept] = small
-    full[dependent] = -solve_tall(columns[:, dependent], rest + ca.mtimes(columns[:, kept], small))
+    full[independent] = small
+    full[dependent] = -solve_tall(
+        columns[:, dependent], rest + ca.mtimes(columns[:, independent], small)
+    )
     u = ca.mtimes(own.Y, full) + own.Z
     return replace(
         own,
         own_u=small,
         u=u,
         Y=ca.jacobian(u, small),
-        Z=ca.substitute(u, small, ca.SX.zeros(len(kept))),
-        names=tuple(own.names[k] for k in kept),
+        Z=ca.substitute(u, small, ca.SX.zeros(len(independent))),
+        names=tuple(own.names[k] for k in independent),
     )
 
 
-def _dependent(system: System, own: OwnCoordinates, columns: SX, wanted: int) -> list[int]:
+def _dependent(system: System, own: OwnCoordinates, columns: SX, size: int) -> list[int]:
     """The last own speeds whose constraint columns are independent, at places in general position."""
     rng = np.random.default_rng(1)
     inputs = [system.t, own.own_q, system.p]
@@ -257,17 +264,17 @@ def _dependent(system: System, own: OwnCoordinates, columns: SX, wanted: int) ->
         np.array(function(rng.uniform(0, 1), rng.uniform(-1.5, 1.5, own.own_q.shape[0]), p))
         for _ in range(4)
     ]
-    found: list[int] = []
+    choice: list[int] = []
     for k in reversed(range(columns.shape[1])):
-        tried = [matrix[:, [k, *found]] for matrix in some]
-        values = [np.linalg.svd(matrix, compute_uv=False) for matrix in tried]
+        candidates = [matrix[:, [k, *choice]] for matrix in some]
+        values = [np.linalg.svd(matrix, compute_uv=False) for matrix in candidates]
         if min(value[-1] / max(value[0], 1e-300) for value in values) > REGULAR:
-            found.append(k)
-        if len(found) == wanted:
-            return sorted(found)
+            choice.append(k)
+        if len(choice) == size:
+            return sorted(choice)
     raise ModelError(
         f"the coordinate map has {columns.shape[1]} own speeds, of which the constraints of "
-        f"{system.mechanism.name!r} determine {len(found)} where they should determine {wanted}: own speeds "
+        f"{system.mechanism.name!r} determine {len(choice)} where they should determine {size}: own speeds "
         "are too few, or not independent"
     )
 
@@ -287,8 +294,8 @@ def check_split(
     # A row's size by all of its entries: alone those that own speeds reach may be rounding.
     size = ca.mmax(ca.fabs(ca.horzcat(ca.densify(Y), ca.densify(Z))))
     terms = size * ca.sum2(ca.fabs(rows.G)) + ca.fabs(psi)
-    off = ca.sum2(ca.fabs(moved)) + ca.fabs(drift + psi)
-    function = ca.Function("split", [system.t, system.q, system.p], [off / (terms + 1e-300)])
+    violation = ca.sum2(ca.fabs(moved)) + ca.fabs(drift + psi)
+    function = ca.Function("split", [system.t, system.q, system.p], [violation / (terms + 1e-300)])
     count = len(t)
     share = np.array(
         function.map(count)(t[None, :], q, np.repeat(np.reshape(p, (-1, 1)), count, 1))
@@ -322,15 +329,15 @@ def _rates_matrix(system: System, q: SX) -> SX:
 
 def _inverse(
     system: System,
-    given: CoordinateMap,
+    coordinate_map: CoordinateMap,
     own_q: SX,
     q: SX,
     Jq: SX,
     values: Mapping[str, SX],
     q_names: Sequence[str],
 ) -> SX | None:
-    if given.inverse:
-        return _laws_of_state(system, given, values, q_names)
+    if coordinate_map.inverse:
+        return _laws_of_state(system, coordinate_map, values, q_names)
     if ca.depends_on(Jq, own_q) or Jq.shape[0] != Jq.shape[1]:
         return None
     offset = ca.substitute(q, own_q, ca.SX.zeros(own_q.shape[0]))
@@ -338,8 +345,10 @@ def _inverse(
 
 
 def _laws_of_state(
-    system: System, given: CoordinateMap, values: Mapping[str, SX], q_names: Sequence[str]
+    system: System, coordinate_map: CoordinateMap, values: Mapping[str, SX], q_names: Sequence[str]
 ) -> SX:
     """Own coordinates by `inverse`, of the mechanism's (t, q)."""
     of_q = {**values, **{f"q.{name}": system.q[k] for k, name in enumerate(q_names)}}
-    return ca.vertcat(*(to_casadi(given.inverse[name], of_q) for name in given.coordinates))
+    return ca.vertcat(
+        *(to_casadi(coordinate_map.inverse[name], of_q) for name in coordinate_map.coordinates)
+    )

@@ -70,14 +70,14 @@ def noise(accelerations: Callable[[Array], Array], M: Array, x: Array) -> float:
         return float(np.sqrt(abs(a @ M @ a)))
 
     with np.errstate(all="ignore"):
-        here = accelerations(x)
+        reference = accelerations(x)
         ulp = np.finfo(float).eps
         shaken = [accelerations(x * (1.0 + ulp * rng.integers(-2, 3, len(x)))) for _ in range(4)]
-        apart, size = max(norm(a - here) for a in shaken), norm(here)
-        if apart > NOISY * size:  # perhaps an equilibrium
+        difference, size = max(norm(a - reference) for a in shaken), norm(reference)
+        if difference > NOISY * size:  # perhaps an equilibrium
             near = accelerations(x + NEARBY * rng.uniform(-1.0, 1.0, len(x)))
             size = max(size, SMALL * norm(near))
-        return apart / size if size > 0.0 else 0.0
+        return difference / size if size > 0.0 else 0.0
 
 
 def acceleration_error(
@@ -111,31 +111,33 @@ def _accelerations(motion: EquationsOfMotion, rows: Sequence[int]) -> Any:
     s = motion.system
     accelerations = motion.motion(rows).udot[s.free_u]
     still = ca.DM.zeros(s.inputs.shape[0])  # motors without a law
-    given = [s.t, s.q, s.u, s.p]
-    return ca.Function("udot", given, [ca.densify(ca.substitute(accelerations, s.inputs, still))])
+    arguments = [s.t, s.q, s.u, s.p]
+    return ca.Function(
+        "udot", arguments, [ca.densify(ca.substitute(accelerations, s.inputs, still))]
+    )
 
 
-def _relative_error(udot: Any, inertia_force: Any, given: list[Any]) -> float:
+def _relative_error(udot: Any, inertia_force: Any, arguments: list[Any]) -> float:
     import mpmath
 
     with mpmath.workdps(DIGITS):
         try:
-            t, q, u, p = given
+            t, q, u, p = arguments
 
             def norm(a: Any) -> Any:
                 [force] = to_mpmath(inertia_force, [t, q, p, a])
                 return mpmath.sqrt(abs(a @ force))
 
-            [right] = to_mpmath(udot, given)
-            error, size = norm(np.array(udot(*given)).ravel() - right), norm(right)
+            [right] = to_mpmath(udot, arguments)
+            error, size = norm(np.array(udot(*arguments)).ravel() - right), norm(right)
             if error > SMALL * size:  # perhaps an equilibrium
                 rng = np.random.default_rng(1)
                 q, u = (x + NEARBY * rng.uniform(-1.0, 1.0, len(x)) for x in (q, u))
                 [near] = to_mpmath(udot, [t, q, u, p])
-                q = given[1]
+                q = arguments[1]
                 size = max(size, SMALL * norm(near))
             if size < VANISHING * error:  # free motion: no acceleration here, nor nearby
-                size = norm(np.array([mpmath.mpf(float(x)) for x in given[2]]))
+                size = norm(np.array([mpmath.mpf(float(x)) for x in arguments[2]]))
             return float(error / size) if size else 0.0
         except (ArithmeticError, ValueError, TypeError):
             return float("nan")

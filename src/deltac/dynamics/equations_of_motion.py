@@ -182,15 +182,19 @@ class EquationsOfMotion:
         forces = ca.horzcat(ca.SX(len(free), 0), *(part.force[free, :] for part in self.channels))
         M, pull = self.completed(r)
         columns = [M, self.bias[free, :] + pull, forces, r.phi, r.psi, r.gamma, r.G, self.W]
-        given = [s.t, s.q, s.u, s.inputs, s.p]
-        return ca.Function("terms", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+        arguments = [s.t, s.q, s.u, s.inputs, s.p]
+        return ca.Function(
+            "terms", arguments, [ca.densify(ca.vec(x)) for x in columns], {"cse": True}
+        )
 
     @cached_property
     def _onto(self) -> Any:
         s, r = self.system, self.rows
         columns = [self.completed(r)[0], r.phi, r.psi, r.G, self.W]
-        given = [s.t, s.q, s.u, s.p]
-        return ca.Function("onto", given, [ca.densify(ca.vec(x)) for x in columns], {"cse": True})
+        arguments = [s.t, s.q, s.u, s.p]
+        return ca.Function(
+            "onto", arguments, [ca.densify(ca.vec(x)) for x in columns], {"cse": True}
+        )
 
     @cached_property
     def inertia_force(self) -> Any:
@@ -236,9 +240,11 @@ class EquationsOfMotion:
             inputs: values of the motors without a law; zero by default.
         """
         s, n = self.system, len(self.system.free_u)
-        held = np.zeros(s.inputs.shape[0]) if inputs is None else np.asarray(inputs, dtype=float)
-        found = evaluate_at(self._terms, t, q, u, held, p)
-        M, bias, forces, phi, psi, gamma, G, W = found
+        controls = (
+            np.zeros(s.inputs.shape[0]) if inputs is None else np.asarray(inputs, dtype=float)
+        )
+        blocks = evaluate_at(self._terms, t, q, u, controls, p)
+        M, bias, forces, phi, psi, gamma, G, W = blocks
         by_channel = forces.reshape(len(self.channels), n, *forces.shape[1:])
         return MotionTerms(
             M=matrices(M, n, n),
@@ -293,27 +299,27 @@ def equations_of(system: System) -> EquationsOfMotion:
 def quaternions(mechanism: Mechanism) -> tuple[slice, ...]:
     """Places of unit quaternions in the free coordinates."""
     place = {int(index): k for k, index in enumerate(mechanism.free.q)}
-    found = []
+    positions = []
     for joint in mechanism.joints:
         offset = KINDS[joint.kind].quaternion
         if offset is not None:
             start = place[mechanism.coordinates.of(joint.name).start + offset]
-            found.append(slice(start, start + 4))
-    return tuple(found)
+            positions.append(slice(start, start + 4))
+    return tuple(positions)
 
 
-def evaluate_at(function: Any, *given: ArrayLike) -> list[Array]:
+def evaluate_at(function: Any, *arguments: ArrayLike) -> list[Array]:
     """A CasADi function of columns at one state, outputs (n,), or at B states, outputs (n, B).
 
     What is the same at all states may be given once.
     """
-    columns = [np.asarray(x, dtype=float) for x in given]
+    columns = [np.asarray(x, dtype=float) for x in arguments]
     batch = max((x.shape[1] for x in columns if x.ndim == 2), default=None)
     if batch is None:
         return _at_one_state(function, columns)
     if batch == 1:
-        found = _at_one_state(function, [x.reshape(-1) for x in columns])
-        return [x.reshape(-1, 1) for x in found]
+        results = _at_one_state(function, [x.reshape(-1) for x in columns])
+        return [x.reshape(-1, 1) for x in results]
     wide = [
         x.reshape(1, -1) if x.ndim == 1 and x.shape == (batch,) and k == 0 else x
         for k, x in enumerate(columns)
@@ -329,10 +335,13 @@ def _at_one_state(function: Any, columns: list[Array]) -> list[Array]:
     dense = all(function.nnz_out(k) == size for k, size in enumerate(sizes))
     if not dense or [x.size for x in columns] != [function.nnz_in(k) for k in range(len(columns))]:
         return [np.array(x).reshape(-1) for x in function.call([ca.DM(x) for x in columns])]
-    given, found = [np.ascontiguousarray(x) for x in columns], [np.empty(size) for size in sizes]
-    _kept, evaluate = on_arrays(function, given, found)
+    arguments, results = (
+        [np.ascontiguousarray(x) for x in columns],
+        [np.empty(size) for size in sizes],
+    )
+    _kept, evaluate = on_arrays(function, arguments, results)
     evaluate()
-    return found
+    return results
 
 
 def matrices(flat: Array, rows: int, columns: int) -> Array:

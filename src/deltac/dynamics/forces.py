@@ -20,13 +20,13 @@ def channels(system: System) -> tuple[Channel, ...]:
 
 def channels_on(scene: Scene) -> tuple[Channel, ...]:
     """The same, of forces that are stated on any scene."""
-    found: list[Channel] = []
+    channels: list[Channel] = []
     # An expression may be zero only by the present values of parameters that vary.
     if any(g != 0.0 for g in scene.system.mechanism.gravity):
-        found.append(_gravity(scene))
+        channels.append(_gravity(scene))
     for element in scene.system.mechanism.elements:
-        found.extend(element.channels(scene))
-    return tuple(found)
+        channels.extend(element.channels(scene))
+    return tuple(channels)
 
 
 def total_force(system: System, parts: tuple[Channel, ...]) -> SX:

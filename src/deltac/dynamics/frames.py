@@ -86,8 +86,8 @@ def constant_turns(E: Array) -> tuple[Turn, ...]:
         alpha = 0.0 if E[2, 2] > 0 else math.pi
         beta, gamma = 0.0, math.atan2(-E[1, 0], E[0, 0])
     turns = ((2, beta), (0, alpha), (2, gamma))
-    made = (Turn(axis, _snapped(math.cos(a)), _snapped(math.sin(a))) for axis, a in turns)
-    return tuple(turn for turn in made if (turn.c, turn.s) != (1.0, 0.0))
+    factors = (Turn(axis, _snapped(math.cos(a)), _snapped(math.sin(a))) for axis, a in turns)
+    return tuple(turn for turn in factors if (turn.c, turn.s) != (1.0, 0.0))
 
 
 def _snapped(value: float) -> float:

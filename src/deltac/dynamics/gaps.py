@@ -89,14 +89,14 @@ def gaps(system: System, first: Shape, second: Shape) -> tuple[Gap, ...]:
     flipped = order.index(type(first)) > order.index(type(second))
     if flipped:
         one, other = other, one
-    made = []
+    distances = []
     for label, g, n, point in _pair(one, other):
         # The point lies on the first of the pair; the other surface is g away along n.
         ends = (point, point - g * n)
         if flipped:
             n, ends = -n, (ends[1], ends[0])
-        made.append(Gap(label, g, n, *ends, system, links))
-    return tuple(made)
+        distances.append(Gap(label, g, n, *ends, system, links))
+    return tuple(distances)
 
 
 def sliding_point(

@@ -51,23 +51,23 @@ class ImpactPoint:
 
 def impact_points(system: System) -> tuple[ImpactPoint, ...]:
     """All places where the mechanism's stops and impacts may happen, in an order that never changes."""
-    made: list[ImpactPoint] = []
+    points: list[ImpactPoint] = []
     for happening in system.mechanism.events:
         if isinstance(happening, JointStop):
-            made.extend(_stop_points(system, happening))
+            points.extend(_stop_points(system, happening))
         elif isinstance(happening, Impact):
-            made.extend(_shape_points(system, happening))
-    return tuple(made)
+            points.extend(_shape_points(system, happening))
+    return tuple(points)
 
 
 def _stop_points(system: System, stop: JointStop) -> list[ImpactPoint]:
     q, along = Scene(system).coordinate(stop.coordinate)
-    made = []
+    points = []
     for label, sign, limit in (("lower", 1.0, stop.lower), ("upper", -1.0, stop.upper)):
         if limit is None:
             continue
         bound = system.number(limit)
-        made.append(
+        points.append(
             ImpactPoint(
                 stop.name,
                 label,
@@ -81,15 +81,15 @@ def _stop_points(system: System, stop: JointStop) -> list[ImpactPoint]:
                 sequential=stop.simultaneous == "sequential",
             )
         )
-    return made
+    return points
 
 
 def _shape_points(system: System, impact: Impact) -> list[ImpactPoint]:
-    scene, made = Scene(system), []
+    scene, points = Scene(system), []
     for gap in scene.touches(impact.first, impact.second):
         axes = ca.horzsplit(ca.SX.eye(3))
         push = ca.horzcat(*(scene.generalized(gap.loads(axis)) for axis in axes))
-        made.append(
+        points.append(
             ImpactPoint(
                 impact.name,
                 gap.label,
@@ -103,7 +103,7 @@ def _shape_points(system: System, impact: Impact) -> list[ImpactPoint]:
                 sequential=impact.simultaneous == "sequential",
             )
         )
-    return made
+    return points
 
 
 @dataclass(frozen=True)

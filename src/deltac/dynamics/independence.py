@@ -49,9 +49,9 @@ def independence(
 
     Raises ModelError for a singular mass matrix, naming the speeds that move no inertia.
     """
-    kept = equations.system.once("independence", lambda: LRUCache[Independence](16))
+    cache = equations.system.once("independence", lambda: LRUCache[Independence](16))
     place = (t, q.tobytes(), np.asarray(p, dtype=float).tobytes())
-    return kept.get(place, lambda: _studied(equations, t, q, p))
+    return cache.get(place, lambda: _studied(equations, t, q, p))
 
 
 def dependent_speeds(equations: EquationsOfMotion, t: float, q: Array) -> bool:
@@ -72,8 +72,8 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
     M, _, _, G, W = equations.ties(t, q, still, p)
     tied = regular_least_squares(equations.system.mechanism, M, G)
     positions = np.array(rows.holonomic)
-    here, level, margin = _independent(M, G, positions)
-    chosen, singular = here, False
+    at_state, level, margin = _independent(M, G, positions)
+    chosen, singular = at_state, False
     rng = np.random.default_rng(1)
     for _ in range(2):
         # Along a direction that the constraints leave free (to first order), then back onto them.
@@ -84,12 +84,12 @@ def _studied(equations: EquationsOfMotion, t: float, q: Array, p: ArrayLike) -> 
         M_near, G_near, phi_near = at(near)
         if np.isfinite(near).all() and np.abs(phi_near).max(initial=0.0) < ASSEMBLED:
             try:
-                there, level_there, _ = _independent(M_near, G_near, positions)
+                nearby, level_there, _ = _independent(M_near, G_near, positions)
             except np.linalg.LinAlgError:
                 continue  # without inertia, to rounding: it tells nothing of the rank
             singular |= level_there > level
-            chosen = there if len(there) > len(chosen) else chosen
-    generic, chosen = n - len(chosen), chosen if singular else here
+            chosen = nearby if len(nearby) > len(chosen) else chosen
+    generic, chosen = n - len(chosen), chosen if singular else at_state
     redundant = tuple(k for k in range(len(rows)) if k not in chosen)
     return Independence(chosen, redundant, n - len(chosen), generic, singular, margin)
 

@@ -260,8 +260,8 @@ class LeastSquares:
 
     def multipliers(self, r: Array, gamma: Array) -> Array:
         """The least λ (nc,) of M u̇ − Gᵀλ = r, G u̇ = −γ, as far as that can be met."""
-        wanted = -gamma - (self.G @ self.free_response(r)[..., None])[..., 0]
-        return np.asarray((self.schur_inverse @ wanted[..., None])[..., 0])
+        target = -gamma - (self.G @ self.free_response(r)[..., None])[..., 0]
+        return np.asarray((self.schur_inverse @ target[..., None])[..., 0])
 
     def free_response(self, r: Array) -> Array:
         """M⁻¹ r (p,)."""

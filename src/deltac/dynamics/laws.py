@@ -11,7 +11,7 @@ from typing import Any, TypeAlias
 import casadi as ca
 
 from deltac.errors import ModelError, UnknownName, closest
-from deltac.mechanism.laws import Law
+from deltac.mechanism.expressions import Law
 from deltac.mechanism.polynomials import Polynomial
 
 SX: TypeAlias = Any
@@ -63,9 +63,9 @@ class Varied(float):
     @staticmethod
     def of(value: float, symbol: SX) -> Varied:
         """The number with its symbol."""
-        made = Varied(value)
-        made.symbol = symbol
-        return made
+        varied = Varied(value)
+        varied.symbol = symbol
+        return varied
 
 
 _FORMS = ("Mul", "Pow", "Piecewise", "ExprCondPair")  # printed by functions of their own

@@ -35,12 +35,12 @@ def _mass_centre(system: System, body: str) -> BodyPoint:
 
 def stacked_velocities(system: System) -> SX:
     """V (n,) at the system's speeds."""
-    found = []
+    velocities = []
     for body in system.mechanism.bodies:
         k = system.index[body.name]
         spin = ca.mtimes(system.links[k].to_body.E, link_velocities(system)[k][:3])
-        found += [_mass_centre(system, body.name).velocity, spin]
-    return ca.vertcat(*found, system.u_all)
+        velocities += [_mass_centre(system, body.name).velocity, spin]
+    return ca.vertcat(*velocities, system.u_all)
 
 
 @dataclass(frozen=True)
@@ -168,8 +168,8 @@ def body_rows(system: System) -> BodyRows:
     q, u = (ca.SX.sym(name, column.shape[0]) for name, column in (("q", system.q), ("u", system.u)))
     own = {f"q.{e.name}": q[e.index] for e in system.mechanism.coordinates}
     own |= {f"u.{e.name}": u[e.index] for e in system.mechanism.speeds}
-    apart = replace(system, q_all=q, u_all=u, values={**system.values, **own})
-    scene = LooseBodies(apart, x, v)
+    separate = replace(system, q_all=q, u_all=u, values={**system.values, **own})
+    scene = LooseBodies(separate, x, v)
     qdot = ca.substitute(system.qdot_all, system.u, u)
     for constraint in system.mechanism.constraints:
         for phi in constraint.positions(scene):
@@ -178,9 +178,9 @@ def body_rows(system: System) -> BodyRows:
         rows += constraint.motions(scene)
         holonomic += [False] * (len(rows) - len(holonomic))
         names += [constraint.name] * (len(rows) - len(names))
-    psi, moving = ca.vertcat(ca.SX(0, 1), *rows), ca.vertcat(v, u)
-    here = [ca.vertcat(x, moving, q)], [ca.vertcat(0 * x, 0 * moving, system.q)]
-    J, c = ca.substitute([ca.densify(ca.jacobian(psi, moving)), psi], *here)
+    psi, speeds = ca.vertcat(ca.SX(0, 1), *rows), ca.vertcat(v, u)
+    at_state = [ca.vertcat(x, speeds, q)], [ca.vertcat(0 * x, 0 * speeds, system.q)]
+    J, c = ca.substitute([ca.densify(ca.jacobian(psi, speeds)), psi], *at_state)
     return BodyRows(tuple(names), tuple(holonomic), J, c)
 
 
@@ -223,7 +223,7 @@ def _written_out(s: System) -> Maximal:
         ca.mtimes(ca.diagcat(E.T, E.T), ca.vertcat(link.S[3:, :], link.S[:3, :]))
         for link, E in zip(s.links, (pose.E for pose in s.poses))
     ]
-    found = {
+    outputs = {
         "x": ca.horzcat(*(_mass_centre(s, name).place for name in bodies)),
         "turned": ca.horzcat(*(scene.rotation(name) for name in bodies)),
         "P": P,
@@ -237,6 +237,6 @@ def _written_out(s: System) -> Maximal:
         "place": ca.horzcat(*(pose.r for pose in s.poses)),
         "directions": ca.horzcat(*directions),
     }
-    columns = [ca.densify(column) for column in found.values()]
+    columns = [ca.densify(column) for column in outputs.values()]
     f = ca.Function("maximal", [s.t, s.q, s.u, s.inputs], columns)
-    return Maximal(rows, tuple(found), f)
+    return Maximal(rows, tuple(outputs), f)

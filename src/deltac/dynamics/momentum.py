@@ -117,15 +117,15 @@ def momentum_balances(system: System) -> tuple[MomentumBalance, ...]:
     """The balances of all ground joints; prescribed and fixed ones leave no direction free."""
     _, H = _carried_momenta(system)
     p = _generalized_momenta(system, H)
-    found: list[MomentumBalance] = []
+    balances: list[MomentumBalance] = []
     for link in system.links:
         if link.parent >= 0 or link.joint.prescribed or bool(link.joint.armature):
             continue
         for label, own in _free_screws(system, link):
             alpha = ca.SX.zeros(len(system.mechanism.speeds))
             alpha[link.u] = own
-            found.append(MomentumBalance(f"{label} {link.joint.name}", ca.dot(alpha, p), alpha))
-    return tuple(found)
+            balances.append(MomentumBalance(f"{label} {link.joint.name}", ca.dot(alpha, p), alpha))
+    return tuple(balances)
 
 
 def _free_screws(system: System, link: Link) -> list[tuple[str, SX]]:
@@ -134,14 +134,14 @@ def _free_screws(system: System, link: Link) -> list[tuple[str, SX]]:
     eye = ca.SX.eye(3)
     match link.joint.kind:
         case "free":
-            made = []
+            screws = []
             for k, axis in enumerate("xyz"):
-                made.append((f"linear {axis}", ca.vertcat(eye[:, k], ca.SX.zeros(3))))
+                screws.append((f"linear {axis}", ca.vertcat(eye[:, k], ca.SX.zeros(3))))
             R = _orientation(system, link)
             for k, axis in enumerate("xyz"):
                 turned = ca.vertcat(cross(eye[:, k], q[:3]), ca.mtimes(R.T, eye[:, k]))
-                made.append((f"angular {axis}", turned))
-            return made
+                screws.append((f"angular {axis}", turned))
+            return screws
         case "spherical":
             R = _orientation(system, link)
             return [(f"angular {axis}", ca.mtimes(R.T, eye[:, k])) for k, axis in enumerate("xyz")]

@@ -72,8 +72,8 @@ def _from_parent(parent: int, X: SX, A: Sequence[SX], base: SX | None) -> SX:
 
 def gather(system: System, forces: Mapping[int, SX] | Sequence[SX]) -> SX:
     """Generalized forces Σ SᵀF (nu,) of force vectors at links (link frames), tip to root."""
-    given = forces if isinstance(forces, Mapping) else dict(enumerate(forces))
-    F: dict[int, SX] = dict(given)
+    by_body = forces if isinstance(forces, Mapping) else dict(enumerate(forces))
+    F: dict[int, SX] = dict(by_body)
     result = ca.SX.zeros(system.u_all.shape[0])
     for k in reversed(range(len(system.links))):
         if k not in F:

@@ -47,8 +47,8 @@ class Scene:
 
     def vector(self, laws: Sequence[object], extra: dict[str, SX] | None = None) -> SX:
         """Laws of the system's symbols, and of further ones, as a column."""
-        known = {**self.system.values, **(extra or {})}
-        return ca.vertcat(*(to_casadi(law, known) for law in laws))
+        values = {**self.system.values, **(extra or {})}
+        return ca.vertcat(*(to_casadi(law, values) for law in laws))
 
     def matrix(self, rows: Sequence[Sequence[float]]) -> SX:
         """A matrix of numbers."""
@@ -65,9 +65,9 @@ class Scene:
         t, q = ca.SX.sym("t"), ca.SX.sym("q", len(system.mechanism.joint(joint).coordinates))
         names = [f"q.{name}" for name in system.mechanism.joint(joint).coordinates]
         V = to_casadi(potential, {**system.values, "t": t, **dict(zip(names, ca.vertsplit(q)))})
-        here = ca.vertcat(system.q_all[system.mechanism.coordinates.of(joint)], system.t)
+        arguments = ca.vertcat(system.q_all[system.mechanism.coordinates.of(joint)], system.t)
         V, slope, explicit = ca.substitute(
-            [V, ca.jacobian(V, q).T, ca.jacobian(V, t)], [ca.vertcat(q, t)], [here]
+            [V, ca.jacobian(V, q).T, ca.jacobian(V, t)], [ca.vertcat(q, t)], [arguments]
         )
         W = next(link.W for link in system.links if link.joint.name == joint)
         return V, -ca.mtimes(W.T, slope), explicit

@@ -76,11 +76,11 @@ class System(Once):
     @cached_property
     def poses(self) -> tuple[Transform, ...]:
         """From the world to each link frame."""
-        found: list[Transform] = []
+        transforms: list[Transform] = []
         for link in self.links:
             X = Transform(link.X.E, link.X.r)  # along a chain, turns would add up: matrices do not
-            found.append(X if link.parent < 0 else found[link.parent].then(X))
-        return tuple(found)
+            transforms.append(X if link.parent < 0 else transforms[link.parent].then(X))
+        return tuple(transforms)
 
     @cached_property
     def gravity(self) -> SX:
@@ -269,14 +269,14 @@ def _links(
         cosines = [ca.SX(turn.c) for turn in turns]
         sines = [ca.SX(turn.s) for turn in turns]
         # [slice, :] is a column even where a fixed joint's slice of a scalar is empty.
-        E, r, S, S_dot, W, c, *found = ca.substitute(
+        E, r, S, S_dot, W, c, *rest = ca.substitute(
             [motion.X.E, motion.X.r, motion.S, S_dot, motion.W, bias, *cosines, *sines],
             [own_q, own_u],
             [q_all[q, :], u_all[u, :]],
         )
         X = Transform(E, r)
         if motion.X.turns is not None:
-            placed = zip(turns, found[: len(turns)], found[len(turns) :])
+            placed = zip(turns, rest[: len(turns)], rest[len(turns) :])
             X = Transform(E, r, tuple(Turn(turn.axis, c, s) for turn, c, s in placed))
         parent = place[joint.parent]
         before = Transform(_turn(framed.rotation).T, vector(joint.position))

@@ -185,13 +185,13 @@ def acatastatic(
             u_t[place], udot_t[place] = Z[k], Z_dot[k]
     elif constrained is not None:
         rows = constrained.rows
-        moving = ca.simplify(rows.b + ca.mtimes(rows.G_all, u_t))
-        if ca.sparsify(moving).nnz():
+        drift_rows = ca.simplify(rows.b + ca.mtimes(rows.G_all, u_t))
+        if ca.sparsify(drift_rows).nnz():
             if constrained.determined:
                 udot_t = system.udot_all if udot is None else udot
                 Y, Z = ca.SX(system.u.shape[0], 0), system.u
                 return Acatastatic(system.u_all, udot_t, system.qdot, Y, Z)
-            Z = constrained.schur.least(moving)
+            Z = constrained.schur.least(drift_rows)
             along = ca.vertcat(system.q, system.t)
             u_t[system.free_u] = Z
             udot_t[system.free_u] = ca.jtimes(Z, along, ca.vertcat(system.qdot, 1))
@@ -271,32 +271,32 @@ def terms(
 
 def channel_powers(system: System, parts: tuple[Channel, ...]) -> dict[ChannelName, SX]:
     """Power of each channel, f·u + explicit (W)."""
-    found: dict[ChannelName, SX] = {}
+    powers: dict[ChannelName, SX] = {}
     for part in parts:
         power = ca.dot(part.force, system.u_all)
         if part.explicit is not None:
             power = power + part.explicit
-        found[part.name] = power
-    return found
+        powers[part.name] = power
+    return powers
 
 
 def reaction_powers(
     system: System, reactions: Reactions, constrained: Constrained | None
 ) -> dict[ChannelName, SX]:
     """Power (W) of what drives each prescribed joint, of each constraint, −bᵀλ, and of drift, ψᵀλ."""
-    found: dict[ChannelName, SX] = {}
+    powers: dict[ChannelName, SX] = {}
     for joint in system.mechanism.joints:
         if joint.prescribed:
             place = system.mechanism.speeds.of(joint.name)
             power = ca.dot(reactions.driving[place], system.u_all[place])
-            found[ChannelName("prescribed", joint.name)] = power
+            powers[ChannelName("prescribed", joint.name)] = power
     if constrained is not None:
         rows, multipliers = constrained.rows, reactions.multipliers
         for name in dict.fromkeys(rows.names):
             k = rows.places(name)
-            found[ChannelName("constraint", name)] = -ca.dot(rows.b[k], multipliers[k])
-        found[DRIFT] = ca.dot(rows.psi, multipliers)
-    return found
+            powers[ChannelName("constraint", name)] = -ca.dot(rows.b[k], multipliers[k])
+        powers[DRIFT] = ca.dot(rows.psi, multipliers)
+    return powers
 
 
 def _rate_1988(system: System, K: SX, drift: Acatastatic) -> SX:
@@ -307,12 +307,12 @@ def _rate_1988(system: System, K: SX, drift: Acatastatic) -> SX:
         return ca.jtimes(
             K, ca.vertcat(along, system.u), ca.vertcat(direction, drift.udot[system.free_u, :])
         )
-    held = ca.SX.sym("own_u", drift.Y.shape[1])
-    u = ca.mtimes(drift.Y, held) + drift.Z
+    speeds_held = ca.SX.sym("own_u", drift.Y.shape[1])
+    u = ca.mtimes(drift.Y, speeds_held) + drift.Z
     u_rate = ca.jtimes(u, along, direction)
-    if u_rate.nnz() and ca.depends_on(u_rate, held):
+    if u_rate.nnz() and ca.depends_on(u_rate, speeds_held):
         own_u = solve_tall(drift.Y, system.u - drift.Z)
-        u_rate = ca.substitute(u_rate, held, own_u)
+        u_rate = ca.substitute(u_rate, speeds_held, own_u)
     return ca.jtimes(K, along, direction) + ca.jtimes(K, system.u, u_rate)
 
 

@@ -76,8 +76,8 @@ def testing_functions(
         names = (names,)
     for name in names:
         if name != MOMENTUM and name not in TESTING_FUNCTIONS:
-            known = (*TESTING_FUNCTIONS, MOMENTUM)
-            raise UnknownName(f"unknown testing function {name!r}{closest(name, known)}")
+            available = (*TESTING_FUNCTIONS, MOMENTUM)
+            raise UnknownName(f"unknown testing function {name!r}{closest(name, available)}")
     if constrained and "kane-levinson-1988" in names:
         raise ModelError(
             "'kane-levinson-1988' differentiates the kinetic energy at fixed independent speeds, and the "

@@ -53,7 +53,7 @@ from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, Wro
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.laws import Law
+from deltac.mechanism.expressions import Law
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 

@@ -271,12 +271,12 @@ def _written_out(
         for names, size in ((QUADRATURE, integrals.numel()), (MOMENTA, impulse.numel()))
     )
     summed = pair["sum"] + integrals
-    off = pair["off"] + summed - pair["sum before"] - skipped
+    offset = pair["off"] + summed - pair["sum before"] - skipped
     paired = {
         "sum": summed,
         "apart": pair["apart"] + ca.fabs(integrals - plain_integrals),
-        "off": ca.if_else(settings["second"], off, pair["off"]),
-        "largest": ca.fmax(pair["largest"], ca.if_else(settings["second"], ca.fabs(off), 0.0)),
+        "off": ca.if_else(settings["second"], offset, pair["off"]),
+        "largest": ca.fmax(pair["largest"], ca.if_else(settings["second"], ca.fabs(offset), 0.0)),
         "jumped": pair["jumped"],
         "sum before": pair["sum"],
         "apart before": pair["apart"],

@@ -86,11 +86,11 @@ class Limits:
         finally:
             _applied.reset(token)
 
-    def check(self, name: str, found: float, what: str) -> None:
-        """Raise InputError if `found`, of what `what` says, is more than the limit `name`."""
-        if found > getattr(self, name):
-            found = min(found, 10**18)  # what a file declares may be beyond all floats
-            self.refuse(name, f"{what} {_amount(found, name)}", 1.1 * found)
+    def check(self, name: str, amount: float, what: str) -> None:
+        """Raise InputError if `amount`, of what `what` says, is more than the limit `name`."""
+        if amount > getattr(self, name):
+            amount = min(amount, 10**18)  # what a file declares may be beyond all floats
+            self.refuse(name, f"{what} {_amount(amount, name)}", 1.1 * amount)
 
     def refuse(self, name: str, problem: str, needed: float = 0.0) -> NoReturn:
         """Raise the InputError that says which limit it was, and how it is raised."""

@@ -8,27 +8,27 @@ from __future__ import annotations
 
 from typing import Any
 
+from deltac.constraints import holonomic, loop_spherical, loop_weld
 from deltac.importers.names import body_names, equality_names, joint_names
 from deltac.importers.passive import Findings
 from deltac.importers.report import Remark
 from deltac.importers.tree import turned
-from deltac.mechanism.constraints import holonomic, loop_spherical, loop_weld
-from deltac.mechanism.laws import q
+from deltac.laws import q
 from deltac.mechanism.scene import Constraint
 
 
-def read_equalities(model: Any, as_constraints: bool, found: Findings) -> tuple[Constraint, ...]:
-    """Constraints for connect, weld and joint equalities if wanted; the others go into `found`."""
-    made: list[Constraint] = []
+def read_equalities(model: Any, as_constraints: bool, findings: Findings) -> tuple[Constraint, ...]:
+    """Constraints for connect, weld and joint equalities if wanted; the others go into `findings`."""
+    constraints: list[Constraint] = []
     for e, name in enumerate(equality_names(model)):
         if not model.eq_active0[e]:
-            found.ignored.append(Remark(name, "equality, not active at the start"))
+            findings.ignored.append(Remark(name, "equality, not active at the start"))
             continue
         constraint = _constraint(model, e, name)
         if constraint is not None and as_constraints:
-            made.append(constraint)
-            found.read.append(Remark(name, "equality, as an exact constraint"))
-            found.assumed.append(
+            constraints.append(constraint)
+            findings.read.append(Remark(name, "equality, as an exact constraint"))
+            findings.assumed.append(
                 Remark(
                     name,
                     "the equality is exact",
@@ -36,11 +36,11 @@ def read_equalities(model: Any, as_constraints: bool, found: Findings) -> tuple[
                 )
             )
         else:
-            found.equalities += [constraint] if constraint is not None else []
-            found.ignored.append(
+            findings.equalities += [constraint] if constraint is not None else []
+            findings.ignored.append(
                 Remark.logged(name, "equality, soft in MuJoCo", f"constraint {name}")
             )
-    return tuple(made)
+    return tuple(constraints)
 
 
 def _constraint(model: Any, e: int, name: str) -> Constraint | None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from deltac import shapes
 from deltac.calls.arguments import checked
 from deltac.importers.mujoco import load_model
 from deltac.importers.names import body_names, geom_names
 from deltac.importers.report import Remark
-from deltac.mechanism import shapes
 from deltac.mechanism.quantities import as_rotation
 from deltac.mechanism.shapes import Shape
 
@@ -32,7 +32,7 @@ def read_shapes(source: Any, *, base: str = "fixed") -> tuple[dict[str, Shape], 
         InputError: as `read_mechanism`.
     """
     model, _, _, _ = load_model(source, base)
-    bodies, found, left_out = body_names(model), {}, []
+    bodies, shapes_by_body, left_out = body_names(model), {}, []
     for i, name in enumerate(geom_names(model)):
         if not (model.geom_contype[i] or model.geom_conaffinity[i]):
             continue
@@ -43,8 +43,8 @@ def read_shapes(source: Any, *, base: str = "fixed") -> tuple[dict[str, Shape], 
             what = kinds[kind] if kind < len(kinds) else f"geom of type {kind}"
             left_out.append(Remark(name, f"{what} has no shape here; stand spheres in for it"))
         else:
-            found[name] = shape
-    return found, tuple(left_out)
+            shapes_by_body[name] = shape
+    return shapes_by_body, tuple(left_out)
 
 
 def _shape(model: Any, i: int, body: str) -> Shape | None:

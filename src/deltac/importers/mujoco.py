@@ -72,8 +72,8 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
             f"model: found {type(source).__name__}, expected the path of an .xml or .urdf file, "
             "a mujoco.MjModel or a mujoco.MjSpec"
         )
-    path, told = with_base(source)
-    base = told or base
+    path, root = with_base(source)
+    base = root or base
     if not os.path.isfile(path):
         raise FileError(f"model file {str(path)!r} does not exist; check the path")
     if path.suffix.lower() == ".urdf":
@@ -158,7 +158,7 @@ def _try_apart(path: Path) -> None:
     )
     memory = free_memory() or 2**62
     try:
-        tried = subprocess.run(
+        process = subprocess.run(
             # -P: the model's folder is not searched for modules.
             [sys.executable, "-P", "-c", code, str(path.absolute()), str(int(memory))],
             capture_output=True,
@@ -170,7 +170,7 @@ def _try_apart(path: Path) -> None:
         limits.refuse(
             "seconds", f"model file {path.name!r} takes {limits.seconds} s to compile and"
         )
-    if tried.returncode < 0 or tried.returncode == 3:
+    if process.returncode < 0 or process.returncode == 3:
         raise ModelError(
             f"model file {path.name!r} crashes MuJoCo, or does not fit into {memory / 1e9:.1f} GB"
         )
@@ -239,29 +239,29 @@ def _refused(name: str, error: Exception) -> str:
 # --- what a MuJoCo model has that a mechanism has not --------------------------------------------
 
 
-def report_unmodelled(model: Any, found: Findings) -> None:
-    """Everything else in the model that moves energy, into `found`."""
+def report_unmodelled(model: Any, findings: Findings) -> None:
+    """Everything else in the model that moves energy, into `findings`."""
     for name in actuator_names(model):
-        found.ignored.append(Remark.logged(name, "actuator", f"actuator {name}"))
-    _of_joints_and_tendons(model, found)
-    _contacts(model, found)
+        findings.ignored.append(Remark.logged(name, "actuator", f"actuator {name}"))
+    _of_joints_and_tendons(model, findings)
+    _contacts(model, findings)
     if model.opt.density or model.opt.viscosity:
         what = f"fluid of density {model.opt.density:g}, viscosity {model.opt.viscosity:g}"
-        found.ignored.append(Remark.logged("option", what, "applied fluid"))
+        findings.ignored.append(Remark.logged("option", what, "applied fluid"))
     for k in range(model.nflex):
         name = model.flex(k).name or f"flex{k}"
-        found.ignored.append(
+        findings.ignored.append(
             Remark.logged(name, "deformable; its vertices are read as bodies", f"applied {name}")
         )
     if model.nplugin:
-        found.ignored.append(
+        findings.ignored.append(
             Remark.logged(
                 "plugins", f"{model.nplugin} plugins with forces of their own", "applied plugins"
             )
         )
     for i, name in enumerate(body_names(model)):
         if model.body_mocapid[i] >= 0:
-            found.assumed.append(
+            findings.assumed.append(
                 Remark(
                     name,
                     "mocap body, taken as fixed where the model puts it",
@@ -270,26 +270,26 @@ def report_unmodelled(model: Any, found: Findings) -> None:
             )
 
 
-def _of_joints_and_tendons(model: Any, found: Findings) -> None:
+def _of_joints_and_tendons(model: Any, findings: Findings) -> None:
     for j, name in enumerate(joint_names(model)):
         dofs = np.flatnonzero(np.asarray(model.dof_jntid) == j)
         if np.asarray(model.dof_frictionloss)[dofs].any():
-            found.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
+            findings.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
         if model.jnt_limited[j]:
-            found.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
+            findings.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
     for k, name in enumerate(tendon_names(model)):
         if model.tendon_frictionloss[k]:
-            found.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
+            findings.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
         if model.tendon_limited[k]:
-            found.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
+            findings.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
 
 
-def _contacts(model: Any, found: Findings) -> None:
-    off = disabled(model, "CONTACT") or disabled(model, "CONSTRAINT")
+def _contacts(model: Any, findings: Findings) -> None:
+    disabled_contacts = disabled(model, "CONTACT") or disabled(model, "CONSTRAINT")
     colliding = (np.asarray(model.geom_contype) | np.asarray(model.geom_conaffinity)) != 0
-    if not off and (colliding.sum() > 1 or model.npair):
+    if not disabled_contacts and (colliding.sum() > 1 or model.npair):
         what = f"contact of {int(colliding.sum())} geoms"
-        found.ignored.append(Remark.logged("geoms", what, "contact <geom1>:<geom2>"))
+        findings.ignored.append(Remark.logged("geoms", what, "contact <geom1>:<geom2>"))
 
 
 # --- MJCF, URDF and MuJoCo models as mechanisms: `read_mechanism` --------------------------------
@@ -325,24 +325,24 @@ def read_mechanism(
         if path.suffix.lower() == ".sdf":
             return read_sdf(path, model_name)
     model, name, assumed, urdf = load_model(source, base)
-    found = Findings(assumed=assumed)
+    findings = Findings(assumed=assumed)
     tree = read_tree(model, total_armature(model), urdf)
-    found.ignored.extend(tree.remarks)
-    found.read.insert(0, _counts(len(tree.bodies), tree.joints))
-    read_passive(model, found)
+    findings.ignored.extend(tree.remarks)
+    findings.read.insert(0, _counts(len(tree.bodies), tree.joints))
+    read_passive(model, findings)
     exact = (
         equality == "constraints" or urdf is not None
     )  # of URDF's mimic joints: gears, not springs
-    constraints = read_equalities(model, exact, found)
-    report_unmodelled(model, found)
-    found.ignored.extend(transmissions(urdf.document) if urdf is not None else ())
+    constraints = read_equalities(model, exact, findings)
+    report_unmodelled(model, findings)
+    findings.ignored.extend(transmissions(urdf.document) if urdf is not None else ())
     weightless = disabled(model, "GRAVITY")
     if weightless:
-        found.assumed.append(Remark("option", "gravity is switched off"))
+        findings.assumed.append(Remark("option", "gravity is switched off"))
     mechanism = Mechanism(
         tree.bodies,
         tree.joints,
-        found.forces,
+        findings.forces,
         constraints,
         gravity=NO_GRAVITY if weightless else vector(model.opt.gravity, "gravity"),
         name=_model_name(model, name),
@@ -350,10 +350,10 @@ def read_mechanism(
     )
     report = ImportReport(
         name,
-        tuple(found.read),
-        tuple(found.ignored),
-        tuple(found.assumed),
-        tuple(found.equalities),
+        tuple(findings.read),
+        tuple(findings.ignored),
+        tuple(findings.assumed),
+        tuple(findings.equalities),
         motor_strengths(model),
         _starts(model, mechanism),
     )
@@ -373,12 +373,12 @@ def _starts(model: Any, mechanism: Mechanism) -> dict[str, State]:
 
 
 def _counts(bodies: int, joints: Sequence[Any]) -> Remark:
-    moving = sum(bool(joint.speeds) for joint in joints)
+    mobile = sum(bool(joint.speeds) for joint in joints)
     speeds = sum(len(joint.speeds) for joint in joints)
-    return Remark("tree", f"{bodies} bodies and frames, {moving} moving joints, {speeds} speeds")
+    return Remark("tree", f"{bodies} bodies and frames, {mobile} moving joints, {speeds} speeds")
 
 
 def _model_name(model: Any, source: str) -> str:
     """The name the model gives itself, the first of its names."""
-    given = bytes(model.names).split(b"\0", 1)[0].decode("utf-8", "replace")
-    return given if given and given != "MuJoCo Model" else source
+    text = bytes(model.names).split(b"\0", 1)[0].decode("utf-8", "replace")
+    return text if text and text != "MuJoCo Model" else source

@@ -21,8 +21,8 @@ JOINT_KINDS = ("free", "spherical", "prismatic", "revolute")
 
 def body_names(model: Any) -> list[str]:
     """All bodies, the world first: it is called ``ground``, as in every mechanism."""
-    given = (model.body(i).name for i in range(1, model.nbody))
-    return [GROUND, *_named(given, "body", taken=[GROUND], first=1)]
+    names = (model.body(i).name for i in range(1, model.nbody))
+    return [GROUND, *_named(names, "body", reserved=[GROUND], first=1)]
 
 
 def joint_names(model: Any) -> list[str]:
@@ -35,8 +35,8 @@ def tendon_names(model: Any) -> list[str]:
 
     Joints and tendons share the channels ``spring``, ``damper``, ``limit`` and ``friction``.
     """
-    given = (model.tendon(i).name for i in range(model.ntendon))
-    return _named(given, "tendon", taken=joint_names(model))
+    names = (model.tendon(i).name for i in range(model.ntendon))
+    return _named(names, "tendon", reserved=joint_names(model))
 
 
 def actuator_names(model: Any) -> list[str]:
@@ -66,33 +66,35 @@ def speed_names(model: Any) -> list[str]:
 
 
 def _parts(model: Any, what: str) -> list[str]:
-    found: list[str] = []
+    names: list[str] = []
     for name, kind in zip(joint_names(model), model.jnt_type, strict=True):
         for suffix, _ in getattr(KINDS[JOINT_KINDS[int(kind)]], what):
-            found.append(f"{name}.{suffix}" if suffix else name)
-    return found
+            names.append(f"{name}.{suffix}" if suffix else name)
+    return names
 
 
-def _named(given: Iterable[str], kind: str, taken: Iterable[str] = (), first: int = 0) -> list[str]:
+def _named(
+    originals: Iterable[str], kind: str, reserved: Iterable[str] = (), first: int = 0
+) -> list[str]:
     """The given names; where there is none the kind and index, where it is taken with the kind after."""
     try:
-        names = [name.strip() for name in given]
+        names = [name.strip() for name in originals]
     except UnicodeDecodeError:
         raise ModelError(
             f"the name of a {kind} is not UTF-8 text; save the model as such"
         ) from None
-    known, outside = set(names), set(taken)
+    used, outside = set(names), set(reserved)
     for i, name in enumerate(names):
         if not name:
             name = f"{kind}{first + i}"
-            while name in known or name in outside:
+            while name in used or name in outside:
                 name += "'"
         elif name in outside:
             name += f" {kind}"
-            while name in known:
+            while name in used:
                 name += "'"
         names[i] = name
-        known.add(name)
+        used.add(name)
     return names
 
 
@@ -109,7 +111,7 @@ def motor_strengths(model: Any) -> Strengths:
     """
     import mujoco
 
-    found: Strengths = {}
+    strengths: Strengths = {}
     names = actuator_names(model)
     first = getattr(model, "actuator_outadr", np.arange(len(names)))
     count = getattr(model, "actuator_outnum", np.ones(len(names), dtype=int))
@@ -118,5 +120,5 @@ def motor_strengths(model: Any) -> Strengths:
         biased = int(model.actuator_biastype[k]) != int(mujoco.mjtBias.mjBIAS_NONE)
         if fixed and not biased:
             gear = np.asarray(model.actuator_gear)[first[k] : first[k] + count[k]].ravel()
-            found[name] = tuple(float(x) for x in model.actuator_gainprm[k, 0] * gear)
-    return found
+            strengths[name] = tuple(float(x) for x in model.actuator_gainprm[k, 0] * gear)
+    return strengths

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.forces import gravity_compensation, joint_damper, joint_spring, tendon
 from deltac.importers.names import (
     JOINT_KINDS,
     actuator_names,
@@ -18,16 +19,9 @@ from deltac.importers.names import (
     tendon_names,
 )
 from deltac.importers.report import Remark
-from deltac.mechanism.forces import (
-    JointSpring,
-    Tendon,
-    gravity_compensation,
-    joint_damper,
-    joint_spring,
-    tendon,
-)
+from deltac.laws import q, u
+from deltac.mechanism.forces import JointSpring, Tendon
 from deltac.mechanism.joints import KINDS
-from deltac.mechanism.laws import q, u
 from deltac.mechanism.scene import Constraint, Element
 
 
@@ -53,20 +47,20 @@ def total_armature(model: Any) -> Array:
     return total
 
 
-def read_passive(model: Any, found: Findings) -> None:
-    """Springs and dampers of joints and tendons, and gravity compensation, into `found`."""
+def read_passive(model: Any, findings: Findings) -> None:
+    """Springs and dampers of joints and tendons, and gravity compensation, into `findings`."""
     springs, dampers = (not disabled(model, name) for name in ("SPRING", "DAMPER"))
     for on, what in ((springs, "springs"), (dampers, "dampers")):
         if not on:
-            found.assumed.append(Remark("option", f"all passive {what} are switched off"))
+            findings.assumed.append(Remark("option", f"all passive {what} are switched off"))
     for j, name in enumerate(joint_names(model)):
         if springs:
-            _joint_spring(model, j, name, found)
+            _joint_spring(model, j, name, findings)
         if dampers:
-            _joint_damper(model, j, name, found)
+            _joint_damper(model, j, name, findings)
     for k, name in enumerate(tendon_names(model)):
-        _tendon(model, k, name, springs, dampers, found)
-    _gravity_compensation(model, found)
+        _tendon(model, k, name, springs, dampers, findings)
+    _gravity_compensation(model, findings)
 
 
 def disabled(model: Any, name: str) -> bool:
@@ -80,10 +74,10 @@ def _polynomial(model: Any, array: str, i: int) -> list[float]:
     """Linear and higher coefficients, trailing zeros left out; older versions have the linear one only."""
     first = float(getattr(model, array)[i])
     higher = getattr(model, f"{array}poly", None)
-    found = [first, *(map(float, higher[i]) if higher is not None else ())]
-    while len(found) > 1 and found[-1] == 0.0:
-        found.pop()
-    return found
+    coefficients = [first, *(map(float, higher[i]) if higher is not None else ())]
+    while len(coefficients) > 1 and coefficients[-1] == 0.0:
+        coefficients.pop()
+    return coefficients
 
 
 def _each(model: Any, array: str, i: int) -> float:
@@ -100,7 +94,7 @@ def _dofs(model: Any, joint: int) -> slice:
     return slice(first, first + len(KINDS[JOINT_KINDS[int(model.jnt_type[joint])]].speeds))
 
 
-def _joint_spring(model: Any, j: int, name: str, found: Findings) -> None:
+def _joint_spring(model: Any, j: int, name: str, findings: Findings) -> None:
     k = _polynomial(model, "jnt_stiffness", j)
     if not any(k):
         return
@@ -108,26 +102,26 @@ def _joint_spring(model: Any, j: int, name: str, found: Findings) -> None:
     place = int(model.jnt_qposadr[j])
     rest = np.array(model.qpos_spring[place : place + len(KINDS[kind].coordinates)], dtype=float)
     if _plastic(model, "jnt", j):
-        found.ignored.append(Remark.logged(name, "spring that yields", f"spring {name}"))
+        findings.ignored.append(Remark.logged(name, "spring that yields", f"spring {name}"))
     elif kind in ("revolute", "prismatic"):
         if len(k) == 1:
-            found.forces.append(joint_spring(name, name, k[0], float(rest[0])))
+            findings.forces.append(joint_spring(name, name, k[0], float(rest[0])))
         else:
             x = q(name) - float(rest[0])
             potential = sum(a * x ** (n + 1) / (n + 1) for n, a in enumerate(k, 1))
-            found.forces.append(joint_spring(name, name, potential=potential))
-        found.read.append(Remark(name, f"spring, stiffness {_shown(k)}, rest {rest[0]:g}"))
+            findings.forces.append(joint_spring(name, name, potential=potential))
+        findings.read.append(Remark(name, f"spring, stiffness {_shown(k)}, rest {rest[0]:g}"))
     elif len(k) > 1 or not np.allclose(rest[-4:], [1, 0, 0, 0], rtol=0, atol=1e-12):
         what = "spring of a rotation with higher coefficients or a turned rest position"
-        found.ignored.append(Remark.logged(name, what, f"spring {name}"))
+        findings.ignored.append(Remark.logged(name, what, f"spring {name}"))
     else:
         count = len(rest) - 3
         stiffness, at = (k[0],) * count, (*map(float, rest[:-4]), 0.0)
-        found.forces.append(JointSpring(name, name, stiffness, at))
-        found.read.append(Remark(name, f"spring, stiffness {_shown(k)}"))
+        findings.forces.append(JointSpring(name, name, stiffness, at))
+        findings.read.append(Remark(name, f"spring, stiffness {_shown(k)}"))
 
 
-def _joint_damper(model: Any, j: int, name: str, found: Findings) -> None:
+def _joint_damper(model: Any, j: int, name: str, findings: Findings) -> None:
     speeds = speed_names(model)[_dofs(model, j)]
     c = np.zeros((len(speeds), 3))
     for row, dof in enumerate(range(*_dofs(model, j).indices(model.nv))):
@@ -139,11 +133,11 @@ def _joint_damper(model: Any, j: int, name: str, found: Findings) -> None:
             c[:, : len(added)] += added
             if added.any():
                 who = actuator_names(model)[a]
-                found.read.append(Remark(name, f"damping of actuator {who} {_shown(added)}"))
+                findings.read.append(Remark(name, f"damping of actuator {who} {_shown(added)}"))
     if c.any():
         laws = [_damping(list(map(float, row)), speed) for row, speed in zip(c, speeds)]
-        found.forces.append(joint_damper(name, name, laws))
-        found.read.append(Remark(name, f"damper, {_shown(c[0])}"))
+        findings.forces.append(joint_damper(name, name, laws))
+        findings.read.append(Remark(name, f"damper, {_shown(c[0])}"))
 
 
 def _damping(c: Sequence[float], speed: str) -> Any:
@@ -184,7 +178,9 @@ def _gear(model: Any, actuator: int) -> float:
 # --- tendons -----------------------------------------------------------------------------------------
 
 
-def _tendon(model: Any, k: int, name: str, springs: bool, dampers: bool, found: Findings) -> None:
+def _tendon(
+    model: Any, k: int, name: str, springs: bool, dampers: bool, findings: Findings
+) -> None:
     stiffness = _polynomial(model, "tendon_stiffness", k) if springs else [0.0]
     damping = np.zeros(3)
     if dampers:
@@ -199,7 +195,7 @@ def _tendon(model: Any, k: int, name: str, springs: bool, dampers: bool, found: 
                 added = gear * np.array(_polynomial(model, "actuator_damping", a))
                 damping[: len(added)] += added
     if armature:
-        found.ignored.append(
+        findings.ignored.append(
             Remark(
                 name,
                 f"inertia of the tendon, {armature:g} kg",
@@ -207,21 +203,23 @@ def _tendon(model: Any, k: int, name: str, springs: bool, dampers: bool, found: 
             )
         )
     if not any(stiffness) and not damping.any():
-        found.read.append(Remark(name, "tendon without spring and damper: it carries forces only"))
+        findings.read.append(
+            Remark(name, "tendon without spring and damper: it carries forces only")
+        )
         return
     if any(stiffness) and _plastic(model, "tendon", k):
-        found.ignored.append(Remark.logged(name, "spring that yields", f"spring {name}"))
+        findings.ignored.append(Remark.logged(name, "spring that yields", f"spring {name}"))
         stiffness = [0.0]
-    made = _path(model, k, name, stiffness, damping.tolist())
-    if made is None:
+    element = _path(model, k, name, stiffness, damping.tolist())
+    if element is None:
         for kind, values in (("spring", stiffness), ("damper", damping)):
             if any(values):
                 what = f"{kind} of a tendon that wraps around geoms"
-                found.ignored.append(Remark.logged(name, what, f"{kind} {name}"))
+                findings.ignored.append(Remark.logged(name, what, f"{kind} {name}"))
     elif any(stiffness) or damping.any():
-        found.forces.append(made)
+        findings.forces.append(element)
         shown = f"stiffness {_shown(stiffness)}, damping {_shown(damping)}"
-        found.read.append(Remark(name, f"tendon, {shown}"))
+        findings.read.append(Remark(name, f"tendon, {shown}"))
 
 
 def _path(
@@ -261,7 +259,7 @@ def _path(
 # --- gravity compensation ----------------------------------------------------------------------------
 
 
-def _gravity_compensation(model: Any, found: Findings) -> None:
+def _gravity_compensation(model: Any, findings: Findings) -> None:
     if disabled(model, "GRAVITY"):
         return
     fractions = {
@@ -270,9 +268,11 @@ def _gravity_compensation(model: Any, found: Findings) -> None:
         if i and model.body_gravcomp[i] != 0.0 and model.body_mass[i] > 0.0
     }
     if fractions:
-        found.forces.append(gravity_compensation("gravcomp", fractions))
+        findings.forces.append(gravity_compensation("gravcomp", fractions))
         for name, fraction in fractions.items():
-            found.read.append(Remark(name, f"gravity compensation of {fraction:g} of its weight"))
+            findings.read.append(
+                Remark(name, f"gravity compensation of {fraction:g} of its weight")
+            )
 
 
 def _plastic(model: Any, kind: str, i: int) -> bool:

@@ -23,14 +23,8 @@ import numpy as np
 
 from deltac import rotations
 from deltac.arrays import Array
-from deltac.errors import ModelError, UnknownName, closest, shown
-from deltac.importers.report import ImportReport, Remark
-from deltac.importers.urdf import xml_root
-from deltac.mechanism import joints
-from deltac.mechanism.bodies import Body, body
-from deltac.mechanism.constraints import (
-    Holonomic,
-    Loop,
+from deltac.bodies import Body, body
+from deltac.constraints import (
     gear,
     loop_prismatic,
     loop_revolute,
@@ -38,7 +32,13 @@ from deltac.mechanism.constraints import (
     loop_universal,
     loop_weld,
 )
-from deltac.mechanism.joints import Joint, JointOptions
+from deltac.errors import ModelError, UnknownName, closest, shown
+from deltac.importers.report import ImportReport, Remark
+from deltac.importers.urdf import xml_root
+from deltac.joints import Joint
+from deltac.mechanism import joints
+from deltac.mechanism.constraints import Holonomic, Loop
+from deltac.mechanism.joints import JointOptions
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
 
@@ -120,34 +120,34 @@ class _Reader:
 
     def named(self, tag: str) -> dict[str, Element]:
         """The elements of a kind by name."""
-        found: dict[str, Element] = {}
+        elements: dict[str, Element] = {}
         for element in self.model.findall(tag):
             name = element.get("name", "")
-            if not name or name in found:
+            if not name or name in elements:
                 raise ModelError(
                     f"{self.file}: <{tag}> {shown(name)} has no name, or stands there twice"
                 )
-            found[name] = element
-        return found
+            elements[name] = element
+        return elements
 
     def read(self) -> tuple[Mechanism, ImportReport]:
         """The mechanism and what there is to say of it."""
         carriers = self.carriers()
         static = (self.model.findtext("static") or "").strip() in ("true", "1")
-        made: list[Joint] = []
+        joints: list[Joint] = []
         waiting = list(self.links)
         done = {GROUND}
         while waiting:
             for link in [link for link in waiting if self.parent(link, carriers) in done]:
-                made.append(self.carried(link, carriers.get(link), static))
+                joints.append(self.carried(link, carriers.get(link), static))
                 done.add(link)
                 waiting.remove(link)
         tree = set(carriers.values())
         loops = [self.loop(name) for name in self.joints if name not in tree]
         self.left_out()
         gravity = GRAVITY
-        if self.world is not None and (told := self.world.findtext("gravity")) is not None:
-            x, y, z = self.numbers(told, 3, "gravity")
+        if self.world is not None and (gravity_text := self.world.findtext("gravity")) is not None:
+            x, y, z = self.numbers(gravity_text, 3, "gravity")
             gravity = (x, y, z)
         else:
             self.assumed.append(
@@ -155,17 +155,17 @@ class _Reader:
             )
         mechanism = Mechanism(
             [self.body(name, link) for name, link in self.links.items()],
-            made,
-            constraints=[*loops, *self.mimics(made)],
+            joints,
+            constraints=[*loops, *self.mimics(joints)],
             gravity=gravity,
             name=self.model.get("name") or self.file,
         )
-        moving = sum(bool(joint.speeds) for joint in made)
+        moving = sum(bool(joint.speeds) for joint in joints)
         read = [Remark("tree", f"{len(self.links)} links, {moving} moving joints")]
         read += [
             Remark(loop.name, "joint that closes a loop, an exact constraint") for loop in loops
         ]
-        starts = {"model": mechanism.state(self.start(made))}
+        starts = {"model": mechanism.state(self.start(joints))}
         return mechanism, ImportReport(
             self.file, tuple(read), tuple(self.ignored), tuple(self.assumed), starts=starts
         )
@@ -204,9 +204,9 @@ class _Reader:
 
     def attached(self, frame: str) -> str:
         """The link that a frame is attached to."""
-        seen = set()
-        while frame in self.frames and frame not in seen:
-            seen.add(frame)
+        children = set()
+        while frame in self.frames and frame not in children:
+            children.add(frame)
             frame = self.frames[frame].get("attached_to", "")
         return frame
 
@@ -370,17 +370,17 @@ class _Reader:
         Limits, dry friction, and what acts in joints of several axes or that close a loop go into the report.
         """
         joint = self.joints[name]
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         if seat.kind == "fixed":
-            return found
+            return values
         for axis in (*joint.findall("axis"), *joint.findall("axis2")):
             where = f"joint {name!r}"
             dynamics, limit = axis.find("dynamics"), axis.find("limit")
             if dynamics is not None:
                 if damping := self.number(dynamics, "damping", 0.0, where):
-                    found["damping"] = damping
+                    values["damping"] = damping
                 if stiffness := self.number(dynamics, "spring_stiffness", 0.0, where):
-                    found |= {
+                    values |= {
                         "stiffness": stiffness,
                         "rest": self.number(dynamics, "spring_reference", 0.0, where),
                     }
@@ -393,18 +393,18 @@ class _Reader:
         if closing or seat.kind in ("ball", "universal"):
             which = "that closes a loop" if closing else "of several axes"
             for key, what in (("damping", "damper"), ("stiffness", "spring")):
-                if key in found:
+                if key in values:
                     text = f"{what} of a joint {which}"
                     self.ignored.append(Remark.logged(name, text, f"{what} {name}"))
             return {}
-        return found
+        return values
 
-    def mimics(self, made: Sequence[Joint]) -> Iterator[Holonomic]:
+    def mimics(self, joints: Sequence[Joint]) -> Iterator[Holonomic]:
         """Joints that follow others, q = multiplier (q_leader − reference) + offset, as exact constraints.
 
         Those of joints with several axes go into the report.
         """
-        single = {joint.name for joint in made if len(joint.speeds) == 1}
+        single = {joint.name for joint in joints if len(joint.speeds) == 1}
         for name, joint in self.joints.items():
             for axis in (*joint.findall("axis"), *joint.findall("axis2")):
                 mimic = axis.find("mimic")
@@ -440,10 +440,10 @@ class _Reader:
             name = plugin.get("name") or plugin.get("filename") or "plugin"
             self.ignored.append(Remark.logged(name, "plugin", "applied <plugin>"))
 
-    def start(self, made: list[Joint]) -> dict[str, float]:
+    def start(self, joints: list[Joint]) -> dict[str, float]:
         """The model's own pose: of links that float, and of joints that follow others."""
         values: dict[str, float] = {}
-        for joint in made:
+        for joint in joints:
             if joint.kind == "free":
                 R, p = self.world_pose(joint.name)
                 values |= {f"{joint.name}.{axis}": float(x) for axis, x in zip("xyz", p)}
@@ -455,21 +455,21 @@ class _Reader:
             values[name] = self.following(name)
         return values
 
-    def following(self, name: str, seen: tuple[str, ...] = ()) -> float:
+    def following(self, name: str, path: tuple[str, ...] = ()) -> float:
         """The coordinate of a joint where those that it follows are at zero."""
-        if name in seen:
-            raise ModelError(f"{self.file}: joints {', '.join(seen)} follow each other")
+        if name in path:
+            raise ModelError(f"{self.file}: joints {', '.join(path)} follow each other")
         if name not in self.followers:
             return 0.0
         leader, ratio, phase = self.followers[name]
-        return ratio * self.following(leader, (*seen, name)) + phase
+        return ratio * self.following(leader, (*path, name)) + phase
 
     # -- poses ------------------------------------------------------------------------------------
 
     def model_pose(self) -> Pose:
         return self.pose(self.model, "model")
 
-    def world_pose(self, name: str, seen: tuple[str, ...] = ()) -> Pose:
+    def world_pose(self, name: str, path: tuple[str, ...] = ()) -> Pose:
         """Where a link, joint or frame is in the world."""
         if name in self.poses:
             return self.poses[name]
@@ -477,13 +477,13 @@ class _Reader:
             return np.eye(3), np.zeros(3)
         if name in _MODEL:
             return self.model_pose()
-        if name in seen:
-            raise ModelError(f"{self.file}: the poses of {', '.join(seen)} refer to each other")
+        if name in path:
+            raise ModelError(f"{self.file}: the poses of {', '.join(path)} refer to each other")
         kinds = {"link": self.links, "joint": self.joints, "frame": self.frames}
-        kind = next((tag for tag, known in kinds.items() if name in known), None)
+        kind = next((tag for tag, names in kinds.items() if name in names), None)
         if kind is None:
-            known = [n for group in kinds.values() for n in group]
-            raise ModelError(f"{self.file}: unknown frame {shown(name)}{closest(name, known)}")
+            names = [n for group in kinds.values() for n in group]
+            raise ModelError(f"{self.file}: unknown frame {shown(name)}{closest(name, names)}")
         element = kinds[kind][name]
         pose = element.find("pose")
         default = {
@@ -492,7 +492,7 @@ class _Reader:
             "frame": element.get("attached_to", "__model__"),
         }[kind]
         base = pose.get("relative_to") or default if pose is not None else default
-        R, p = self.world_pose(base, (*seen, name))
+        R, p = self.world_pose(base, (*path, name))
         turned, moved = self.pose(element, name)
         self.poses[name] = R @ turned, p + R @ moved
         return self.poses[name]

@@ -15,8 +15,9 @@ from deltac.dynamics.laws import to_casadi
 from deltac.errors import ModelError, UnknownName, WrongType, closest
 from deltac.kernels.lowering import to_sympy
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.expressions import Law, symbol_of
 from deltac.mechanism.joints import KINDS
-from deltac.mechanism.laws import Law, as_law, symbol_names, symbol_of
+from deltac.mechanism.laws import as_law, symbol_names
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.equations import Equations
 
@@ -59,24 +60,24 @@ def equations_from_sympy(
     def law(expression: Any, what: str) -> Law:
         import sympy
 
-        found = sympy.sympify(expression).xreplace(rates).xreplace(state)
-        found = found.xreplace({s: v for s, v in values.items() if not isinstance(s, str)})
-        named = {s: values[s.name] for s in found.free_symbols if s.name in values}
-        found = as_law(found.xreplace(named).doit(), f"{what} of {name}")
-        known = {"t", *(s.name for s in state.values())}
-        for symbol in sorted(symbol_names(found) - known):
+        expr = sympy.sympify(expression).xreplace(rates).xreplace(state)
+        expr = expr.xreplace({s: v for s, v in values.items() if not isinstance(s, str)})
+        named = {s: values[s.name] for s in expr.free_symbols if s.name in values}
+        expr = as_law(expr.xreplace(named).doit(), f"{what} of {name}")
+        symbols = {"t", *(s.name for s in state.values())}
+        for symbol in sorted(symbol_names(expr) - symbols):
             raise UnknownName(
                 f"{name}: no value for {symbol!r}; give it in parameters="
                 f"{{{symbol!r}: …}}{closest(symbol, [str(s) for s in values]) if values else ''}"
             )
-        return found
+        return expr
 
     own_q = tuple(_name_of(v) for v in q)
     own_u = tuple(_name_of(v) for v in _speed_variables(q, u, rates))
-    given = coordinates if coordinates is not None else {n: v for n, v in zip(own_q, q)}
-    q_laws = {c: law(e, f"coordinate {c!r}") for c, e in given.items()}
+    laws = coordinates if coordinates is not None else {n: v for n, v in zip(own_q, q)}
+    q_laws = {c: law(e, f"coordinate {c!r}") for c, e in laws.items()}
     if speeds is None:
-        u_laws = {c: law(_rate(e, t), f"rate of {c!r}") for c, e in given.items()}
+        u_laws = {c: law(_rate(e, t), f"rate of {c!r}") for c, e in laws.items()}
     else:
         u_laws = {c: law(e, f"speed {c!r}") for c, e in speeds.items()}
     plain = speeds is None and all(state[v].name == f"u.{c}" for v, c in zip(u, own_q))
@@ -125,16 +126,16 @@ def _formed(method: Any) -> tuple[Any, list[Any], list[Any], dict[Any, Any], Any
 
 def _speed_variables(q: Sequence[Any], u: Sequence[Any], rates: Mapping[Any, Any]) -> list[Any]:
     """What each speed is called after: the coordinate whose rate it is, or itself."""
-    found = []
+    variables = []
     for speed in u:
         if speed.is_Derivative:
-            found.append(speed.args[0])
+            variables.append(speed.args[0])
             continue
         same = [
             rate.args[0] for rate, value in rates.items() if value == speed and rate.args[0] in q
         ]
-        found.append(same[0] if same else speed)
-    return found
+        variables.append(same[0] if same else speed)
+    return variables
 
 
 def _name_of(variable: Any) -> str:
@@ -151,10 +152,10 @@ def _values(parameters: Mapping[Any, Any]) -> dict[Any, Any]:
     """Values by symbol or function, and by name."""
     import sympy
 
-    made: dict[Any, Any] = {}
+    numbers: dict[Any, Any] = {}
     for key, value in parameters.items():
-        made[key] = sympy.sympify(as_law(value, f"parameter {key}"))
-    return made
+        numbers[key] = sympy.sympify(as_law(value, f"parameter {key}"))
+    return numbers
 
 
 def _compiled(
@@ -263,14 +264,14 @@ def symbolic_equations(mechanism: Mechanism, *, simplify: bool = True) -> Symbol
         _inputs(mechanism),
         [symbol_of(p) for p in mechanism.parameters],
     ]
-    found = to_sympy(function, symbols)
-    made = {
+    expressions = to_sympy(function, symbols)
+    blocks = {
         what: _matrix(entries, expression.shape, simplify)
-        for (what, expression), entries in zip(outputs.items(), found)
+        for (what, expression), entries in zip(outputs.items(), expressions)
     }
     kinds = {joint.name: KINDS[joint.kind] for joint in mechanism.joints}
     rates = frozenset(e.name for e in mechanism.speeds if kinds[e.joint].rates)
-    return SymbolicEquations(coordinates, speeds, **made, rates=rates)
+    return SymbolicEquations(coordinates, speeds, **blocks, rates=rates)
 
 
 def _inputs(mechanism: Mechanism) -> list[Any]:

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.bodies import Body, body, frame
 from deltac.importers.names import JOINT_KINDS, body_names, joint_names
 from deltac.importers.report import Remark
 from deltac.importers.urdf import LinkInertia, Urdf, UrdfBody
-from deltac.mechanism.bodies import Body, body, frame
-from deltac.mechanism.joints import KINDS, Joint, fixed, free, prismatic, revolute, spherical
+from deltac.joints import Joint, fixed, free, prismatic, revolute, spherical
+from deltac.mechanism.joints import KINDS
 from deltac.mechanism.quantities import as_rotation, rotation_matrix
 
 

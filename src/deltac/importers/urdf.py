@@ -21,11 +21,11 @@ import numpy as np
 
 from deltac import rotations
 from deltac.arrays import Array
+from deltac.bodies import Body
 from deltac.errors import FileError, InputError, ModelError, shown
 from deltac.foreign.files import read_text
 from deltac.foreign.limits import Limits
 from deltac.importers.report import Remark
-from deltac.mechanism.bodies import Body
 
 _SHAPES = ("visual", "collision")
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -198,7 +198,7 @@ def numbers(element: ElementTree.Element | None, key: str, count: int, where: st
     return values
 
 
-def _remarks(name: str, link: ElementTree.Element, found: LinkInertia) -> Iterator[Remark]:
+def _remarks(name: str, link: ElementTree.Element, inertia: LinkInertia) -> Iterator[Remark]:
     """What is unusual about the inertia of a link."""
     if link.find("inertial") is None:
         if link.find("collision") is not None:
@@ -207,10 +207,10 @@ def _remarks(name: str, link: ElementTree.Element, found: LinkInertia) -> Iterat
                 "no <inertial>, so no mass, as URDF means it",
                 "MuJoCo takes mass from the shapes: for its logs give its MjModel",
             )
-    elif found.mass == 0.0 and not found.empty:
+    elif inertia.mass == 0.0 and not inertia.empty:
         yield Remark(name, "inertia without mass, taken as the file has it")
-    elif not found.empty and not found.rigid(found.slack):
-        a, b, c = found.moments
+    elif not inertia.empty and not inertia.rigid(inertia.slack):
+        a, b, c = inertia.moments
         yield Remark(
             name,
             f"principal moments {a:.4g}, {b:.4g}, {c:.4g} kg·m² break the triangle inequality, taken as "
@@ -236,10 +236,10 @@ def _refuse_impossible(
         smallest = link.moments[0]
         if smallest >= -link.slack:
             continue
-        top, seen = name, {name}
-        while top in parts and parts[top] not in seen:
+        top, visited = name, {name}
+        while top in parts and parts[top] not in visited:
             top = parts[top]
-            seen.add(top)
+            visited.add(top)
         joined = _joined(top, links, carried)
         if joined[0] < -link.slack:
             raise ModelError(
@@ -256,12 +256,12 @@ def _joined(
 ) -> Array:
     """The principal moments of a link and all that is fixed to it, about their mass centre."""
     mass, first, second = 0.0, np.zeros(3), np.zeros((3, 3))  # about the origin of `top`
-    stack, seen = [(top, np.eye(3), np.zeros(3))], set()
+    stack, visited = [(top, np.eye(3), np.zeros(3))], set()
     while stack:
         name, turn, at = stack.pop()
-        if name in seen or name not in links:
+        if name in visited or name not in links:
             continue
-        seen.add(name)
+        visited.add(name)
         link = links[name]
         c = at + turn @ np.array(link.centre)
         mass, first = mass + link.mass, first + link.mass * c

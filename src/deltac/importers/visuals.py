@@ -9,7 +9,8 @@ import numpy as np
 from deltac.importers.names import body_names, geom_names
 from deltac.mechanism.quantities import as_rotation
 from deltac.mechanism.scope import GROUND
-from deltac.mechanism.shapes import Visual, VisualKind
+from deltac.mechanism.shapes import VisualKind
+from deltac.shapes import Visual
 
 PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
 """Values of `mjtGeom`."""
@@ -24,12 +25,12 @@ def read_visuals(model: Any) -> tuple[Visual, ...]:
     Of a body whose geoms are all in the groups for collisions, these. Height fields and flexes are left out.
     """
     bodies, names = body_names(model), geom_names(model)
-    found: list[Visual] = []
+    visuals: list[Visual] = []
     for k, body in enumerate(bodies):
         own = [int(i) for i in np.flatnonzero(np.asarray(model.geom_bodyid) == k)]
-        seen = [i for i in own if model.geom_group[i] < UNSEEN] or own
-        found += [v for i in seen if (v := _visual(model, i, body, names[i])) is not None]
-    return tuple(found)
+        visible = [i for i in own if model.geom_group[i] < UNSEEN] or own
+        visuals += [v for i in visible if (v := _visual(model, i, body, names[i])) is not None]
+    return tuple(visuals)
 
 
 def _visual(model: Any, i: int, body: str, name: str) -> Visual | None:
@@ -41,7 +42,7 @@ def _visual(model: Any, i: int, body: str, name: str) -> Visual | None:
     if kind not in _SIZES or opacity == 0.0 or (kind == PLANE and body != GROUND):
         return None
     x, y, z = (float(v) for v in model.geom_pos[i])
-    said, sizes = _SIZES[kind]
+    shape, sizes = _SIZES[kind]
     vertices = faces = None
     if kind == MESH:
         mesh = int(model.geom_dataid[i])
@@ -53,7 +54,7 @@ def _visual(model: Any, i: int, body: str, name: str) -> Visual | None:
         faces = np.array(model.mesh_face[first : first + count], dtype=np.intp)
     return Visual(
         body,
-        said,
+        shape,
         tuple(factor * float(model.geom_size[i][axis]) for axis, factor in sizes),
         (x, y, z),
         as_rotation([float(v) for v in model.geom_quat[i]], f"geom {name}"),

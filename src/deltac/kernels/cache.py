@@ -277,8 +277,8 @@ def _unpacked(content: bytes) -> Any:
     name = kind.decode().removeprefix("heyoka ")
     if not _COMPILED.fullmatch(name):
         raise ValueError(f"no class of compiled objects: {name!r}")
-    made = getattr(importlib.import_module("heyoka._core"), name)
-    value = made.__new__(made)
+    constructor = getattr(importlib.import_module("heyoka._core"), name)
+    value = constructor.__new__(constructor)
     value.__setstate__((rest, {}))
     return value
 

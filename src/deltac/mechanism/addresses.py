@@ -39,14 +39,14 @@ class _Place:
 
 def numbers(mechanism: Any) -> dict[str, float]:
     """The plain numbers of a mechanism by name, and its parameters; expressions follow from those."""
-    found = dict(mechanism.parameters)
-    found |= {name: places[0].value for name, places in _places(mechanism).items()}
+    values = dict(mechanism.parameters)
+    values |= {name: places[0].value for name, places in _places(mechanism).items()}
     for component, value in zip("xyz", mechanism.gravity):
         if isinstance(value, float):
-            found[f"gravity.{component}"] = value
+            values[f"gravity.{component}"] = value
     if len(size := _gravity(mechanism)) == 3:
-        found["gravity"] = math.hypot(*size)
-    return found
+        values["gravity"] = math.hypot(*size)
+    return values
 
 
 def opened(mechanism: Any, names: Iterable[str], where: str = "") -> Any:
@@ -54,25 +54,25 @@ def opened(mechanism: Any, names: Iterable[str], where: str = "") -> Any:
 
     Raises UnknownName, with near ones, for a name of no number; the message begins with `where`.
     """
-    wanted = [name for name in dict.fromkeys(names) if name not in mechanism.parameters]
-    if not wanted:
+    addresses = [name for name in dict.fromkeys(names) if name not in mechanism.parameters]
+    if not addresses:
         return mechanism
-    known, places = numbers(mechanism), _places(mechanism)
+    available, places = numbers(mechanism), _places(mechanism)
     groups = {group: list(getattr(mechanism, group)) for group in GROUPS}
     gravity = list(mechanism.gravity)
-    for name in wanted:
-        if name not in known:
-            raise UnknownName(f"{where}unknown parameter {name!r}{closest(name, known)}")
+    for name in addresses:
+        if name not in available:
+            raise UnknownName(f"{where}unknown parameter {name!r}{closest(name, available)}")
         symbol = Polynomial.symbol(name)
         for place in places.get(name, ()):
             part = groups[place.group][place.part]
             value = _put(getattr(part, place.field), place.path, symbol)
             groups[place.group][place.part] = replace(part, **{place.field: value})
         if name == "gravity":
-            gravity = [value / known[name] * symbol if value else 0.0 for value in gravity]
+            gravity = [value / available[name] * symbol if value else 0.0 for value in gravity]
         elif name.startswith("gravity."):
             gravity["xyz".index(name[-1])] = symbol
-    parameters = {**mechanism.parameters, **{name: known[name] for name in wanted}}
+    parameters = {**mechanism.parameters, **{name: available[name] for name in addresses}}
     return replace(mechanism, gravity=tuple(gravity), parameters=parameters, **groups)
 
 
@@ -84,7 +84,7 @@ def _gravity(mechanism: Any) -> Sequence[float]:
 
 def _places(mechanism: Any) -> Mapping[str, list[_Place]]:
     """The places of each number: of a product of inertia there are two."""
-    found: dict[str, list[_Place]] = {}
+    places: dict[str, list[_Place]] = {}
     owners: dict[str, tuple[str, int]] = {}
     for group, prefix in GROUPS.items():
         for k, part in enumerate(getattr(mechanism, group)):
@@ -99,8 +99,8 @@ def _places(mechanism: Any) -> Mapping[str, list[_Place]]:
                         name = shared
                     place = _Place(group, k, field.name, path, value)
                     if owners.setdefault(name, (group, k)) == (group, k):
-                        found.setdefault(name, []).append(place)
-    return found
+                        places.setdefault(name, []).append(place)
+    return places
 
 
 def _free(part: Any, field: str) -> bool:

@@ -76,11 +76,11 @@ def body(
         raise ModelError(
             f"{where}: expected three principal moments or a 3 by 3 matrix, found {inertia!r}"
         )
-    made = Body(_name(name), positive(mass, f"mass of body {name!r}"), mass_centre, tensor)
+    part = Body(_name(name), positive(mass, f"mass of body {name!r}"), mass_centre, tensor)
     entries = [entry for row in tensor for entry in row]
     if all(isinstance(entry, float) for entry in entries):
         _check_inertia([list(row) for row in tensor], name)
-    return made
+    return part
 
 
 @constructor

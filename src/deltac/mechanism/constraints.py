@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeAlias
 
 from deltac.errors import ModelError
-from deltac.mechanism.laws import LawLike, as_law, symbol_names, symbol_of
+from deltac.mechanism.expressions import symbol_of
+from deltac.mechanism.laws import LawLike, as_law, symbol_names
 from deltac.mechanism.parts import (
     AnyBody,
     Axis,

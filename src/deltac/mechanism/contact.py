@@ -104,12 +104,12 @@ class Contact(Element):
             dissipative += touch.loads((f_n - f_e) * touch.n)
             if self.friction is not None:
                 rubbing += touch.loads(self.friction.slip_force(scene, f_n, touch.n, velocity))
-        made = [self.channel("spring", scene.generalized(elastic), potential)]
+        channels = [self.channel("spring", scene.generalized(elastic), potential)]
         if not is_zero(self.dissipation):
-            made.append(self.channel("contact", scene.generalized(dissipative)))
+            channels.append(self.channel("contact", scene.generalized(dissipative)))
         if self.friction is not None:
-            made.append(self.channel("friction", scene.generalized(rubbing)))
-        return made
+            channels.append(self.channel("friction", scene.generalized(rubbing)))
+        return channels
 
     def normal_force(self, scene: Scene, gap: Any, closing: Any) -> tuple[Any, Any, Any]:
         """V (J), the elastic force f_e and the normal force f_n >= 0 (N) of a gap that closes at a speed."""

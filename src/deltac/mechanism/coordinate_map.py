@@ -58,10 +58,10 @@ class CoordinateMap:
 
     def __post_init__(self) -> None:
         for attribute in ("q", "u", "inverse"):
-            given: Mapping[str, Any] = getattr(self, attribute)
+            texts: Mapping[str, Any] = getattr(self, attribute)
             laws = {
                 name: as_law(law, f"{attribute} of {name!r} in the coordinate map")
-                for name, law in given.items()
+                for name, law in texts.items()
             }
             object.__setattr__(self, attribute, FrozenDict(laws))
         object.__setattr__(self, "coordinates", _names(self.coordinates, "coordinates"))
@@ -135,13 +135,13 @@ class CoordinateMap:
 
     def to_dict(self) -> dict[str, Any]:
         """The map as texts, which `CoordinateMap(**…)` takes; what a run notes of its own speeds."""
-        found: dict[str, Any] = {
+        entries: dict[str, Any] = {
             "coordinates": list(self.coordinates),
             "speeds": list(self.speeds),
         }
         for name in ("q", "u", "inverse"):
-            found[name] = {key: as_text(law) for key, law in getattr(self, name).items()}
-        return found
+            entries[name] = {key: as_text(law) for key, law in getattr(self, name).items()}
+        return entries
 
 
 def _fits(own: int, free: int, mechanism: Mechanism) -> bool:

@@ -285,7 +285,7 @@ class SpringDamper(Element):
         first = scene.point(self.body1, self.point1)
         second = scene.point(self.body2, self.point2)
         between = second.place - first.place
-        made: list[Channel] = []
+        channels: list[Channel] = []
         if not is_zero(self.stiffness):
             k, rest = scene.number(self.stiffness), scene.number(self.length)
             k_rate, rest_rate = scene.time_rate(self.stiffness), scene.time_rate(self.length)
@@ -300,14 +300,14 @@ class SpringDamper(Element):
                 V = 0.5 * k * stretch**2
                 explicit = 0.5 * k_rate * stretch**2 - k * stretch * rest_rate
             force = scene.generalized([(first, pull), (second, -pull)])
-            made += self.spring_channels(force, V, explicit)
+            channels += self.spring_channels(force, V, explicit)
         if not is_zero(self.damping):
             along = between / scene.sqrt(scene.dot(between, between))
             parting = scene.dot(along, second.velocity - first.velocity)
             pull = scene.number(self.damping) * parting * along
             force = scene.generalized([(first, pull), (second, -pull)])
-            made.append(self.channel("damper", force))
-        return made
+            channels.append(self.channel("damper", force))
+        return channels
 
 
 @dataclass(frozen=True)
@@ -361,9 +361,9 @@ class Tendon(Element):
             )
 
     def _check_coordinate(self, scope: Scope, name: str) -> None:
-        known = scope.coordinates.names
-        if name not in known:
-            raise UnknownName(f"{self.where}: unknown coordinate {name!r}{closest(name, known)}")
+        names = scope.coordinates.names
+        if name not in names:
+            raise UnknownName(f"{self.where}: unknown coordinate {name!r}{closest(name, names)}")
         if not scope.rate_is_speed(name):
             raise ModelError(
                 f"{self.where}: the rate of {name!r} is no speed of joint "
@@ -378,12 +378,12 @@ class Tendon(Element):
         stretch = length - low
         if self.length[0] != self.length[1]:
             stretch = scene.maximum(length - high, 0) + scene.minimum(stretch, 0)
-        made: list[Channel] = []
+        channels: list[Channel] = []
         if not all(is_zero(a) for a in self.stiffness):
             a = [scene.number(law) for law in self.stiffness]
             potential = sum(a[k] * stretch ** (k + 2) / (k + 2) for k in range(len(a)))
             tension = sum(a[k] * stretch ** (k + 1) for k in range(len(a)))
-            made.append(self.channel("spring", -tension * J, potential))
+            channels.append(self.channel("spring", -tension * J, potential))
         if not all(is_zero(a) for a in self.damping):
             rate = scene.power(J)
             # Even powers with the sign of the rate: v |v|.
@@ -392,8 +392,8 @@ class Tendon(Element):
                 for k in range(len(self.damping))
             ]
             tension = sum(scene.number(c) * power for c, power in zip(self.damping, powers))
-            made.append(self.channel("damper", -tension * J))
-        return made
+            channels.append(self.channel("damper", -tension * J))
+        return channels
 
     def _length(self, scene: Scene) -> tuple[Any, Any]:
         """The length and its gradient J (nu,) along the speeds: l̇ = J·u."""
@@ -480,8 +480,8 @@ def joint_spring(
     potential −∫ torque dq is found in closed form (InputError if it has none).
     """
     where = JointSpring.called(name)
-    given = [stiffness is not None, torque is not None, potential is not None]
-    if sum(given) != 1:
+    choices = [stiffness is not None, torque is not None, potential is not None]
+    if sum(choices) != 1:
         raise ModelError(f"{where}: give exactly one of stiffness, torque and potential")
     if stiffness is not None:
         return JointSpring(name, joint, stiffness=stiffness, rest=rest)
@@ -513,24 +513,24 @@ def tendon(
     >>> coupling = tendon("coupling", coordinates={"hip": 1.0, "knee": -0.5}, damping=0.1)
     """
     where = Tendon.called(name)
-    given = [*([(path, 1.0)] if len(path) else []), *branches]
+    paths = [*([(path, 1.0)] if len(path) else []), *branches]
     ends = length if isinstance(length, list | tuple) else (length, length)
     if len(ends) != 2:
         raise ModelError(f"length of {where}: expected one length or two, found {length!r}")
-    made = Tendon(
+    element = Tendon(
         name,
         tuple(
             (coordinate, as_law(factor, f"coefficient of {coordinate!r} in {where}"))
             for coordinate, factor in (coordinates or {}).items()
         ),
-        tuple(_branch(points, factor, where) for points, factor in given),
+        tuple(_branch(points, factor, where) for points, factor in paths),
         stiffness,
         damping,
         ends,
     )
-    if not made.coordinates and not made.branches:
+    if not element.coordinates and not element.branches:
         raise ModelError(f"{where} has no length; give a path of points, or coordinates")
-    return made
+    return element
 
 
 def _branch(points: Sequence[tuple[str, VectorLike]], factor: Any, where: str) -> Branch:

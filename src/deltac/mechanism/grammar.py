@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import Any, NoReturn
 
 from deltac.errors import FileError, ModelError
-from deltac.mechanism.laws import (
+from deltac.mechanism.expressions import (
     ALLOWED,
     FUNCTIONS,
     Expr,
@@ -245,10 +245,10 @@ class _Reader:
             hint = f"; did you mean {match[0]!r}?" if match else ""
             self.fail(node, f"unknown function {name!r}{hint}")
         function = FUNCTIONS[name]
-        least, found = function.arguments, len(arguments)
-        if found < least or (found > least and not function.variadic):
+        least, count = function.arguments, len(arguments)
+        if count < least or (count > least and not function.variadic):
             expected = f"at least {least}" if function.variadic else str(least)
-            self.fail(node, f"the number of arguments of {name} is {found}, expected {expected}")
+            self.fail(node, f"the number of arguments of {name} is {count}, expected {expected}")
         values = [self.number(argument) for argument in arguments]
         if not any(value.free_symbols for value in values):
             return self.double(node, function.value, *values)

@@ -203,8 +203,8 @@ class JointOptions(TypedDict, total=False):
     motion: LawsLike | None
 
 
-def _joint_constructor(made: Target) -> Target:
-    return constructor(made, options=_joint)
+def _joint_constructor(function: Target) -> Target:
+    return constructor(function, options=_joint)
 
 
 def _laws(value: Any, count: int, where: str) -> tuple[Any, ...]:
@@ -292,12 +292,12 @@ def universal(
     **options: Unpack[JointOptions],
 ) -> Joint:
     """Turns by `.first` about the axis `first`, then by `.second` about the turned axis `second`."""
-    made = _joint("universal", name, parent, child, first, second, **options)
-    a, b = made.axes
+    joint = _joint("universal", name, parent, child, first, second, **options)
+    a, b = joint.axes
     sine = sum((a[i] * b[j] - a[j] * b[i]) ** 2 for i, j in ((0, 1), (1, 2), (2, 0))) ** 0.5
     if sine < 1e-6:
         raise ModelError(f"joint {name!r}: the two axes of a universal joint must not be parallel")
-    return made
+    return joint
 
 
 @_joint_constructor
@@ -309,9 +309,9 @@ def planar(name: str, parent: str, child: str, **options: Unpack[JointOptions]) 
 @_joint_constructor
 def spherical(name: str, parent: str, child: str, **options: Unpack[JointOptions]) -> Joint:
     """A ball joint: a unit quaternion (scalar first); speeds: angular velocity, body components."""
-    made = _joint("spherical", name, parent, child, **options)
-    _require_unturned_child(made)
-    return made
+    joint = _joint("spherical", name, parent, child, **options)
+    _require_unturned_child(joint)
+    return joint
 
 
 @_joint_constructor
@@ -321,14 +321,14 @@ def free(name: str, child: str, parent: str = GROUND, **options: Unpack[JointOpt
     Speeds: velocity of the origin in components of the parent's joint frame (the world's, for the
     ground), then angular velocity in body components.
     """
-    made = _joint("free", name, parent, child, **options)
-    _require_unturned_child(made)
-    if made.child_position != ZERO:
+    joint = _joint("free", name, parent, child, **options)
+    _require_unturned_child(joint)
+    if joint.child_position != ZERO:
         raise ModelError(
             f"joint {name!r}: a free joint describes the body frame's own origin, so it takes no "
             "child_position; move the body's mass centre and points instead"
         )
-    return made
+    return joint
 
 
 def _require_unturned_child(joint: Joint) -> None:

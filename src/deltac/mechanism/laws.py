@@ -18,9 +18,8 @@ import difflib
 import math
 import numbers
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Protocol, TypeAlias
 
@@ -29,13 +28,18 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import ModelError, UnknownName, WrongType
+from deltac.mechanism.expressions import (
+    ALLOWED,
+    RELATIONS,
+    Expr,
+    Law,
+    nodes_of,
+    problem_of,
+    real_value,
+    symbol_of,
+)
+from deltac.mechanism.grammar import parse
 from deltac.mechanism.polynomials import Polynomial, is_finite, polynomial_of
-
-Expr: TypeAlias = Any
-"""A SymPy expression (SymPy is untyped, and loaded lazily)."""
-
-Law: TypeAlias = float | Expr
-"""A finite number, or a SymPy expression of real symbols that `as_law` has checked."""
 
 
 class Expression(Protocol):
@@ -56,62 +60,7 @@ LawsLike: TypeAlias = LawLike | VectorLike
 """What users may give for one law, or for one of each coordinate."""
 
 
-@dataclass(frozen=True)
-class Function:
-    """A function of the grammar: its SymPy name, how many arguments, and its value on numbers."""
-
-    sympy: str
-    value: Callable[..., float]
-    arguments: int = 1
-    variadic: bool = False
-
-
-FUNCTIONS = {
-    "sin": Function("sin", math.sin),
-    "cos": Function("cos", math.cos),
-    "tan": Function("tan", math.tan),
-    "asin": Function("asin", math.asin),
-    "acos": Function("acos", math.acos),
-    "atan": Function("atan", math.atan),
-    "atan2": Function("atan2", math.atan2, arguments=2),
-    "sinh": Function("sinh", math.sinh),
-    "cosh": Function("cosh", math.cosh),
-    "tanh": Function("tanh", math.tanh),
-    "exp": Function("exp", math.exp),
-    "log": Function("log", math.log),
-    "sqrt": Function("sqrt", math.sqrt),
-    "abs": Function("Abs", abs),
-    "Abs": Function("Abs", abs),
-    "sign": Function("sign", lambda x: float((x > 0) - (x < 0))),
-    "min": Function("Min", min, arguments=2, variadic=True),
-    "Min": Function("Min", min, arguments=2, variadic=True),
-    "max": Function("Max", max, arguments=2, variadic=True),
-    "Max": Function("Max", max, arguments=2, variadic=True),
-}
-"""The grammar's functions; `where(condition, a, b)` comes on top."""
-
-# SymPy writes tan(pi/2 - x) as cot(x) by itself, and ITE for a condition that holds a Piecewise.
-_CONDITIONS = "And Or Not ITE BooleanTrue BooleanFalse".split()
-_RELATIONS = "StrictLessThan LessThan StrictGreaterThan GreaterThan Equality Unequality".split()
-_STRUCTURE = "Symbol Add Mul Pow Piecewise ExprCondPair cot".split()
-_SUPPORTED = frozenset(
-    [*(f.sympy for f in FUNCTIONS.values()), *_STRUCTURE, *_CONDITIONS, *_RELATIONS]
-)
-_KINKED = frozenset(["Abs", "sign", "Min", "Max", "Piecewise", "atan2", *_RELATIONS])
-
-_REMEDIES = {
-    "Derivative": "; write u.<speed> for a rate, or differentiate with real symbols and .doit()",
-    "Integral": "; integrate in closed form first",
-    "Heaviside": "; write Piecewise or where(condition, a, b)",
-    "DiracDelta": "; an impulse is not a force; write a short pulse",
-}
-
-ALLOWED = (
-    "a law is made of numbers, pi, t, parameters, q.<coordinate>, u.<speed> (other names as in "
-    'q["left hip"]), + - * / **, '
-    "comparisons with and/or/not, a if condition else b, where(condition, a, b), and "
-    + ", ".join(name for name in FUNCTIONS if name.islower())
-)
+_KINKED = frozenset(["Abs", "sign", "Min", "Max", "Piecewise", "atan2", *RELATIONS])
 
 
 def time() -> Expr:
@@ -151,8 +100,6 @@ def as_law(value: object, where: str) -> Law:
         InputError: not a law, not finite, not real, or with functions that are not supported.
     """
     if isinstance(value, str):
-        from deltac.mechanism.grammar import parse
-
         return parse(value, where)
     if isinstance(value, numbers.Real) and not isinstance(value, bool):
         return _finite(value, where)
@@ -229,7 +176,7 @@ def is_smooth(law: Law) -> bool:
     a power that is not an integer counts as positive: sqrt(x) is smooth, sqrt(x**2) is Abs(x).
     """
     return isinstance(law, float | Polynomial) or not any(
-        type(node).__name__ in _KINKED for node in _nodes(law)
+        type(node).__name__ in _KINKED for node in nodes_of(law)
     )
 
 
@@ -266,8 +213,8 @@ def with_values(law: Law, values: Mapping[str, float]) -> Law:
         return as_law(law.at(symbols), str(law))
     import sympy
 
-    known = {s: sympy.Float(values[s.name]) for s in law.free_symbols if s.name in values}
-    return _checked(law.xreplace(known), str(law))
+    numbers = {s: sympy.Float(values[s.name]) for s in law.free_symbols if s.name in values}
+    return _checked(law.xreplace(numbers), str(law))
 
 
 def at_times(law: Law, t: Array) -> Array:
@@ -303,43 +250,6 @@ def rate(law: Law) -> Law:
     return _checked(derivative.replace(sympy.Heaviside, step), f"derivative of {law}")
 
 
-def _nodes(expr: Expr, seen: set[Expr] | None = None) -> Iterator[Expr]:
-    """Each distinct node of an expression that is not in `seen`, which grows."""
-    seen = set() if seen is None else seen
-    stack = [expr]
-    while stack:
-        node = stack.pop()
-        if node not in seen:
-            seen.add(node)
-            yield node
-            stack.extend(node.args)
-
-
-def problem_of(expr: Expr, seen: set[Expr]) -> str:
-    """Why an expression is no law, or an empty text; skips, and adds to, the nodes in `seen`."""
-    import sympy
-    from sympy.core.function import AppliedUndef
-
-    nodes = list(_nodes(expr, seen))
-    for node in nodes:
-        name = type(node).__name__
-        if isinstance(node, AppliedUndef):
-            return f"the function {node} is not defined; write q.<coordinate>, u.<speed> or t"
-        if node is sympy.I:
-            return "the expression is complex; laws are real"
-        if node is sympy.zoo:
-            return "division by zero"
-        if not (node.is_Number or node.is_NumberSymbol or name in _SUPPORTED):
-            return f"{name} is not supported in a law{_REMEDIES.get(name, '')}"
-        if name == "Piecewise" and node.args[-1].cond != sympy.true:
-            return f"{node} says nothing where no condition holds; add a last branch (value, True)"
-    # Inner numbers before those that they make: of a tower, only the first storeys are evaluated.
-    for node in reversed(nodes):
-        if node.is_number and not math.isfinite(real_value(node)):
-            return f"{node!s:.80} is not a finite real number in double precision"
-    return ""
-
-
 def _checked(expr: Expr, where: str) -> Law:
     import sympy
 
@@ -369,13 +279,6 @@ def _normalised(expr: Expr, where: str) -> Expr:
         raise ModelError(f"{where}: {expr!s:.200} is no real expression ({error})") from None
 
 
-def symbol_of(name: str) -> Expr:
-    """The symbol of that name: real, so that |x| and x² behave."""
-    import sympy
-
-    return sympy.Symbol(name, real=True)
-
-
 def _finite(number: Any, where: str) -> float:
     try:
         value = float(number)
@@ -384,11 +287,3 @@ def _finite(number: Any, where: str) -> float:
     if not math.isfinite(value):
         raise ModelError(f"{where}: found {number!s:.80}, expected a finite number")
     return value
-
-
-def real_value(expr: Expr) -> float:
-    """The double nearest to an expression without symbols; NaN if it is not real."""
-    try:
-        return float(expr.evalf(17))
-    except (TypeError, OverflowError):
-        return math.nan

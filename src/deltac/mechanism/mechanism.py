@@ -150,20 +150,20 @@ class Mechanism(Shown):
     @cached_property
     def children(self) -> Mapping[str, tuple[Joint, ...]]:
         """The joints that start at each body (and at the ground)."""
-        found: dict[str, list[Joint]] = {GROUND: [], **{body.name: [] for body in self.bodies}}
+        by_parent: dict[str, list[Joint]] = {GROUND: [], **{body.name: [] for body in self.bodies}}
         for joint in self.joints:
-            found[joint.parent].append(joint)
-        return {name: tuple(joints) for name, joints in found.items()}
+            by_parent[joint.parent].append(joint)
+        return {name: tuple(joints) for name, joints in by_parent.items()}
 
     def body(self, name: str) -> Body:
         """The body of that name; InputError with the closest match otherwise."""
-        found: Body = _named(self.bodies, name, "body")
-        return found
+        part: Body = _named(self.bodies, name, "body")
+        return part
 
     def joint(self, name: str) -> Joint:
         """The joint of that name; InputError with the closest match otherwise."""
-        found: Joint = _named(self.joints, name, "joint")
-        return found
+        part: Joint = _named(self.joints, name, "joint")
+        return part
 
     # --- numbers -------------------------------------------------------------------------------
 
@@ -270,13 +270,13 @@ class Mechanism(Shown):
 
 
 def _entries(joints: Sequence[Joint], what: Literal["coordinates", "speeds"]) -> Entries:
-    made: list[Entry] = []
+    entries: list[Entry] = []
     for joint in joints:
         slots = getattr(KINDS[joint.kind], what)
         for name, (suffix, unit) in zip(getattr(joint, what), slots):
             turns = suffix in ("qw", "qx", "qy", "qz")
-            made.append(Entry(name, joint.name, unit, len(made), joint.prescribed, turns))
-    return Entries(tuple(made))
+            entries.append(Entry(name, joint.name, unit, len(entries), joint.prescribed, turns))
+    return Entries(tuple(entries))
 
 
 def _named(parts: Sequence[Any], name: str, what: str) -> Any:
@@ -286,14 +286,14 @@ def _named(parts: Sequence[Any], name: str, what: str) -> Any:
     raise UnknownName(f"unknown {what} {name!r}{closest(name, [part.name for part in parts])}")
 
 
-def _of_kind(given: Any, what: str, kind: Any, example: str) -> tuple[Any, ...]:
+def _of_kind(elements: Any, what: str, kind: Any, example: str) -> tuple[Any, ...]:
     """The parts as a tuple; InputError unless each is of its kind."""
-    if not isinstance(given, Iterable) or isinstance(given, str):
+    if not isinstance(elements, Iterable) or isinstance(elements, str):
         raise ModelError(
-            f"{what} of the mechanism: found {_described(given)}, expected a sequence of what {example} "
+            f"{what} of the mechanism: found {_described(elements)}, expected a sequence of what {example} "
             "returns"
         )
-    parts = tuple(given)
+    parts = tuple(elements)
     for part in parts:
         if not isinstance(part, kind):
             raise ModelError(
@@ -306,15 +306,19 @@ def _described(value: object) -> str:
     return value.where if isinstance(value, Part) else shown(value)
 
 
-def _parameters(given: Mapping[str, float]) -> dict[str, float]:
+def _parameters(parameters: Mapping[str, float]) -> dict[str, float]:
     """The parameters as floats; their names must be usable in laws."""
-    if not isinstance(given, Mapping):
-        raise ModelError(f"parameters: found {shown(given)}, expected values by name: {{'k': 2.0}}")
+    if not isinstance(parameters, Mapping):
+        raise ModelError(
+            f"parameters: found {shown(parameters)}, expected values by name: {{'k': 2.0}}"
+        )
     values: dict[str, float] = {}
-    for name, value in given.items():
-        taken = ("t", "q", "u", "pi")
+    for name, value in parameters.items():
+        reserved = ("t", "q", "u", "pi")
         address = isinstance(name, str) and name.partition(".")[0] in ADDRESSED
-        if not address and (not isinstance(name, str) or not name.isidentifier() or name in taken):
+        if not address and (
+            not isinstance(name, str) or not name.isidentifier() or name in reserved
+        ):
             raise ModelError(
                 f"parameter {name!r}: a name of letters, digits and underscores is expected, "
                 "other than t, q, u and pi"
@@ -358,8 +362,8 @@ def _tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint,
     reached = {GROUND}
     waiting = list(joints)
     while waiting:
-        ready = [joint for joint in waiting if joint.parent in reached]
-        if not ready:
+        next_joints = [joint for joint in waiting if joint.parent in reached]
+        if not next_joints:
             cycle = ", ".join(
                 f"{joint.name!r} ({joint.parent} → {joint.child})" for joint in waiting
             )
@@ -368,7 +372,7 @@ def _tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint,
                 "mechanism must form a tree rooted at 'ground'"
             )
         # The first in the order given: an order that already has parents first is kept as it is.
-        first = ready[0]
+        first = next_joints[0]
         ordered.append(first)
         reached.add(first.child)
         waiting.remove(first)
@@ -377,11 +381,11 @@ def _tree_order(bodies: Sequence[Body], joints: Sequence[Joint]) -> tuple[Joint,
 
 def _distinct(parts: Iterable[Part], what: str) -> None:
     """InputError if two parts of one kind share a name."""
-    seen: set[str] = set()
+    names: set[str] = set()
     for part in parts:
-        if part.name in seen:
+        if part.name in names:
             raise ModelError(f"two {what} are called {part.name!r}; names must differ")
-        seen.add(part.name)
+        names.add(part.name)
 
 
 def _check_names_of_coordinates(mechanism: Mechanism) -> None:

@@ -29,12 +29,12 @@ from deltac.mechanism.quantities import as_rotation, part_name, positive, unit_v
 from deltac.mechanism.scope import Scope, require_name
 
 
-def constructor(made: Target, options: Callable[..., Any] | None = None) -> Target:
+def constructor(target: Target, options: Callable[..., Any] | None = None) -> Target:
     """The decorator of functions and classes that make parts: see `checked`.
 
     Users call a class by the name of a function, ``forces.joint_damper`` for `JointDamper`.
     """
-    return checked(made, options, re.sub(r"(?<!^)([A-Z])", r"_\1", made.__name__).lower())
+    return checked(target, options, re.sub(r"(?<!^)([A-Z])", r"_\1", target.__name__).lower())
 
 
 # --- kinds of fields ------------------------------------------------------------------------------
@@ -140,10 +140,10 @@ MovingBody: TypeAlias = Annotated[str, Kind(_name_of("body"), body="moving")]
 def _choice(options: Sequence[str]) -> Kind:
     def read(value: Any, where: str) -> Any:
         if value not in options:
-            known = " or ".join(map(repr, options))
+            choices = " or ".join(map(repr, options))
             hint = closest(str(value), options)
             hint = hint if "did you mean" in hint else ""
-            raise UnknownName(f"{where}: found {shown(value)}, expected {known}{hint}")
+            raise UnknownName(f"{where}: found {shown(value)}, expected {choices}{hint}")
         return value
 
     return Kind(read)
@@ -152,14 +152,14 @@ def _choice(options: Sequence[str]) -> Kind:
 @cache
 def kinds_of(part: type[Any]) -> dict[str, Kind]:
     """The kinds of a part's fields, by name; fields of other types have none."""
-    found = {}
+    kinds = {}
     for name, hint in get_type_hints(part, include_extras=True).items():
         if get_origin(hint) is Literal:
-            found[name] = _choice(get_args(hint))
+            kinds[name] = _choice(get_args(hint))
         for kind in get_args(hint):
             if isinstance(kind, Kind):
-                found[name] = kind
-    return {field.name: found[field.name] for field in fields(part) if field.name in found}
+                kinds[name] = kind
+    return {field.name: kinds[field.name] for field in fields(part) if field.name in kinds}
 
 
 # --- parts ----------------------------------------------------------------------------------------
@@ -193,8 +193,8 @@ class Declared:
 
     @property
     def _kinds(self) -> dict[str, Kind]:
-        made: Any = type(self)
-        return kinds_of(made)
+        cls: Any = type(self)
+        return kinds_of(cls)
 
     def _absent(self, name: str) -> bool:
         return getattr(self, name) is None and getattr(type(self), name, 0) is None

@@ -82,18 +82,18 @@ def as_rotation(value: Any, where: str) -> Matrix:
     """
     if value is None:
         return IDENTITY
-    given = value if hasattr(value, "__len__") else ()
-    rows = [list(row) if hasattr(row, "__len__") else row for row in given]
+    entries = value if hasattr(value, "__len__") else ()
+    rows = [list(row) if hasattr(row, "__len__") else row for row in entries]
     if len(rows) == 4 and not any(isinstance(row, list) for row in rows):
         return _from_quaternion([float(entry) for entry in value], where)
     if len(rows) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in rows):
         raise ModelError(f"{where}: expected a 3 by 3 rotation matrix or a quaternion (w, x, y, z)")
     r = [[float(entry) for entry in list(row)] for row in rows]
     gram = [[sum(r[k][i] * r[k][j] for k in range(3)) for j in range(3)] for i in range(3)]
-    off = max(abs(gram[i][j] - (i == j)) for i in range(3) for j in range(3))
-    if not (off < 1e-6 and _determinant(r) > 0.0):
+    error = max(abs(gram[i][j] - (i == j)) for i in range(3) for j in range(3))
+    if not (error < 1e-6 and _determinant(r) > 0.0):
         raise ModelError(
-            f"{where}: the matrix is not a rotation (its columns depart from orthonormal by {off:.3g}, "
+            f"{where}: the matrix is not a rotation (its columns depart from orthonormal by {error:.3g}, "
             f"its determinant is {_determinant(r):.3g}); give an orthonormal matrix, a quaternion, or "
             "deltac.rotation_matrix(axis, angle)"
         )

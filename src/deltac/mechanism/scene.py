@@ -182,10 +182,12 @@ class Element(Part):
 
     def spring_channels(self, force: Any, potential: Any, explicit: Any) -> list[Channel]:
         """``spring``, and ``prescribed`` for the power ∂V/∂t of a potential that depends on time."""
-        made = [self.channel("spring", force, potential)]
+        channels = [self.channel("spring", force, potential)]
         if not explicit.is_zero():
-            made.append(Channel(ChannelName("prescribed", self.name), 0 * force, explicit=explicit))
-        return made
+            channels.append(
+                Channel(ChannelName("prescribed", self.name), 0 * force, explicit=explicit)
+            )
+        return channels
 
 
 class Constraint(Part):

@@ -77,9 +77,9 @@ class Scope:
     def body(self, name: str, where: str, *, ground: bool = True) -> None:
         """There is such a body; the ground counts if it may."""
         require_name(name, "body", where)
-        known = (GROUND, *self.bodies) if ground else self.bodies
-        if name not in known:
-            raise UnknownName(f"{where}: unknown body {name!r}{closest(name, known)}")
+        names = (GROUND, *self.bodies) if ground else self.bodies
+        if name not in names:
+            raise UnknownName(f"{where}: unknown body {name!r}{closest(name, names)}")
 
     def joint(self, name: str, where: str) -> tuple[tuple[Entry, ...], tuple[Entry, ...]]:
         """There is such a joint and it moves: its coordinates and speeds."""

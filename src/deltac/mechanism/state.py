@@ -56,8 +56,8 @@ def make_state(
         if quaternion:
             q[quaternion] = _unit(q[quaternion], joint.name, named_q)
         for k, law in enumerate(joint.motion):
-            known = {**scope.parameters, "t": t}
-            value, derivative = evaluate(law, known), evaluate(rate(law), known)
+            values = {**scope.parameters, "t": t}
+            value, derivative = evaluate(law, values), evaluate(rate(law), values)
             _settle(q, place.start + k, value, joint.coordinates[k], named_q, t)
             start = scope.speeds.of(joint.name).start
             _settle(u, start + k, derivative, joint.speeds[k], named_u, t)
@@ -66,17 +66,17 @@ def make_state(
 
 
 def _fill(
-    entries: Entries, given: Mapping[str, Any] | Iterable[float] | None, what: str
+    entries: Entries, source: Mapping[str, Any] | Iterable[float] | None, what: str
 ) -> tuple[NDArray[np.float64], set[str]]:
     """The full vector, zero where nothing is given, and the names of what was given."""
     import numpy as np
 
     values = np.zeros(len(entries))
-    if given is None:
+    if source is None:
         return _checked_finite(values, entries, what), set()
-    if not isinstance(given, Mapping):
-        single = getattr(given, "ndim", 1) == 0 or not isinstance(given, Iterable)
-        entire = given if single else list(given)
+    if not isinstance(source, Mapping):
+        single = getattr(source, "ndim", 1) == 0 or not isinstance(source, Iterable)
+        entire = source if single else list(source)
         array = _array(entire, f"{what}s of the state")
         if array.shape != values.shape:
             raise StateError(
@@ -86,7 +86,7 @@ def _fill(
         return _checked_finite(array, entries, what), set(entries.names)
     named: set[str] = set()
     joints = {entry.joint for entry in entries}
-    for name, value in given.items():
+    for name, value in source.items():
         if name in entries.names:
             values[entries[name].index] = _scalar(value, name, what)
             named.add(name)

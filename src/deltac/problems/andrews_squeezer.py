@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import body
-from deltac.mechanism.constraints import loop_revolute
-from deltac.mechanism.forces import joint_torque, spring_damper
-from deltac.mechanism.joints import revolute
+from deltac.bodies import body
+from deltac.constraints import loop_revolute
+from deltac.forces import joint_torque, spring_damper
+from deltac.joints import revolute
 from deltac.mechanism.laws import LawLike
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Reference, Signal, coordinate, energy, instant, speed

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
+from deltac import shapes
 from deltac.arrays import Array
-from deltac.mechanism import shapes
-from deltac.mechanism.bodies import sphere
-from deltac.mechanism.contact import contact
-from deltac.mechanism.joints import prismatic
+from deltac.bodies import sphere
+from deltac.forces import contact
+from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Reference, coordinate, instant, largest
 from deltac.trajectories import Trajectory

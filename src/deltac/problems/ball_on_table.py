@@ -8,10 +8,10 @@ from typing import Any, Literal
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.bodies import disc, frame, sphere
+from deltac.constraints import rolling
 from deltac.errors import UnknownName
-from deltac.mechanism.bodies import disc, frame, sphere
-from deltac.mechanism.constraints import rolling
-from deltac.mechanism.joints import free, prismatic, revolute
+from deltac.joints import free, prismatic, revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Signal, coordinate, instant, instants, rotated, work
 from deltac.trajectories import Trajectory
@@ -51,8 +51,10 @@ def make(table: Table, *, rising: bool) -> Problem:
         x, y = _circle(t)
         gain = _kinetic(t) - start
         reference += instants({t: (x, y, RADIUS + height)}, centre, "m", "exact", 1e-15)
-        moving = _kinetic(t) + 0.5 * MASS * lift**2
-        reference.append(instant("K of the ball", t, _ball_kinetic, moving, "J", "exact", 1e-15))
+        kinetic_energy = _kinetic(t) + 0.5 * MASS * lift**2
+        reference.append(
+            instant("K of the ball", t, _ball_kinetic, kinetic_energy, "J", "exact", 1e-15)
+        )
         if table == "laws":
             total = gain + 0.5 * MASS * lift**2 + MASS * G * height
             done = work(mechanism, "constraint contact")

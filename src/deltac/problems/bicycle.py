@@ -8,9 +8,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import body
-from deltac.mechanism.constraints import rolling
-from deltac.mechanism.joints import free, revolute
+from deltac.bodies import body
+from deltac.constraints import rolling
+from deltac.joints import free, revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Measure, Problem, Signal, energy, instants, whole
 from deltac.trajectories import Trajectory

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism.bodies import point_mass
-from deltac.mechanism.friction import friction_law, point_friction
-from deltac.mechanism.joints import prismatic
+from deltac.bodies import point_mass
+from deltac.forces import friction_law, point_friction
+from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, coordinate, instant, speed, whole, work
 from deltac.trajectories import Trajectory

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from deltac import shapes
 from deltac.arrays import Array
+from deltac.bodies import point_mass
 from deltac.errors import InputError
-from deltac.mechanism import shapes
-from deltac.mechanism.bodies import point_mass
-from deltac.mechanism.events import event, impact
-from deltac.mechanism.joints import prismatic
+from deltac.events import event, impact
+from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Measure, Problem, Reference
 from deltac.trajectories import Trajectory

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from deltac import rotations
 from deltac.arrays import Array
-from deltac.mechanism.bodies import box
-from deltac.mechanism.constraints import loop_revolute
-from deltac.mechanism.joints import revolute
+from deltac.bodies import box
+from deltac.constraints import loop_revolute
+from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Signal, energy, instant, instants
 from deltac.trajectories import Trajectory

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import body
-from deltac.mechanism.joints import revolute
+from deltac.bodies import body
+from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory

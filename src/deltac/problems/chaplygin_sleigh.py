@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import body
-from deltac.mechanism.constraints import skate
-from deltac.mechanism.joints import planar
+from deltac.bodies import body
+from deltac.constraints import skate
+from deltac.joints import planar
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, coordinate, energy, instant, instants, speed
 from deltac.trajectories import Trajectory

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism.bodies import disc
-from deltac.mechanism.friction import joint_friction
-from deltac.mechanism.joints import revolute
+from deltac.bodies import disc
+from deltac.forces import joint_friction
+from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, instant, speed, whole, work
 

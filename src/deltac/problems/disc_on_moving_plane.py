@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import disc
-from deltac.mechanism.constraints import rolling
-from deltac.mechanism.joints import free
+from deltac.bodies import disc
+from deltac.constraints import rolling
+from deltac.joints import free
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, coordinate, energy, instant, instants, speed, work
 from deltac.trajectories import Trajectory

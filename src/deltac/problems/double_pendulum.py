@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import point_mass
-from deltac.mechanism.joints import revolute
+from deltac.bodies import point_mass
+from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Signal, energy, instant, instants
 from deltac.trajectories import Trajectory

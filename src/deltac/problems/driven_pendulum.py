@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism.bodies import frame, point_mass
-from deltac.mechanism.joints import prismatic, revolute
+from deltac.bodies import frame, point_mass
+from deltac.joints import prismatic, revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, coordinate, instant
 

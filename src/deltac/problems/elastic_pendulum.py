@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import frame, point_mass
-from deltac.mechanism.forces import spring_damper
-from deltac.mechanism.joints import prismatic
+from deltac.bodies import frame, point_mass
+from deltac.forces import spring_damper
+from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import frame, point_mass
+from deltac.bodies import frame, point_mass
+from deltac.joints import prismatic
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, coordinate, delta_c_range, instants, whole
 from deltac.trajectories import Trajectory

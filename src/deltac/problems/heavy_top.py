@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import body
-from deltac.mechanism.joints import spherical
+from deltac.bodies import body
+from deltac.joints import spherical
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Signal, coordinate, energy, instant, instants, rotated
 from deltac.trajectories import Trajectory

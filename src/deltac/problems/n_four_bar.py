@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.bodies import rod
+from deltac.constraints import loop_revolute
 from deltac.errors import InputError
-from deltac.mechanism.bodies import rod
-from deltac.mechanism.constraints import loop_revolute
-from deltac.mechanism.joints import revolute
+from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Signal, energy, instant, instants, whole
 from deltac.trajectories import Trajectory

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import frame, point_mass
-from deltac.mechanism.constraints import distance
-from deltac.mechanism.joints import prismatic
+from deltac.bodies import frame, point_mass
+from deltac.constraints import distance
+from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory

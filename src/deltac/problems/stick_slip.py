@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import frame, point_mass
-from deltac.mechanism.friction import friction_law, point_friction
-from deltac.mechanism.joints import prismatic
+from deltac.bodies import frame, point_mass
+from deltac.forces import friction_law, point_friction
+from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, period, whole
 from deltac.trajectories import Trajectory

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import box, point_mass
-from deltac.mechanism.forces import spring_damper
-from deltac.mechanism.joints import fixed, prismatic, revolute
+from deltac.bodies import box, point_mass
+from deltac.forces import spring_damper
+from deltac.joints import fixed, prismatic, revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, coordinate, energy, instant, speed
 from deltac.trajectories import Trajectory

@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import point_mass, rod
-from deltac.mechanism.constraints import loop_spherical
-from deltac.mechanism.events import joint_stop
-from deltac.mechanism.joints import prismatic, revolute
+from deltac.bodies import point_mass, rod
+from deltac.constraints import loop_spherical
+from deltac.events import joint_stop
+from deltac.joints import prismatic, revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.bouncing_ball import losses
 from deltac.problems.problem import Measure, Problem, whole

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import box
-from deltac.mechanism.joints import free
+from deltac.bodies import box
+from deltac.joints import free
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Signal, energy, instant, instants, rotated, speed
 from deltac.trajectories import Trajectory

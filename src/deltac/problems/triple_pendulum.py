@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.bodies import rod
+from deltac.constraints import motion_constraint
 from deltac.errors import InputError, UnknownName
-from deltac.mechanism.bodies import rod
-from deltac.mechanism.constraints import motion_constraint
+from deltac.forces import joint_torque
+from deltac.joints import revolute
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.forces import joint_torque
-from deltac.mechanism.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import (
     Problem,

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-from deltac.mechanism import shapes
-from deltac.mechanism.bodies import box
-from deltac.mechanism.contact import contact
-from deltac.mechanism.friction import friction_law
-from deltac.mechanism.joints import free
+from deltac import shapes
+from deltac.bodies import box
+from deltac.forces import contact, friction_law
+from deltac.joints import free
 from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, energy, instant, kinetic, whole
 from deltac.trajectories import Trajectory

@@ -12,6 +12,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
+from deltac.calls.services import service
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.testing_functions import MOMENTUM
 from deltac.energy.live import (
@@ -314,9 +315,8 @@ class Monitor:
         ...     mujoco.mj_step(model, data)
         ...     watch.update()
         """
-        from deltac.recorders.mujoco_monitor import MujocoMonitor
-
-        return MujocoMonitor(self, model, data)
+        watched: MujocoMonitor = service("MujocoMonitor")(self, model, data)
+        return watched
 
     def gymnasium(self, env: Any) -> MonitoredEnv:
         """This monitor in a Gymnasium environment of MuJoCo: ΔC in the info of each step.
@@ -325,9 +325,8 @@ class Monitor:
         >>> env = dc.Monitor(env.unwrapped.model, tolerance=0.05).gymnasium(env)  # doctest: +SKIP
         """
         simulator("gymnasium", "models")
-        from deltac.recorders.gymnasium_monitor import MonitoredEnv
-
-        return MonitoredEnv(env, self)
+        watched: MonitoredEnv = service("MonitoredEnv")(env, self)
+        return watched
 
     def judge(self, within: bool) -> bool:
         """Do what `on_exceed` says unless the last row is within the bounds; returns whether it is."""

@@ -226,11 +226,11 @@ class PybulletRecorder(Recorder):
         rates = [*(R.T @ a[3:6]), *(R.T @ (a[:3] - self._gravity)), *a[6:]]
         nothing = [0.0] * (6 + len(q))
         flags = {"flags": 0, **self._of}
-        found = np.array(p.calculateInverseDynamics(body, where, along, rates, **flags))
+        forces = np.array(p.calculateInverseDynamics(body, where, along, rates, **flags))
         weight = np.array(p.calculateInverseDynamics(body, where, nothing, nothing, **flags))
-        found = found - weight
-        size = float(np.abs(weight).max() + np.abs(found).max())
-        return np.concatenate([R @ found[:3], R @ found[3:6], found[6:]]), size
+        forces = forces - weight
+        size = float(np.abs(weight).max() + np.abs(forces).max())
+        return np.concatenate([R @ forces[:3], R @ forces[3:6], forces[6:]]), size
 
     def _name(self, rest: Array, least: float, forces: Forces) -> None:
         """Give what is left over the name of what it can be."""

@@ -8,7 +8,7 @@ from typing import Any
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from deltac.report.style import styled
+from deltac.report.style import WIDTH, entitle, styled
 
 
 class Picture(Figure):
@@ -27,3 +27,23 @@ class Picture(Figure):
         file = io.BytesIO()
         self.savefig(file, format="png", dpi=100)
         return file.getvalue()
+
+
+def blank(
+    height: float, title: str, *, width: float = WIDTH, below: float = 0.5, right: float = 0.14
+) -> Figure:
+    """An empty figure (inches) with its title, and room `below` and `right` of the panels.
+
+    Margins are set by hand: matplotlib's automatic layout takes longer than all the drawing.
+    """
+    figure = Picture(figsize=(width, height))
+    figure.subplots_adjust(
+        left=0.72 / width,
+        right=1 - right / width,
+        bottom=below / height,
+        top=1 - 0.62 / height,
+    )
+    figure.suptitle("", fontsize=12, fontweight="bold", x=0.12 / width, ha="left")
+    figure.texts[0].set_y(1 - 0.1 / height)
+    entitle(figure, title)
+    return figure

@@ -34,6 +34,7 @@ from deltac.report.panels import (
     residuals,
     study_errors,
 )
+from deltac.report.picture import blank
 from deltac.report.style import (
     BAD,
     BESIDE,
@@ -48,7 +49,6 @@ from deltac.report.style import (
     SMALL,
     WIDTH,
     align_labels,
-    blank,
     entitle,
     fitted,
     legend_beside,
@@ -159,7 +159,7 @@ def _drawn(title: str, *panels: Panel) -> Figure:
     ratios = [heights[0]]
     for height in heights[1:]:
         ratios += [GAP, height]
-    drawing = blank(sum(ratios) + 1.12, title, beside=BESIDE)
+    drawing = blank(sum(ratios) + 1.12, title, right=BESIDE)
     grid = drawing.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.0)
     for k, panel in enumerate(shown):
         _DRAWERS[type(panel)](drawing.add_subplot(grid[2 * k, 0]), panel)
@@ -357,7 +357,7 @@ def _localisation(report: Localisation) -> Figure:
 def _explanation(report: Explanation) -> Figure:
     """What each cause explains of the residual of the equations."""
     causes = report.causes
-    drawing = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {report.kind}", beside=BESIDE)
+    drawing = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {report.kind}", right=BESIDE)
     panel = drawing.subplots()
     places = np.arange(len(causes))
     panel.barh(places, [100.0 * c.share for c in causes], color=BAD, height=0.6)
@@ -385,7 +385,7 @@ def _mutants(report: MutationReport) -> Figure:
     counts = report.counts()
     kinds = list(counts)
     drawing = blank(
-        1.4 + 0.34 * max(len(kinds), 3), f"{report.function}: who sees a mistake?", beside=0.9
+        1.4 + 0.34 * max(len(kinds), 3), f"{report.function}: who sees a mistake?", right=0.9
     )
     panel = drawing.subplots()
     mistakes = [row["mutants"] - row["equivalent"] for row in counts.values()]
@@ -430,7 +430,7 @@ def _examination(report: Examination) -> Figure:
 
 def _linearisation(report: Linearisation) -> Figure:
     """The eigenvalues in the complex plane; what grows is right of the line."""
-    drawing = blank(4.4, "Eigenvalues", beside=BESIDE)
+    drawing = blank(4.4, "Eigenvalues", right=BESIDE)
     panel = drawing.subplots()
     values = report.eigenvalues
     size = 1e-9 * float(np.abs(values).max(initial=0.0))

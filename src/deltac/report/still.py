@@ -17,7 +17,8 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.report.page.geometry import Form, unit
 from deltac.report.page.scene import Scene, scene, turned
-from deltac.report.style import blank, styled
+from deltac.report.picture import blank
+from deltac.report.style import styled
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:

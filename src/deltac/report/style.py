@@ -85,28 +85,6 @@ def styled() -> AbstractContextManager[None]:
     return matplotlib.rc_context(settings)
 
 
-def blank(
-    height: float, title: str, *, width: float = WIDTH, below: float = 0.5, beside: float = 0.14
-) -> Figure:
-    """An empty figure (inches) with its title, and room `below` and `beside` the panels.
-
-    Margins are set by hand: matplotlib's automatic layout takes longer than all the drawing.
-    """
-    from deltac.report.picture import Picture
-
-    figure = Picture(figsize=(width, height))
-    figure.subplots_adjust(
-        left=0.72 / width,
-        right=1 - beside / width,
-        bottom=below / height,
-        top=1 - 0.62 / height,
-    )
-    figure.suptitle("", fontsize=12, fontweight="bold", x=0.12 / width, ha="left")
-    figure.texts[0].set_y(1 - 0.1 / height)
-    entitle(figure, title)
-    return figure
-
-
 def entitle(figure: Figure, title: str) -> None:
     """Give a figure another title, cut where it would not fit."""
     most = int(10.5 * figure.get_figwidth())

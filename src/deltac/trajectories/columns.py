@@ -13,7 +13,8 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 from deltac.errors import WrongType
-from deltac.mechanism.laws import Law, rate, with_values
+from deltac.mechanism.expressions import Law
+from deltac.mechanism.laws import rate, with_values
 
 if TYPE_CHECKING:
     from deltac.mechanism.mechanism import Mechanism

@@ -148,10 +148,12 @@ _MAPPINGS = ("forces_before", "forces_after", "impulses")
 
 def _array(value: Any, size: int | None, where: str) -> FloatArray:
     try:
-        found = np.asarray(value)
-        if found.dtype.kind not in "iuf" and found.size:  # no texts, which NumPy would read
+        array_value = np.asarray(value)
+        if (
+            array_value.dtype.kind not in "iuf" and array_value.size
+        ):  # no texts, which NumPy would read
             raise TypeError
-        array = np.array(found, dtype=np.float64)
+        array = np.array(array_value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise LogError(f"{where}: found {shown(value)}, expected numbers") from None
     if array.ndim != 1 or (size is not None and array.size != size):

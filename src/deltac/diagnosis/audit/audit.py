@@ -12,12 +12,12 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.calls.progress import Parts, Progress, TimeLimit, untold
+from deltac.calls.progress import Parts, Progress, TimeLimit, counted, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
-from deltac.diagnosis.explain.explain import with_gears
+from deltac.diagnosis.explain.explain import joint_explanation, with_gears
 from deltac.diagnosis.explain.result import Cause, Explanation
 from deltac.diagnosis.inference.attribution import Attribution, Share
 from deltac.diagnosis.inference.flow import FORCES
@@ -391,7 +391,7 @@ def audit(
 @interruptible()
 def explain_residual(
     model: ModelLike,
-    log: LogLike,
+    log: LogLike | list[LogLike],
     *,
     mapping: MappingLike = None,
     coordinates: CoordinateMap | str | None = None,
@@ -406,13 +406,16 @@ def explain_residual(
     they are, and channels among them that the model does not have are noted. Motors of which a recorded run
     tells another strength than the model's are causes too, although their logged forces close the equations.
 
+    Several logs of one machine share its causes, each with an integrator and noise of its own: what none of
+    them shows alone may be certain from all.
+
     Args:
         model: as for `audit`.
-        log: as for `audit`.
+        log: as for `audit`; or a list of several.
         mapping: path of a mapping file, for logs whose columns have other names or units.
         coordinates: those of the log's columns, as for `audit`.
         replay: as for `audit`.
-        time_limit: as for `audit`.
+        time_limit: as for `audit`, for each log.
         progress: called with the fraction done.
 
     Returns:
@@ -422,22 +425,36 @@ def explain_residual(
         InputError: model or log cannot be read, the log is not of this model, or it is too short.
     """
     reference = _reference(model, RUN_TOLERANCE, None)
-    mechanism, report = reference.mechanism, reference.import_report
-    if not len(mechanism.free.u):
+    report = reference.import_report
+    if not len(reference.mechanism.free.u):
         raise ModelError(
             "every joint of the model is prescribed: no equation of motion is left to explain"
         )
-    source = _Source(log, mapping, coordinates, replay, passive=False)
-    judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(progress, SHARES))
-    run, explanation = judged.rows, judged.explanation
-    if judged.inference is None and not explanation.reasons:
-        raise LogError(
-            f"the log has {len(run)} rows, or the model's motion leaves all bounds between them: too few "
-            "follow each other to explain anything. Log more of the motion, or a smaller step"
-        )
-    works = motors.foreign_channels(mechanism, run, report)
-    notes = tuple(words for _, words in motors.foreign_words(works))
-    return replace(with_gears(explanation, motors.other_gears(run, report)), notes=notes)
+    logs = log if isinstance(log, list) else [log]
+    if not logs:
+        raise LogError("the list of logs is empty; give one log, or several of the same machine")
+    judgements = list[Judgement]()
+    for one in counted(logs, progress or untold):
+        source = _Source(one, mapping, coordinates, replay, passive=False)
+        judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(None, SHARES))
+        if judged.inference is None and not judged.explanation.reasons:
+            raise LogError(
+                f"the log has {len(judged.rows)} rows, or the model's motion leaves all bounds between them: "
+                "too few follow each other to explain anything. Log more of the motion, or a smaller step"
+            )
+        judgements.append(judged)
+    each = [judged.explanation for judged in judgements]
+    explanation = next((one for one in each if one.kind == "doubtful"), each[0])
+    inferences = [j.inference for j in judgements if j.inference is not None]
+    if len(logs) > 1 and len(inferences) == len(logs) and explanation.kind != "doubtful":
+        explanation = joint_explanation(inferences, each)
+    gears: dict[str, motors.Gear] = {}
+    notes: dict[str, None] = {}
+    for judged in judgements:
+        gears |= {gear.channel: gear for gear in motors.other_gears(judged.rows, report)}
+        works = motors.foreign_channels(reference.mechanism, judged.rows, report)
+        notes |= dict.fromkeys(words for _, words in motors.foreign_words(works))
+    return replace(with_gears(explanation, list(gears.values())), notes=tuple(notes))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,8 @@ from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Parts, Progress, untold
 from deltac.diagnosis.check.example import Example, simplest_failure
-from deltac.diagnosis.check.location import Blame, blame, blame_at
-from deltac.diagnosis.check.whole import whole_causes
+from deltac.diagnosis.check.location import Blame, blame, blame_at, explained, without_sums
+from deltac.diagnosis.check.whole import causes_of_model, whole_causes
 from deltac.diagnosis.inputs.equations import load_equations
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
@@ -295,13 +295,9 @@ def check_equations(
         findings += _other_coordinates(loaded, own, chosen, count=count, seed=seed)
         if not any(f.kind == "coordinates" for f in findings):
             parts.part("causes")
-            causes = whole_causes(caller, test, explained=_told(blamed))
+            causes = whole_causes(caller, test, explained=explained(blamed))
             findings += causes
-            if causes:  # what sums up to it would mislead
-                blamed = tuple(
-                    b if _simple(b) else replace(b, terms=(), solved=(), monomials=())
-                    for b in blamed
-                )
+            blamed = without_sums(blamed) if causes else blamed
     evidence = judged.verdict.evidence
     if not caller.form.plain:
         form = caller.form.describe(kane.told_names, test.speeds)
@@ -339,11 +335,14 @@ def check_states(
     rough = np.zeros(len(test.speeds))
     judged = _judged(test, udot, limit, rates, name=name, tolerance=accepted, rough=rough)
     limits = (*LIMITS, "the function at states that are not in the table")
-    wrong = judged.verdict.kind == "equation-error"
+    if judged.verdict.kind != "equation-error":
+        return replace(judged, verdict=replace(judged.verdict, limits=limits))
+    blamed = blame_at(test, udot, limit)
+    findings = () if explained(blamed) else causes_of_model(test, udot)
     return replace(
         judged,
-        verdict=replace(judged.verdict, limits=limits),
-        blame=blame_at(test, udot, limit) if wrong else (),
+        verdict=replace(judged.verdict, limits=limits, findings=findings),
+        blame=without_sums(blamed) if findings else blamed,
     )
 
 
@@ -397,17 +396,6 @@ def _judged(
         vectorised=False,
         rates=rates,
     )
-
-
-def _told(blamed: tuple[Blame, ...]) -> bool:
-    """Whether one term says it all of every equation, its factor being plain or a formula."""
-    each = [entry.solved or entry.terms for entry in blamed]
-    return all(len(one) == 1 and (one[0].plain or one[0].formula or one[0].ratio) for one in each)
-
-
-def _simple(entry: Blame) -> bool:
-    """Whether an error is one term, or terms that are missing, of the wrong sign, twice or by half."""
-    return len(entry.terms) == 1 or (bool(entry.terms) and all(m.plain for m in entry.terms))
 
 
 def _wrong_rates(caller: Caller, test: EquationTest) -> dict[str, float]:

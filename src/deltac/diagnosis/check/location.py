@@ -95,6 +95,22 @@ class Blame(Serialisable):
         return "; ".join(parts)
 
 
+def explained(blamed: tuple[Blame, ...]) -> bool:
+    """Whether one term says it all of every equation, its factor being plain or a formula."""
+    each = [entry.solved or entry.terms for entry in blamed]
+    return all(len(one) == 1 and (one[0].plain or one[0].formula or one[0].ratio) for one in each)
+
+
+def without_sums(blamed: tuple[Blame, ...]) -> tuple[Blame, ...]:
+    """The same without sums of several terms with odd factors: what all equations have is another cause."""
+    return tuple(
+        entry
+        if len(entry.terms) == 1 or (entry.terms and all(m.plain for m in entry.terms))
+        else replace(entry, terms=(), solved=(), monomials=())
+        for entry in blamed
+    )
+
+
 @dataclass(frozen=True)
 class Monomial(Serialisable):
     """What is proportional to a product of rates in M u̇ of one equation, and in the model's.

@@ -22,7 +22,7 @@ from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System, trace
 from deltac.errors import InputError
 from deltac.kernels.lowering import to_sympy
-from deltac.mechanism.laws import symbol_of
+from deltac.mechanism.expressions import symbol_of
 
 MOST_SPEEDS = 4
 """Terms grow exponentially with the number of speeds, and so does the time to simplify them."""

@@ -1,7 +1,7 @@
-"""Causes that concern a function as a whole: other coordinates, one parameter, a linearised version.
+"""Causes that concern a function as a whole: other coordinates, another model, a linearised version.
 
 Each is a hypothesis that is tested: the function is called at the states as it would see them, or the model
-is given other parameters, and all accelerations must agree.
+is given other parameters, masses or forces, and all accelerations must agree.
 """
 
 from __future__ import annotations
@@ -15,13 +15,19 @@ from time import monotonic
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.diagnosis.causes.causes import Candidate, candidates
+from deltac.diagnosis.causes.columns import column_kernels
+from deltac.diagnosis.explain.result import sentence
+from deltac.diagnosis.inference.hypotheses import Block, Fit, search
+from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
-from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States
 from deltac.diagnosis.verdict import Finding
 from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
+from deltac.trajectories import Provenance, Trajectory
 
 STATES = 12
 """States at which a hypothesis is tested."""
@@ -65,7 +71,12 @@ def whole_causes(caller: Caller, test: EquationTest, *, explained: bool) -> tupl
     causes = _coordinates(caller, test)
     if causes or explained:
         return causes
-    return _parameters(caller, test) or _linear(caller, test)
+    udot = _called(caller, test.states)
+    return (
+        _parameters(caller, test)
+        or (() if udot is None else causes_of_model(test, udot))
+        or _linear(caller, test)
+    )
 
 
 # --- coordinates ------------------------------------------------------------------------------------
@@ -233,6 +244,85 @@ def _factor(model: _Varied, udot: Array, name: str, value: float) -> float | Non
         if changed is not None and _agree(udot, changed.acceleration):
             return factor
     return None
+
+
+# --- another mass, force or element -----------------------------------------------------------------
+
+
+def causes_of_model(test: EquationTest, udot: Array) -> tuple[Finding, ...]:
+    """The few changes of the model that make its accelerations those of a function, u̇ (n, B).
+
+    F_r + F*_r at the states is regressed on the columns of all causes, as for a log: states drawn at random
+    know no integrator and no noise. A change is only told where all equations hold with it.
+    """
+    equations = _Regression.of(test, udot)
+    posterior = search([equations.block], equations.candidates, equations.sizes, 0.0)
+    best, size = posterior.best, np.linalg.norm(equations.block.r)
+    if np.linalg.norm(equations.block.residual(best.coefficients)) > AGREES * size:
+        return ()
+    mechanism = test.kane.mechanism
+
+    def words(fit: Fit, k: int) -> str:
+        told = sentence(mechanism, fit.chosen[k], fit.theta[k], fit.deviation(k))
+        return told.replace("the run", "the function")
+
+    others = [
+        " and ".join(words(f, k) for k in range(len(f.chosen))) for f in posterior.alternatives
+    ]
+    holds = f"all equations hold then, at {len(test.states)} states"
+    evidence = "; or ".join((holds, *others))
+    return tuple(
+        Finding(c.kind, words(best, k), evidence, SAME_IN_BOTH, "cause", c.element)
+        for k, c in enumerate(best.chosen)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Regression:
+    """The equations of a test on the columns of all causes, each by the typical size of its terms."""
+
+    block: Block
+    candidates: tuple[Candidate, ...]
+
+    @staticmethod
+    def of(test: EquationTest, udot: Array) -> _Regression:
+        """Those at accelerations u̇ (n, B)."""
+        mechanism, point, count = test.kane.mechanism, test.point, len(test.states)
+        free = mechanism.free
+        q, u = (
+            np.zeros((count, len(mechanism.coordinates))),
+            np.zeros((count, len(mechanism.speeds))),
+        )
+        q[:, free.q], u[:, free.u] = point.q.T, point.u.T
+        drawn = Trajectory(
+            t=np.arange(float(count)), q=q, u=u, coordinates=mechanism.coordinates.names,
+            speeds=mechanism.speeds.names, provenance=Provenance("states"),
+        )  # fmt: skip
+        evaluator = Evaluator(mechanism, drawn)
+        kernels = column_kernels(evaluator)
+        rates = np.zeros((count, 0))
+        accelerations = (times(point.Y, udot) + point.rest).T
+        values = kernels(test.states.t, point.q.T, point.u.T, accelerations, rates, rates, rates)
+        values = np.einsum("tij,tik->tjk", point.Y, values) / test.typical(udot)[:, None]
+        places = np.arange(values.shape[2] - 1)
+        empty = np.arange(0), np.zeros(0)
+        block = Block(values[..., 0], -values[..., 1:], *empty, places, AGREES**2)
+        found = candidates(evaluator, kernels.columns)
+        return _Regression(block, tuple(c for c in found if c.kind not in OF_A_LOG))
+
+    def sizes(self, fit: Fit) -> Array:
+        """How much each cause of a fit changes the equations."""
+        effects = [
+            self.block.D[..., list(c.columns)] @ c.coefficients(theta)
+            for c, theta in zip(fit.chosen, fit.theta, strict=True)
+        ]
+        return np.array([float(np.linalg.norm(effect)) for effect in effects])
+
+
+SAME_IN_BOTH = "Give model and function the same"
+
+OF_A_LOG = ("zero-offset", "missing-stop")
+"""Causes of a log, and of places that a motion reaches; another zero is one of the coordinates."""
 
 
 # --- linearised -------------------------------------------------------------------------------------

@@ -1,21 +1,61 @@
-"""The few causes that explain what a model leaves of a log, from its inference."""
+"""The few causes that explain what a model leaves of a log, or of several, from its inference."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from deltac.arrays import Array
+from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.explain.result import Cause, Explanation, Outcome, sentence
 from deltac.diagnosis.explain.separation import advice
 from deltac.diagnosis.inference.hypotheses import Fit, nothing
 from deltac.diagnosis.inference.inference import Inference
+from deltac.diagnosis.inference.joint import joint_posterior
 from deltac.diagnosis.inputs.channels import Gear
 from deltac.diagnosis.verdict import Finding
+from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 UNSEEN = 0.3
 """Standard error of a factor from which on a log is said not to show it."""
+
+
+def joint_explanation(inferences: Sequence[Inference], each: Sequence[Explanation]) -> Explanation:
+    """The causes that several logs of one machine have together, in words; `each` is what one alone tells."""
+    joint = joint_posterior(inferences)
+    best, mechanism = joint.posterior.best, inferences[0].model.mechanism
+    total = joint.left(np.zeros(len(best.coefficients)))
+
+    def causes(fit: Fit) -> tuple[Cause, ...]:
+        """Those of a set, the largest share first."""
+        named = []
+        for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
+            others = fit.coefficients.copy()
+            np.subtract.at(others, list(c.columns), c.coefficients(theta))
+            share = (joint.left(others) - joint.left(fit.coefficients)) / total
+            odds = fit.each[k] if k < len(fit.each) else fit.log_odds
+            named.append(_cause(mechanism, c, theta, joint.deviation(fit, k), share, odds))
+        return tuple(sorted(named, key=lambda cause: -cause.share))
+
+    kind: Outcome = "unexplained" if any(one.kind == "unexplained" for one in each) else "nothing"
+    if best.chosen:
+        kind = "ambiguous" if joint.posterior.alternatives else "explained"
+    return Explanation(
+        kind,
+        causes(best),
+        1.0 - joint.left(best.coefficients) / total if best.chosen else 0.0,
+        tuple(causes(fit) for fit in joint.posterior.alternatives),
+        "",
+        tuple(n for n in each[0].unseen if all(n in one.unseen for one in each)),
+        "samples" if all(one.form == "samples" for one in each) else "steps",
+        max(one.residual for one in each),
+        max(one.noise for one in each),
+        sum(one.samples for one in each),
+        tuple(dict.fromkeys(reason for one in each for reason in one.reasons)),
+    )
 
 
 def explanation_of(
@@ -56,24 +96,33 @@ def causes_of(inference: Inference, fit: Fit) -> tuple[Cause, ...]:
     for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
         others = fit.coefficients.copy()
         np.subtract.at(others, list(c.columns), c.coefficients(theta))
+        share = (left(others) - left(fit.coefficients)) / total
+        odds = fit.each[k] if k < len(fit.each) else fit.log_odds
         errors = fit.deviation(k) * np.sqrt(inference.tau)
-        causes.append(
-            Cause(
-                c.kind,
-                c.element,
-                tuple(map(float, c.base + theta)),
-                tuple(map(float, errors)),
-                c.names,
-                c.units,
-                tuple(map(float, c.base)),
-                float(np.clip((left(others) - left(fit.coefficients)) / total, 0.0, 1.0)),
-                sentence(inference.model.mechanism, c, theta, errors),
-                fit.each[k] if k < len(fit.each) else fit.log_odds,
-                float(inference.energy[k]) if best else 0.0,
-                float(inference.exchanged[k]) if best else 0.0,
-            )
-        )
+        cause = _cause(inference.model.mechanism, c, theta, errors, share, odds)
+        if best:
+            energies = float(inference.energy[k]), float(inference.exchanged[k])
+            cause = replace(cause, energy=energies[0], exchanged=energies[1])
+        causes.append(cause)
     return tuple(sorted(causes, key=lambda cause: -cause.exchanged))
+
+
+def _cause(
+    mechanism: Mechanism, c: Candidate, theta: Array, errors: Array, share: float, odds: float
+) -> Cause:
+    """A cause with its numbers and their errors, its share of the squared residual and its log odds."""
+    return Cause(
+        c.kind,
+        c.element,
+        tuple(map(float, c.base + theta)),
+        tuple(map(float, errors)),
+        c.names,
+        c.units,
+        tuple(map(float, c.base)),
+        float(np.clip(share, 0.0, 1.0)),
+        sentence(mechanism, c, theta, errors),
+        odds,
+    )
 
 
 def _unseen(inference: Inference) -> tuple[str, ...]:

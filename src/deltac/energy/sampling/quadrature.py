@@ -359,9 +359,9 @@ def _estimated(
             coarser[rows] = np.abs(np.diff(half[rows, ::2] - quarter[rows])).sum(axis=1)
             even /= reduction(finer[rows], coarser[rows], rule.order)[:, None]
         last = np.broadcast_to(even[:, -1:], (len(even), 2 * ahead + 1))
-        seen = np.hstack([even[:, ahead:], last])
-        bar[rows, ::2] = seen[:, : (count + 1) // 2]
-        bar[rows, 1::2] = seen[:, 1 : 1 + count // 2]
+        increments = np.hstack([even[:, ahead:], last])
+        bar[rows, ::2] = increments[:, : (count + 1) // 2]
+        bar[rows, 1::2] = increments[:, 1 : 1 + count // 2]
 
     size = max(1, NUMBERS // count)  # rows whose numbers stay in cache
     some = [slice(k, k + size) for k in range(0, len(fine), size)]

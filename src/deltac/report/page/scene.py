@@ -127,9 +127,9 @@ def _frames(mechanism: Mechanism, run: Trajectory, share: int) -> Instants:
     at = instants(mechanism, run)
     if len(at.t) <= count:
         return at
-    wanted = np.linspace(at.t[0], at.t[-1], count)
-    after = np.clip(np.searchsorted(at.t, wanted), 1, len(at.t) - 1)
-    nearer = np.where(wanted - at.t[after - 1] < at.t[after] - wanted, after - 1, after)
+    times = np.linspace(at.t[0], at.t[-1], count)
+    after = np.clip(np.searchsorted(at.t, times), 1, len(at.t) - 1)
+    nearer = np.where(times - at.t[after - 1] < at.t[after] - times, after - 1, after)
     rows = np.unique(nearer)
     return replace(
         at,

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.report.style import COLOURS, DASHED, DOTTED, INK, POINTS, blank, styled
+from deltac.report.picture import blank
+from deltac.report.style import COLOURS, DASHED, DOTTED, INK, POINTS, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -160,8 +160,8 @@ def mistaken_rate(outcome: Outcome) -> float:
 def departure(outcome: Outcome) -> float:
     """When an angle is first more than a degree off the exact motion; inf: never."""
     exact = absolute_angles(exactly(outcome.run))
-    off = np.abs(absolute_angles(outcome.trajectory) - exact).max(axis=1) > math.radians(1.0)
-    return float(outcome.trajectory.t[int(off.argmax())]) if off.any() else math.inf
+    deviations = np.abs(absolute_angles(outcome.trajectory) - exact).max(axis=1) > math.radians(1.0)
+    return float(outcome.trajectory.t[int(deviations.argmax())]) if deviations.any() else math.inf
 
 
 def widest(outcome: Outcome) -> float:

@@ -122,21 +122,21 @@ def _gather(
             continue
         unit = next((v for k, v in item.attrs.items() if k.lower() in ("unit", "units")), None)
         text = unit.decode("utf-8", "replace") if isinstance(unit, bytes) else unit
-        told = {name: text} if isinstance(text, str) else {}
+        declared = {name: text} if isinstance(text, str) else {}
         if item.shape is None:
             collector.skip(name, "is empty")
         elif item.dtype.names:
             table = log.values(item)
             for field in item.dtype.names:
-                units |= {f"{name}/{field}": text for text in told.values()}
+                units |= {f"{name}/{field}": text for text in declared.values()}
                 yield f"{name}/{field}", table[field]
         elif item.dtype.kind in "iufb" or (
             item.dtype.kind in "OS" and (is_label(name) or is_unit(name)) and not log.refers(item)
         ):
-            units |= told
+            units |= declared
             yield name, log.values(item)
             yield from ((f"{name}/{k}", v) for k, v in item.attrs.items() if is_label(k))
-            if not told and unit is not None:  # one for each column
+            if not declared and unit is not None:  # one for each column
                 yield f"{name}/units", unit
         else:
             collector.skip(name, f"holds values of type {item.dtype}, not numbers")

@@ -133,9 +133,9 @@ def with_step(mapping: MappingLike, step: float) -> LogMapping:
         raise InputError(
             f"step is {step!r}; expected the time from row to row, a positive number of seconds"
         )
-    known = as_mapping(mapping) or LogMapping({}, where="the step")
+    columns = as_mapping(mapping) or LogMapping({}, where="the step")
     clock = Meaning("time", "", "the step between rows is given", step=step, where="the step")
-    return replace(known, sources={**known.sources, "time": clock})
+    return replace(columns, sources={**columns.sources, "time": clock})
 
 
 @dataclass(frozen=True)

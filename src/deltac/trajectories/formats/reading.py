@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from deltac import rotations
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed, shown
-from deltac.mechanism.laws import Law, at_times, symbol_names
+from deltac.mechanism.expressions import Law
+from deltac.mechanism.laws import at_times, symbol_names
 from deltac.trajectories.columns import (
     QUATERNION,
     Kinematics,

@@ -1,0 +1,78 @@
+"""Several logs of one machine: they share what is wrong with its equations, and nothing else.
+
+Each log has its own integrator, noise and habits, and so its own block of whitened equations. The causes are
+the same in all of them: their Gram matrices, each in units of its own noise, are added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from deltac.arrays import Array
+from deltac.diagnosis.inference.hypotheses import (
+    Block,
+    Fit,
+    Posterior,
+    autocorrelation_time,
+    search,
+)
+from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference
+
+OF_ONE_MOTION = (*OF_THE_LOG, "missing-stop")
+"""Causes whose columns are another log's, or lie where only one motion goes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """What several logs say together: the posterior of the causes, and all whitened equations."""
+
+    posterior: Posterior
+    blocks: tuple[Block, ...]
+
+    def left(self, coefficients: Array) -> float:
+        """Sum of squares of all whitened equations with coefficients of causes (P,)."""
+        return float(sum(block.projected.left(coefficients) for block in self.blocks))
+
+    def deviation(self, fit: Fit, k: int) -> Array:
+        """Standard errors of the numbers of a cause, by the slowest correlation of what is left."""
+        residuals = (block.residual(fit.coefficients) for block in self.blocks)
+        slowest = max(map(autocorrelation_time, residuals))
+        return np.asarray(fit.deviation(k) * np.sqrt(slowest))
+
+
+def joint_posterior(inferences: Sequence[Inference]) -> Joint:
+    """The causes that all logs have together, with their odds from all rows; one inference at least."""
+    first = inferences[0]
+    columns = [[c for kernels in one.kernels for c in kernels.columns] for one in inferences]
+    shared = [c for c in columns[0] if all(c in other for other in columns[1:])]
+    places = {columns[0].index(c): k for k, c in enumerate(shared)}
+    candidates = [
+        replace(c, columns=tuple(places[k] for k in c.columns))
+        for c in first.candidates
+        if c.kind not in OF_ONE_MOTION and all(k in places for k in c.columns)
+    ]
+    blocks = tuple(
+        _of_columns(block, [own.index(c) for c in shared])
+        for one, own in zip(inferences, columns)
+        for block in one.blocks
+    )
+
+    def effects(fit: Fit) -> Array:
+        """Size of what each cause adds to the whitened equations of all logs."""
+        squares = np.zeros(len(fit.chosen))
+        for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
+            some, x = list(c.columns), c.coefficients(theta)
+            squares[k] = sum(float(x @ b.projected.A[np.ix_(some, some)] @ x) for b in blocks)
+        return np.sqrt(squares)
+
+    return Joint(search(blocks, candidates, effects, 0.0), blocks)
+
+
+def _of_columns(block: Block, places: Sequence[int]) -> Block:
+    """A block with the causes of some columns only."""
+    some = np.array(places, dtype=np.intp)
+    origin = block.origin[some] if len(block.origin) else block.origin
+    return replace(block, causes=block.causes[some], origin=origin)

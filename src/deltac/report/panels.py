@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from deltac.diagnosis.study.runs import StudyRun
     from deltac.diagnosis.study.study import Study
     from deltac.energy import Ledger
+    from deltac.mechanism.coordinates import Entries
     from deltac.mechanism.mechanism import Mechanism
     from deltac.trajectories import Trajectory
 
@@ -475,7 +476,7 @@ def _cloud(
     )
 
 
-def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimePlot]:
+def _by_unit(what: str, t: Array, values: Array, entries: Entries) -> Iterator[TimePlot]:
     units: dict[str, list[int]] = {}
     for k, entry in enumerate(entries):
         units.setdefault(entry.unit, []).append(k)

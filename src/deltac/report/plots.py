@@ -70,6 +70,7 @@ if TYPE_CHECKING:
     from deltac.diagnosis.study.study import Study
     from deltac.energy import Ledger
     from deltac.mechanism.mechanism import Mechanism
+    from deltac.models import StateLike
     from deltac.procedure import Examination
     from deltac.repair.mutate.report import MutationReport
     from deltac.trajectories import Trajectory
@@ -454,7 +455,7 @@ def _linearisation(report: Linearisation) -> Figure:
     return drawing
 
 
-def _mechanism(mechanism: Mechanism, state: Any = None) -> Figure:
+def _mechanism(mechanism: Mechanism, state: StateLike | Trajectory | None = None) -> Figure:
     """The mechanism at a state, or along a run; by default with all coordinates zero."""
     from deltac.models import load_model
     from deltac.report.still import still

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,6 +29,8 @@ from deltac.trajectories.formats.reading import LogReading
 from deltac.trajectories.formats.recognition import arrays_named
 
 if TYPE_CHECKING:
+    from mujoco import MjModel
+
     from deltac.diagnosis.audit.audit import Reference
 
 CONTROLS = ("ctrl", "control", "controls", "action", "actions", "act", "u", "a")
@@ -94,7 +96,7 @@ def replayed(
         return _unasked(program, mechanism, reading, missing, limit) if missing else Attempt(None)
 
 
-def _attempt(program: Any, mechanism: Mechanism, reading: LogReading) -> Attempt:
+def _attempt(program: MjModel, mechanism: Mechanism, reading: LogReading) -> Attempt:
     replay, findings = _stepped(program, mechanism, reading)
     read = reading.trajectory().provenance
     source = replace(replay.run.provenance, reading=read.reading, guessed=read.guessed)
@@ -118,7 +120,7 @@ def _departures(mechanism: Mechanism, replay: Replay) -> Array:
 
 
 def _unasked(
-    program: Any,
+    program: MjModel,
     mechanism: Mechanism,
     reading: LogReading,
     missing: Sequence[str],
@@ -158,7 +160,7 @@ def _unasked(
 
 
 def _stepped(
-    program: Any, mechanism: Mechanism, reading: LogReading, rows: int | None = None
+    program: MjModel, mechanism: Mechanism, reading: LogReading, rows: int | None = None
 ) -> tuple[Replay, list[Finding]]:
     """The replay of a log, or of its first rows; InputError where it cannot be stepped."""
     run, findings = in_model_order(mechanism, reading.trajectory())

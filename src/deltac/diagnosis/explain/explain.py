@@ -150,11 +150,12 @@ def with_gears(explanation: Explanation, gears: list[Gear]) -> Explanation:
     )  # fmt: skip
     if not also or explanation.kind in ("unexplained", "doubtful"):
         return explanation
-    first = explanation.kind == "nothing"
+    first = not explanation.causes
     return replace(
         explanation,
         kind="explained" if first else explanation.kind,
         causes=(*explanation.causes, *also),
         explained=1.0 if first else explanation.explained,
         alternatives=tuple((*other, *also) for other in explanation.alternatives),
+        reasons=tuple(f for f in explanation.reasons if f.kind != "actuator-gear"),
     )

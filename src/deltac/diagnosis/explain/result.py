@@ -191,11 +191,11 @@ class Explanation(Report, also=("sentence",)):
             )
             return ". ".join(filter(None, (known, apart)))
         if not self.causes:
-            return f"{apart}. With the forces as logged, the equations of motion leave {rows}"
+            return f"{apart}. With the forces as logged, the equations hold: they leave {rows}"
         said = "; ".join(c.sentence for c in self.causes)
         said = f"{said[:1].upper()}{said[1:]}"
         if not any(c.share for c in self.causes):
-            return f"{said}. With the forces as logged, the equations of motion leave {rows}"
+            return f"{said}. With the forces as logged, the equations hold: they leave {rows}"
         that = "Together that" if len(self.causes) > 1 else "That"
         said = f"{said}. {that} explains {percent(self.explained)} of the residual"
         if self.alternatives:

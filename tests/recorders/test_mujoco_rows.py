@@ -344,3 +344,21 @@ def test_without_mujoco(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match=r'pip install "deltac\[mujoco\]"'):
         run_mujoco(model, 0.1)
+
+
+def test_forces_that_are_nothing_beside_the_weight_need_not_add_up() -> None:
+    """What the solver leaves of a contact that does not act has no digits: 1e-26 N beside 10 N."""
+    from deltac.recorders.mujoco_forces import Elements, generalized_forces, plastic_state
+
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><worldbody><body><joint name='j' axis='0 1 0'/>"
+        "<geom type='capsule' fromto='0 0 0 1 0 0' size='0.05' mass='1'/></body></worldbody></mujoco>"
+    )
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    elements = Elements.of(model, grouped=False)
+    data.qfrc_constraint[:] = 1e-26
+    generalized_forces(model, data, elements, plastic_state(data))
+    data.qfrc_constraint[:] = 1e-5
+    with pytest.raises(InputError, match="constraint forces of MuJoCo do not add up"):
+        generalized_forces(model, data, elements, plastic_state(data))

@@ -19,12 +19,23 @@ from deltac.cli.output import print_cases, print_json, print_sections, progress_
 from deltac.errors import ArgumentsError, FileError
 
 if TYPE_CHECKING:
+    from deltac.fleets.atlas import AtlasPlan
     from deltac.fleets.fleet import Plan
     from deltac.fleets.result import Fleet
     from deltac.fleets.spec import Execution
+    from deltac.fleets.sweep import SweepPlan
 
 INTERVAL = 10.0
 """Seconds between two lines of progress where there is no terminal."""
+
+
+Only = Annotated[
+    str | None,
+    typer.Option(
+        metavar="ADDRESS",
+        help="Make only this run, in this process, and show its row; nothing is kept.",
+    ),
+]
 
 
 @of(sweep="deltac.fleets.sweep")
@@ -37,13 +48,7 @@ def sweep(
         Path | None,
         typer.Option(metavar="DIR", help="Folder of the results. [default: NAME.sweep]"),
     ] = None,
-    only: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Make only this run, in this process, and show its row; nothing is kept.",
-        ),
-    ] = None,
+    only: Only = None,
     status: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Show the progress of a sweep; nothing is run."),
@@ -59,28 +64,79 @@ def sweep(
     be run.
     """
     form = form.unless(as_json)
+    from deltac.fleets.sweep import plan_sweep
+
+    deliver(
+        plan,
+        lambda path: plan_sweep(str(path)),
+        only=only, out=out, status=status, keywords=sweep.keywords, form=form, page=page,
+    )  # fmt: skip
+
+
+@of(atlas="deltac.fleets.atlas")
+def atlas(
+    atlas: Verb,
+    plan: Annotated[
+        Path | None, typer.Argument(metavar="ATLAS.toml", help="The plan; see docs/atlas.md.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of the results. [default: NAME.atlas]"),
+    ] = None,
+    only: Only = None,
+    status: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Show the progress of an atlas; nothing is run."),
+    ] = None,
+    page: options.PageFile = None,
+    form: options.Format = options.Form.text,
+    as_json: options.Json = False,
+) -> None:
+    """Run the models of installed packages in every simulator by every integrator, and judge every run.
+
+    Results already in the folder are reused, so an atlas that was stopped or killed resumes where it was.
+    Exit codes are those of `deltac sweep`.
+    """
+    form = form.unless(as_json)
+    from deltac.fleets.atlas import plan_atlas
+
+    deliver(
+        plan,
+        plan_atlas,
+        only=only, out=out, status=status, keywords=atlas.keywords, form=form, page=page,
+    )  # fmt: skip
+
+
+def deliver(
+    path: Path | None,
+    make: Callable[[Path], SweepPlan | AtlasPlan],
+    *,
+    only: str | None,
+    out: Path | None,
+    status: Path | None,
+    keywords: Mapping[str, Any],
+    form: options.Form,
+    page: Path | None,
+) -> None:
+    """Show the progress of a folder, one row, or all rows of a plan."""
     if status is not None:
         from deltac.fleets.result import fleet_status
 
         deliver_fleet(fleet_status(status), form, page)
-    if plan is None:
-        raise ArgumentsError("say what is swept: deltac sweep SWEEP.toml, or --status DIR")
-    if plan.suffix.lower() != ".toml":
-        raise FileError(
-            f"{plan}: expected a .toml file that says what is swept; see docs/fleets.md"
-        )
-    from deltac.fleets.sweep import plan_sweep
-
-    fleet_plan = plan_sweep(str(plan))
+    if path is None:
+        raise ArgumentsError("give a plan, FILE.toml, or --status DIR")
+    if path.suffix.lower() != ".toml":
+        raise FileError(f"{path}: expected a .toml file that says what is run; see docs/fleets.md")
+    plan = make(path)
     if only is not None:
         import io
 
         import polars
 
-        (row,) = polars.read_parquet(io.BytesIO(fleet_plan.piece_at(only)())).to_dicts()
+        (row,) = polars.read_parquet(io.BytesIO(plan.piece_at(only)())).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
-    run(fleet_plan, out, fleet_plan.spec.execution, sweep.keywords, form, page)
+    run(plan, out, plan.spec.execution, keywords, form, page)
 
 
 def run(
@@ -94,7 +150,7 @@ def run(
     """Do what a plan lacks, as the options that are given say, and end the command with its results."""
     own = {name: keywords[name] for name in type(execution).model_fields if name in keywords}
     with fleet_progress(
-        {"sweep": "runs", "audit": "audits"}[plan.kind], len(plan.addresses)
+        "audits" if plan.kind == "audit" else "runs", len(plan.addresses)
     ) as progress:
         fleet = plan.run(
             out,

@@ -28,7 +28,7 @@ class RecomputedWarning(UserWarning):
 class Plan:
     """A fleet before it is run: what it is called, and the addresses of all its rows, in order."""
 
-    kind: ClassVar[Literal["sweep", "audit"]]
+    kind: ClassVar[Literal["sweep", "audit", "atlas"]]
 
     name: str
     addresses: tuple[str, ...]

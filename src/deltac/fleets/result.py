@@ -36,7 +36,7 @@ class Fleet(Report):
     """The results of a sweep, or of the audits of many logs.
 
     Attributes:
-        kind: "sweep" or "audit".
+        kind: "sweep", "audit" or "atlas".
         name: what it is called.
         folder: where the results are.
         total: the number of rows when complete; `done`: the number so far, including those that failed.
@@ -132,7 +132,7 @@ class Fleet(Report):
         """How many rows there are, and how many of each verdict."""
         counts = ", ".join(f"{self.verdicts[v]} {v}" for v in WORST_FIRST if self.verdicts.get(v))
         done = f"{self.done}" if self.done == self.total else f"{self.done} of {self.total}"
-        what = "runs" if self.kind == "sweep" else "audits"
+        what = "audits" if self.kind == "audit" else "runs"
         return f"{self.name}: {done} {what}{': ' if counts else ''}{counts}"
 
     def sections(self) -> Iterator[Section]:

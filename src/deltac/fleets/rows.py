@@ -21,7 +21,7 @@ FAILED = "failed"
 SETTING = ("model", "solver", "step", "solver_tolerance", "duration")
 """Columns that tell the setting of a run."""
 
-POINT = ("log", "episode", *SETTING)
+POINT = ("log", "episode", "motion", *SETTING)
 
 
 def is_point(column: str) -> bool:

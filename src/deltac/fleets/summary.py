@@ -76,7 +76,7 @@ def page_of_fleet(
         lead = "Of the settings in which every run stays within the tolerance, the cheapest of each model"
         parts.append(("Recommended settings", [Grid.of(lead, Table(ADVICE, advice))]))
     groups = fleet.groups()
-    if fleet.kind == "sweep" and groups:
+    if fleet.kind != "audit" and groups:
         rows = tuple((g.name, *(str(g.verdicts.get(v, 0)) for v in WORST_FIRST)) for g in groups)
         parts.append(("Settings", [Grid.of("", Table(("setting", *WORST_FIRST), rows))]))
     if fleet.worst:

@@ -126,7 +126,7 @@ def generalized_forces(model: Model, data: Data, elements: Elements, plastic: Ar
     Raises InputError, naming the group and the joint, when the channels do not add up to what MuJoCo
     itself sums: then a force of this model is of a kind that is not known here.
     """
-    lost = _Remainders(model, elements)
+    lost = _Remainders.of(model, data, elements)
     forces: Forces = {}
     for parts in (
         _actuators(model, data, elements, lost),
@@ -139,7 +139,7 @@ def generalized_forces(model: Model, data: Data, elements: Elements, plastic: Ar
             forces[channel] = forces[channel] + force if channel in forces else force
     total = np.sum([*forces.values(), np.zeros(model.nv)], axis=0)
     summed = data.qfrc_smooth + data.qfrc_constraint + data.qfrc_bias
-    lost.check("applied", summed, total[None], scale=np.abs(data.qfrc_bias).max(initial=0.0))
+    lost.check("applied", summed, total[None])
     residual = _solver_residual(model, data)
     if residual is not None:
         forces[SOLVER] = residual
@@ -148,7 +148,7 @@ def generalized_forces(model: Model, data: Data, elements: Elements, plastic: Ar
 
 def passive_forces(model: Model, data: Data, elements: Elements, plastic: Array) -> Forces:
     """As `generalized_forces`, the channels of passive forces alone: springs, dampers, fluid, …."""
-    return dict(_passive(model, data, elements, plastic, _Remainders(model, elements)))
+    return dict(_passive(model, data, elements, plastic, _Remainders.of(model, data, elements)))
 
 
 def mass_times(model: Model, data: Data, acceleration: Array) -> Array:
@@ -359,18 +359,26 @@ def _solver_residual(model: Model, data: Data) -> Array | None:
 
 @dataclass(frozen=True)
 class _Remainders:
-    """Compares sums of channels with MuJoCo's own."""
+    """Compares sums of channels with MuJoCo's own.
+
+    scale: the largest force of inertia and weight, N or N·m. Forces that are nothing beside it, such as
+        what a solver leaves of a constraint that does not act, add up to their own rounding only.
+    """
 
     model: Model
     elements: Elements
+    scale: float
 
-    def check(self, group: str, total: Array, parts: Array, scale: float = 0.0) -> None:
-        """InputError where the parts (n, nv) do not add up to MuJoCo's own sum (nv,).
+    @staticmethod
+    def of(model: Model, data: Data, elements: Elements) -> _Remainders:
+        """Of the forward pass that `data` holds."""
+        return _Remainders(model, elements, float(np.abs(data.qfrc_bias).max(initial=0.0)))
 
-        `scale` is the size of what cancelled in the sum, if anything did.
-        """
+    def check(self, group: str, total: Array, parts: Array) -> None:
+        """InputError where the parts (n, nv) do not add up to MuJoCo's own sum (nv,)."""
         residual = total - parts.sum(axis=0)
-        scale += np.abs(parts).sum(axis=0).max(initial=0.0) + np.abs(total).max(initial=0.0)
+        scale = self.scale + np.abs(parts).sum(axis=0).max(initial=0.0)
+        scale += np.abs(total).max(initial=0.0)
         if np.abs(residual).max(initial=0.0) <= SUM_OF_FORCES * scale:
             return
         dof = int(np.abs(residual).argmax())

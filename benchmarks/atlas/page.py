@@ -1,0 +1,207 @@
+"""The page of the atlas: tables of docs/atlas.md and the data of its interactive table.
+
+    python benchmarks/atlas/page.py RESULTS
+
+RESULTS is the folder of `deltac atlas benchmarks/atlas/plan.toml --out RESULTS`, complete or not.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import statistics
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltac.fleets.result import fleet_status
+from deltac.recorders.experiments import SIMULATORS
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+VERDICTS = ("consistent", "integration-error", "equation-error", "unresolved", "failed")
+ROUNDING = 1e-11
+"""Energy errors below this share of the energy have no order: they are digits."""
+
+BARS = 10.0
+"""Energy errors within so many of their error bars have no order either."""
+
+
+def nominal(solver: str) -> int:
+    """The order of an integrator, as its simulator states it."""
+    simulator, _, name = solver.partition(":")
+    return SIMULATORS[simulator].orders[name]
+
+
+def order(runs: Sequence[dict[str, Any]]) -> float | None:
+    """Observed order of the energy error over the runs, coarsest first; None where it has none."""
+    errors = [run["energy_error"] for run in runs]
+    if len(runs) < 2 or None in errors:
+        return None
+    floors = [max(BARS * run["error_bar"], ROUNDING * run["energy"]) for run in runs]
+    if any(error <= floor for error, floor in zip(errors, floors)):
+        return None
+    ratio = errors[0] / errors[-1]
+    return float(np.log(ratio) / np.log(runs[0]["step"] / runs[-1]["step"]))
+
+
+def entries(rows: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """One for each model, integrator and motion: runs at all steps together, coarsest first."""
+    groups: dict[tuple[Any, ...], list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault((row["model"], row["solver"], row["motion"]), []).append(row)
+    for (model, solver, motion), runs in groups.items():
+        runs.sort(key=lambda run: -(run["step"] or 0.0))
+        middle = runs[len(runs) // 2]
+        good = [run["step"] for run in runs if (run["relative"] or 0.0) <= 1e-3 and run["energy"]]
+        exchanged = middle["exchanged"]
+        yield {
+            "model": model,
+            "solver": solver,
+            "motion": motion,
+            "verdict": middle["verdict"],
+            "step": middle["step"],
+            "runs": runs,
+            "speeds": middle["speeds"],
+            "per_joule": middle["energy_error"] / exchanged if exchanged else None,
+            "order": order(runs),
+            "largest": max(good, default=None),
+            "why": middle["causes"] or (middle["message"] if middle["verdict"] == "failed" else ""),
+        }
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
+    """A table in Markdown."""
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
+    return "\n".join(lines + [f"| {' | '.join(map(str, row))} |" for row in rows])
+
+
+def by_integrator(every: Sequence[dict[str, Any]]) -> str:
+    """Verdicts of the runs, and what an integrator costs at the models' own step."""
+    rows = []
+    for solver in sorted({entry["solver"] for entry in every}):
+        own = [entry for entry in every if entry["solver"] == solver]
+        runs = [run for entry in own for run in entry["runs"]]
+        counts = Counter(run["verdict"] for run in runs)
+        orders = [entry["order"] for entry in own if entry["order"] is not None]
+        costs = [entry["per_joule"] for entry in own if entry["per_joule"] is not None]
+        rows.append(
+            (
+                f"`{solver}`",
+                len({entry["model"] for entry in own}),
+                len(runs),
+                *(counts[v] or "" for v in VERDICTS),
+                f"{statistics.median(orders):.2f} ({nominal(solver)})" if orders else "",
+                f"{statistics.median(costs):.1e}" if costs else "",
+            )
+        )
+    head = ("integrator", "models", "runs", *VERDICTS, "order (nominal)", "error per joule")
+    return table(head, rows)
+
+
+def by_package(every: Sequence[dict[str, Any]], refused: Sequence[dict[str, Any]]) -> str:
+    """How many models a package ships, and what came of them."""
+    names = Counter(entry["model"].split("/")[0] for entry in refused)
+    models: dict[str, set[str]] = {}
+    for entry in every:
+        models.setdefault(entry["model"].split("/")[0], set()).add(entry["model"])
+    rows = []
+    for package in sorted({*names, *models}):
+        own = [e for e in every if e["model"].split("/")[0] == package]
+        runs = [run for entry in own for run in entry["runs"]]
+        counts = Counter(run["verdict"] for run in runs)
+        rows.append(
+            (package, len(models.get(package, ())), names[package], len(runs),
+             *(counts[v] or "" for v in VERDICTS))
+        )  # fmt: skip
+    return table(("package", "models run", "not run", "runs", *VERDICTS), rows)
+
+
+def below_nominal(every: Sequence[dict[str, Any]]) -> str:
+    """Where the observed order is less than the nominal one by more than a third."""
+    rows = [
+        (
+            f"`{e['model']}`",
+            f"`{e['solver']}`",
+            e["motion"],
+            f"{e['order']:.2f} ({nominal(e['solver'])})",
+        )
+        for e in every
+        if e["order"] is not None and e["order"] < nominal(e["solver"]) - 1 / 3
+    ]
+    return table(("model", "integrator", "motion", "order (nominal)"), rows)
+
+
+def data(every: Sequence[dict[str, Any]]) -> str:
+    """What the browser sorts: names once, and a list of numbers for each entry."""
+    names = {key: sorted({e[key] for e in every}) for key in ("model", "solver", "motion")}
+    places = {key: {name: k for k, name in enumerate(own)} for key, own in names.items()}
+
+    def short(value: float | None, digits: int = 3) -> float | None:
+        return None if value is None else float(f"{value:.{digits}g}")
+
+    rows = [
+        [
+            *(places[key][e[key]] for key in ("model", "solver", "motion")),
+            VERDICTS.index(e["verdict"]),
+            e["speeds"] and int(e["speeds"]),
+            short(e["step"]),
+            short(e["per_joule"], 2),
+            short(e["order"]),
+            short(e["largest"]),
+            e["why"][:160],
+        ]
+        for e in every
+    ]
+    return json.dumps(
+        {**names, "verdict": VERDICTS, "rows": rows}, ensure_ascii=False, separators=(",", ":")
+    )
+
+
+def main() -> None:
+    """Write the data, and the tables between the markers of the page."""
+    frame = fleet_status(Path(sys.argv[1])).frame
+    rows = [row for row in frame.iter_rows(named=True)]
+    refused = [row for row in rows if row["solver"] is None]
+    every = list(entries(row for row in rows if row["solver"] is not None))
+    (DOCS / "assets" / "atlas-data.js").write_text(f"window.ATLAS={data(every)}\n")
+    runs = sum(len(entry["runs"]) for entry in every)
+    models = len({entry["model"] for entry in every})
+    seconds = (
+        sum(row["seconds"] or 0.0 for row in rows),
+        sum(row["run_seconds"] or 0.0 for row in rows),
+    )
+    told = {
+        "count": f"{runs} runs of {models} models; {len(refused)} models were not run. Processor time: "
+        f"{seconds[1]:.0f} s for the runs, {seconds[0]:.0f} s for the audits.",
+        "integrators": by_integrator(every),
+        "packages": by_package(every, refused),
+        "orders": below_nominal(every),
+        "refused": table(
+            ("reason", "models"),
+            Counter(
+                re.sub(
+                    r"^\d+ speeds, .*",
+                    "too large for this atlas",
+                    re.sub(r"^\S+: ", "", row["message"]),
+                )
+                .split(": ")[0][:70]
+                .replace("|", "/")
+                for row in refused
+            ).most_common(12),
+        ),
+    }
+    page = DOCS / "atlas.md"
+    text = page.read_text()
+    for name, content in told.items():
+        marker = rf"(<!-- {name} -->\n)(.*?)(<!-- end -->)"
+        text = re.sub(marker, lambda m, c=content: f"{m[1]}{c}\n{m[3]}", text, flags=re.S)
+    page.write_text(text)
+    print(told["count"])
+
+
+if __name__ == "__main__":
+    main()

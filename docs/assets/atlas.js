@@ -1,0 +1,52 @@
+// The table of docs/atlas.md: sorted by a click on a heading, filtered by words and by choice.
+document.addEventListener("DOMContentLoaded", () => {
+  const place = document.getElementById("atlas");
+  const atlas = window.ATLAS;
+  if (!place || !atlas) return;
+  const columns = ["model", "integrator", "motion", "verdict", "speeds", "step (s)", "error per joule", "order", "largest step (s)"];
+  const rows = atlas.rows.map(([m, s, o, v, ...rest]) => [
+    atlas.model[m], atlas.solver[s], atlas.motion[o], atlas.verdict[v], ...rest]);
+  const shown = 200;
+  let key = 0, sign = 1;
+
+  const element = (name, properties = {}, ...children) => {
+    const made = Object.assign(document.createElement(name), properties);
+    made.append(...children);
+    return made;
+  };
+  const choice = (label, values) => {
+    const select = element("select", { ariaLabel: label }, element("option", { value: "", textContent: label }),
+      ...values.map(value => element("option", { value, textContent: value })));
+    select.onchange = draw;
+    return select;
+  };
+  const words = element("input", { type: "search", placeholder: "model", ariaLabel: "words of the model's path", oninput: draw });
+  const filters = [choice("every integrator", atlas.solver), choice("every motion", atlas.motion), choice("every verdict", atlas.verdict)];
+  const count = element("p", { className: "atlas-count", ariaLive: "polite" });
+  const head = element("tr", {}, ...columns.map((name, k) => {
+    const button = element("button", { textContent: name, onclick: () => { sign = key === k ? -sign : 1; key = k; draw(); } });
+    return element("th", { scope: "col" }, button);
+  }));
+  const body = element("tbody");
+  const number = x => x === null ? "" : x !== 0 && (Math.abs(x) < 1e-3 || Math.abs(x) >= 1e4) ? x.toExponential(1) : String(x);
+
+  function draw() {
+    const parts = words.value.toLowerCase().split(/\s+/).filter(Boolean);
+    const own = rows.filter(row => parts.every(part => row[0].toLowerCase().includes(part)) &&
+      filters.every((filter, k) => !filter.value || row[k + 1] === filter.value));
+    own.sort((a, b) => {
+      const x = a[key], y = b[key];
+      if (x === null || y === null) return (x === null) - (y === null);  // what is not known stays last
+      return sign * (typeof x === "number" ? x - y : x.localeCompare(y));
+    });
+    [...head.children].forEach((cell, k) => cell.ariaSort = k !== key ? "none" : sign > 0 ? "ascending" : "descending");
+    body.replaceChildren(...own.slice(0, shown).map(row => element("tr", { title: row[9] || "" },
+      ...columns.map((_, k) => element("td", { className: k > 3 ? "number" : k === 3 ? row[3] : "",
+        textContent: typeof row[k] === "number" || row[k] === null ? number(row[k]) : row[k] })))));
+    count.textContent = `${own.length} of ${rows.length}${own.length > shown ? `, the first ${shown} shown` : ""}`;
+  }
+  place.replaceChildren(element("div", { className: "atlas-filters" }, words, ...filters), count,
+    element("div", { className: "atlas-scroll", tabIndex: 0 },
+      element("table", { className: "atlas" }, element("thead", {}, head), body)));
+  draw();
+});

@@ -1,0 +1,213 @@
+"""The atlas: the same motion in every simulator, a row for whatever goes wrong, resumed after a kill."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.errors import InputError
+from deltac.fleets.atlas import atlas, plan_atlas
+from deltac.recorders import experiments
+from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
+
+pytest.importorskip("mujoco", reason="URDF files are read by MuJoCo")
+
+LINK = """
+ <link name="{name}"><inertial><origin xyz="0.02 0.01 -{half}" rpy="0.1 0 0"/><mass value="{mass}"/>
+  <inertia ixx="{I}" iyy="{J}" izz="0.02" ixy="0.001" ixz="0" iyz="0"/></inertial></link>"""
+
+ARM = (
+    '<robot name="arm"><link name="base"/>'
+    + LINK.format(name="upper", half=0.2, mass=1.5, I=0.05, J=0.045)
+    + LINK.format(name="fore", half=0.15, mass=0.8, I=0.02, J=0.03)
+    + """
+ <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>
+  <origin xyz="0 0 1" rpy="0 0.7 0"/><axis xyz="0 1 0"/><dynamics damping="0.05"/>
+  <limit lower="-9" upper="9" effort="100" velocity="100"/></joint>
+ <joint name="elbow" type="continuous"><parent link="upper"/><child link="fore"/>
+  <origin xyz="0 0 -0.4" rpy="0.3 0 0.2"/><axis xyz="0.6 0.8 0"/><dynamics damping="0.02"/></joint>
+</robot>"""
+)
+"""An oblique axis, offset centres, dampers: what drivers may get wrong."""
+
+PLAN = """
+name = "arms"
+duration = 0.1
+step = 0.005
+rows = 1
+motions = ["fall", "hold"]
+[execution]
+workers = 1
+[simulators]
+deltac = ["ode2", "ode4"]
+[models]
+"." = ["*.urdf"]
+"""
+
+RUNS = [(name, solver) for name, one in SIMULATORS.items() for solver in one.orders]
+
+
+@pytest.fixture
+def arm(tmp_path: Path) -> Path:
+    path = tmp_path / "arm.urdf"
+    path.write_text(ARM)
+    return path
+
+
+def reference(experiment: Experiment) -> Any:
+    """q at the end under torques of each instant, by SciPy at a tight tolerance."""
+    from scipy.integrate import solve_ivp
+
+    mechanism = experiment.model.mechanism
+    motors = [dc.forces.joint_torque(j, j) for j in experiment.joints]
+    driven = replace(mechanism, forces=(*mechanism.forces, *motors))
+
+    def rates(t: float, y: Any) -> Any:
+        q, u = y[:2], y[2:]
+        loads = dict(zip(experiment.joints, experiment.torque(t, q, u).tolist()))
+        return np.concatenate([u, dc.evaluate(driven, driven.state(q, u), inputs=loads).udot])
+
+    start = [*experiment.start.q, *experiment.start.u]
+    return solve_ivp(rates, (0.0, 0.2), start, rtol=1e-7, atol=1e-8).y[:2, -1]
+
+
+@pytest.mark.parametrize(("name", "solver"), RUNS, ids=[f"{n}-{s}" for n, s in RUNS])
+def test_every_simulator_makes_the_same_motion(name: str, solver: str, arm: Path) -> None:
+    """Ends come together as the order says; without a torque that is held, which is of order 1."""
+    simulator = SIMULATORS[name]
+    if not simulator.installed:
+        pytest.skip(f"{name} is not installed")
+    experiment = Experiment.of(arm, "fall", 0.2)
+    ours = SIMULATORS["deltac"].run(experiment, 0.001, "ode5").q[-1]
+    names = experiment.joints
+    missed = []
+    for step in (0.01, 0.005):
+        run = simulator.run(experiment, step, solver)
+        row = int(np.argmin(np.abs(run.t - 0.2)))
+        if abs(run.t[row] - 0.2) > 1e-9:  # the last state of steps with held forces is no row
+            end = run.q[-1] + step * (run.u[-1] + step * run.udot[-1])
+        else:
+            end = run.q[row]
+        missed.append(np.abs(end[[run.coordinates.index(n) for n in names]] - ours).max())
+        assert missed[-1] < 0.02
+        report = dc.audit(experiment.model, run)
+        assert report.verdict.kind in ("consistent", "integration-error"), report.summary()
+    order = simulator.orders[solver]
+    assert missed[1] < 1e-10 or np.log2(missed[0] / missed[1]) > order - 0.4
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_torques_are_those_of_the_motion(motion: str, arm: Path) -> None:
+    """Every simulator goes where the torques drive the arm; held torques lag by half a step."""
+    experiment = Experiment.of(arm, motion, 0.2)
+    ends = {}
+    for name, simulator in SIMULATORS.items():
+        if simulator.installed:
+            run = simulator.run(experiment, 0.001, list(simulator.orders)[-1])
+            row = run.q[-1] if run.t[-1] > 0.1995 else run.q[-1] + 0.001 * run.u[-1]
+            ends[name] = row[[run.coordinates.index(n) for n in experiment.joints]]
+    expected = ends.pop("deltac")
+    assert np.abs(expected - reference(experiment)).max() < 2e-3
+    for name, end in ends.items():
+        assert np.abs(end - expected).max() < 2e-3, name
+    assert len(ends) >= 1
+
+
+def test_rows_of_a_plan(tmp_path: Path, arm: Path) -> None:
+    (tmp_path / "broken.urdf").write_text("<robot>")
+    (tmp_path / "stone.urdf").write_text('<robot name="stone"><link name="stone"/></robot>')
+    (tmp_path / "plan.toml").write_text(PLAN)
+    fleet = atlas(tmp_path / "plan.toml", tmp_path / "out", workers=1)
+    frame = fleet.frame
+    assert len(frame) == fleet.total == 2 * 2 * 3 + 2
+    assert fleet.verdicts == {"consistent": 12, "failed": 2}
+    failed = {row["model"]: row for row in frame.iter_rows(named=True) if row["code"]}
+    assert set(failed) == {"broken.urdf", "stone.urdf"}
+    assert all(row["message"] for row in failed.values())
+    own = frame.filter((frame["solver"] == "deltac:ode4") & (frame["motion"] == "fall")).sort(
+        "step"
+    )
+    assert own["step"].to_list() == [0.0025, 0.005, 0.01]
+    errors = own["energy_error"].to_numpy()
+    assert 3.5 < np.log2(errors[2] / errors[1]) < 5.5
+    assert np.allclose(own["integrator_largest"][:2], errors[:2], rtol=0.1)
+    again = atlas(tmp_path / "plan.toml", tmp_path / "out", workers=1)
+    assert again.frame.equals(frame)  # even the seconds: nothing was run again
+
+
+def test_a_model_that_is_too_large_says_so(tmp_path: Path, arm: Path) -> None:
+    (tmp_path / "plan.toml").write_text("speeds = 1\n" + PLAN)
+    (row,) = atlas(tmp_path / "plan.toml", tmp_path / "out", workers=1).frame.iter_rows(named=True)
+    assert row["verdict"] == "failed" and "2 speeds" in row["message"]
+
+
+def test_a_killed_atlas_goes_on(tmp_path: Path, arm: Path) -> None:
+    plan, out = tmp_path / "plan.toml", tmp_path / "out"
+    plan.write_text(PLAN)
+    command = [sys.executable, "-m", "deltac", "atlas", str(plan), "--out", str(out)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    )
+    until = time.monotonic() + 120.0
+    while not list(out.glob("pieces/*.parquet")) and time.monotonic() < until:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    before = {path: path.read_bytes() for path in out.glob("pieces/*.parquet")}
+    assert before
+    fleet = atlas(plan, out, workers=1)
+    assert fleet.done == fleet.total == 12 and fleet.verdicts == {"consistent": 12}
+    assert all(path.read_bytes() == content for path, content in before.items())
+
+
+def test_what_is_not_installed_is_skipped_by_name(
+    tmp_path: Path, arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    missing = replace(SIMULATORS["pybullet"], module="no_such_module")
+    monkeypatch.setitem(experiments.SIMULATORS, "pybullet", missing)
+    text = PLAN.replace("[models]", 'pybullet = ["semi-implicit euler"]\n[models]\nno-such = ["*"]')
+    (tmp_path / "plan.toml").write_text(text)
+    plan = plan_atlas(tmp_path / "plan.toml")
+    assert plan.skipped == ("package no-such", "simulator pybullet")
+    assert {setting.simulator for setting, _ in plan.rows} == {"deltac"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ('"fall"', '"fly"', "fly"),
+        ("deltac =", "delta =", "delta"),
+        ('"ode4"', '"ode99"', "ode99"),
+        ("duration = 0.1", "duration = -1", "duration"),
+        ("rows = 1", "row = 1", "row"),
+        ('"*.urdf"', '"*.none"', "model"),
+        ("[models]", "[models", "plan.toml"),
+    ],
+)
+def test_bad_plans(tmp_path: Path, arm: Path, old: str, new: str, named: str) -> None:
+    (tmp_path / "plan.toml").write_text(PLAN.replace(old, new))
+    with pytest.raises(InputError, match=named):
+        plan_atlas(tmp_path / "plan.toml")
+
+
+def test_only_what_others_read_is_given_to_them(tmp_path: Path) -> None:
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        '<mujoco><worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    experiment = Experiment.of(path, "fall", 0.1)
+    for name, simulator in SIMULATORS.items():
+        if simulator.installed and not simulator.mjcf:
+            with pytest.raises(InputError, match="MJCF"):
+                simulator.run(experiment, 0.01, next(iter(simulator.orders)))
+        assert name

@@ -148,7 +148,7 @@ class Study(
         It takes about as long as an audit of each run. Raises InputError for runs of too few rows.
         """
         # Here, since a study alone must not load SciPy.
-        from deltac.diagnosis.explain.explain import explain_residual
+        from deltac.diagnosis.audit.audit import explain_residual
 
         return explain_residual(
             self.mechanism, [entry.run for entry in self.runs if isinstance(entry, BalancedRun)]

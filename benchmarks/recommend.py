@@ -47,9 +47,13 @@ def error(problem: dc.Problem, duration: float, advice: dc.Recommendation) -> fl
     """Of the recommended run, its largest error of q and u as a share of their ranges."""
     assert advice.best is not None
     step = advice.step or duration / 1000
-    other = "ode5" if advice.solver == "ode8" else "ode8"
     every = dc.Record(("wang",), every=16)
-    exact = dc.simulate(problem, None, duration, step / 16, other, every)
+    other = "ode5" if advice.solver == "ode8" else "ode8"
+    exact = (
+        dc.simulate(problem, None, duration, step / 16, other, every)
+        if advice.step
+        else dc.simulate(problem, None, duration, step, dc.solvers.by_name("RK45", 1e-12))
+    )
     chosen = dc.solvers.by_name(advice.best.solver, advice.setting_tolerance)
     run = dc.simulate(problem, None, duration, step, chosen)
     return distance(problem.mechanism, run, exact)

@@ -80,3 +80,25 @@ def test_right_logs_together_have_no_cause() -> None:
 def test_an_empty_list_is_no_log() -> None:
     with pytest.raises(LogError, match="empty"):
         dc.explain_residual(pendulum(), [])
+
+
+def test_the_steps_of_a_study_share_what_is_wrong() -> None:
+    """Semi-implicit Euler by hand, at three steps, of a pendulum with more damping than the model's."""
+
+    def run(step: float) -> dc.Trajectory:
+        t = np.arange(round(1.0 / step) + 1) * step
+        y = np.empty((len(t), 2))
+        y[0] = 1.1, 0.4
+        for k in range(len(t) - 1):
+            q, u = y[k]
+            u += step * (-9.81 / 0.7 * np.sin(q) - 0.07 / (1.3 * 0.7**2) * u)
+            y[k + 1] = q + step * u, u
+        return dc.Trajectory(
+            t=t, q=y[:, :1], u=y[:, 1:], coordinates=("pivot",), speeds=("pivot",),
+            provenance=dc.Provenance("by hand", step=step),
+        )  # fmt: skip
+
+    study = dc.study(pendulum(), runs=run, steps=[8e-3, 4e-3, 2e-3], order=1)
+    (cause,) = study.explanation().causes
+    equal = {"damping": 0.07, "body-inertia": DAMPING / 0.07}
+    assert cause.size == pytest.approx(equal[cause.kind], rel=1e-4)

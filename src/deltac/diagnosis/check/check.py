@@ -18,6 +18,7 @@ from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame, blame_at, explained, without_sums
 from deltac.diagnosis.check.whole import causes_of_model, whole_causes
 from deltac.diagnosis.inputs.equations import load_equations
+from deltac.diagnosis.residuals.at_samples import CLEAR
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -180,9 +181,6 @@ constant typed with seven digits shows."""
 
 MOST_ROWS = 256
 """States of a run at which equations are tested."""
-
-CLEAR = 50.0
-"""A residual this many times above the roughness of the function is no rounding."""
 
 RATES = "rates as speeds"
 """A map without its own speeds: Euler's rates in place of body rates, for instance."""

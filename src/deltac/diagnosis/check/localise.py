@@ -12,6 +12,7 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.matching import Match, explain_residual
+from deltac.diagnosis.residuals.at_samples import LEAST
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import some_rows, states_along
@@ -28,9 +29,6 @@ from deltac.trajectories import Trajectory
 
 MOST_ROWS = 1000
 """Samples that are looked at, evenly over the run."""
-
-HOLDS = 1e-6
-"""A relative residual below this is no departure: constraint solvers and files stop there."""
 
 EXCHANGED = "the momentum exchanged"
 
@@ -200,7 +198,7 @@ def _by_momenta(
         joints[joint] = joints.get(joint, 0.0) - run.u[rows, int(index)] * force
     residual, departures = forces(own), []
     for k, (name, size) in enumerate(own.momenta().items()):
-        if size["delta_p"] > size["error_bar"] and size["relative"] > HOLDS:
+        if size["delta_p"] > size["error_bar"] and size["relative"] > LEAST:
             span = _span(t, residual[name])
             departures.append(Departure(name, k + 1, size["relative"], span, (), EXCHANGED))
     departures.sort(key=lambda departure: -departure.relative)
@@ -213,7 +211,7 @@ def _departures(test: EquationTest, residual: Array, udot: Array) -> tuple[Depar
     size = np.sqrt(np.mean(residual**2, axis=1)) / typical
     departures = []
     for k in map(int, np.argsort(-size)):
-        if size[k] <= HOLDS:
+        if size[k] <= LEAST:
             continue
         terms = () if len(test.gamma) else explain_residual(test, residual[k], udot, k)
         departures.append(

@@ -14,7 +14,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.check.numbers import formula
+from deltac.diagnosis.check.numbers import CLOSE, formula
 from deltac.diagnosis.check.terms import (
     Part,
     circular,
@@ -28,7 +28,7 @@ from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.results import Serialisable
 
 EXACT = 1e-7
-"""Relative error of a fit that is no coincidence."""
+"""Relative difference of what agrees to half of a double's digits: of a fit that is no coincidence."""
 
 MOST_TERMS = 3
 
@@ -46,9 +46,6 @@ RATIO_OF = 4
 
 PAIRED = 120
 """Candidates of which all pairs are tried."""
-
-CLOSE = 1e-5
-"""What a pair may leave of the residual by the normal equations, which lose half of the digits."""
 
 FACTORS = {-1.0: "with the wrong sign", 0.0: "is missing", 2.0: "twice", 0.5: "by half"}
 
@@ -90,7 +87,7 @@ class Match(Serialisable, also=("words",)):
             number = self.ratio if number == "1" else f"{number}·{self.ratio}"
             return f"{part} enters with the factor {number}"
         for factor, words in FACTORS.items():
-            if abs(self.factor - factor) < 1e-5:
+            if abs(self.factor - factor) < CLOSE:
                 return f"{part} {'' if factor == 0.0 else 'enters '}{words}"
         number = _factor(self.factor)
         if any(c.isalpha() for c in self.formula):
@@ -202,7 +199,7 @@ def _told(
         if varied is not None and (not matches or varied[1] < price):
             match, _, part = varied
             return (replace(match, symbols=_written(test, part)),)
-    if own and any(p.name == own and not p.symbols and abs(c - 1.0) < 1e-5 for p, c in matches):
+    if own and any(p.name == own and not p.symbols and abs(c - 1.0) < CLOSE for p, c in matches):
         return ()
     terms = []
     for part, c in matches:
@@ -271,7 +268,7 @@ def _with_ratio(
             multiple = formula(number, test.kane.mechanism.parameters, term or "1")
             price = float(prices[k]) + (
                 0.0
-                if abs(abs(number) - 1.0) < 1e-5
+                if abs(abs(number) - 1.0) < CLOSE
                 else 2.0
                 if multiple is None
                 else 0.5 + multiple.cost
@@ -429,4 +426,4 @@ def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tu
 
 def _is_plain(factor: float) -> bool:
     """Whether a factor is −1, 0, 2 or ½."""
-    return any(abs(factor - plain) < 1e-5 for plain in FACTORS)
+    return any(abs(factor - plain) < CLOSE for plain in FACTORS)

@@ -17,7 +17,8 @@ NEAR = 2e-7
 """Relative difference of a number and the formula that it is taken for."""
 
 CLOSE = 1e-5
-"""A number this close to one is a number of its own, which is no formula."""
+"""Differences that six digits do not show: of a factor from one, and by normal equations, which lose half of
+the digits."""
 
 FRACTIONS = tuple(
     sorted(

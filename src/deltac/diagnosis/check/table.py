@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import io
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.check.check import EquationCheck, check_states
+from deltac.diagnosis.residuals.at_samples import CLEAR
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, draw, from_told, natural_scales, told
@@ -27,12 +29,6 @@ from deltac.trajectories.formats.files import naming
 
 MOST_ROWS = 100_000
 """Rows of a table that is read."""
-
-DIGITS = 15
-"""Significant digits of a number at which it has a double's precision."""
-
-ROUNDED = 50.0
-"""A residual may be this many times what the last digit written of its accelerations means."""
 
 
 @checked
@@ -131,8 +127,8 @@ def check_table(
 
 
 def _rounding(digits: int) -> float:
-    """What the digits that were written leave open, relative."""
-    return 0.0 if digits >= DIGITS else ROUNDED * 10.0 ** (1 - digits)
+    """What the digits that were written leave open, relative; 0.0 for those of a double."""
+    return 0.0 if digits >= sys.float_info.dig else CLEAR * 10.0 ** (1 - digits)
 
 
 def _read(path: Path) -> tuple[dict[str, list[float]], int]:

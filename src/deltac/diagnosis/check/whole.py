@@ -17,6 +17,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import column_kernels
+from deltac.diagnosis.check.matching import EXACT
 from deltac.diagnosis.explain.result import sentence
 from deltac.diagnosis.inference.hypotheses import Block, Fit, search
 from deltac.diagnosis.residuals.at_samples import Evaluator
@@ -31,9 +32,6 @@ from deltac.trajectories import Provenance, Trajectory
 
 STATES = 12
 """States at which a hypothesis is tested."""
-
-AGREES = 1e-7
-"""Relative difference of accelerations that agree."""
 
 MOST = 600
 """Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
@@ -258,7 +256,7 @@ def causes_of_model(test: EquationTest, udot: Array) -> tuple[Finding, ...]:
     equations = _Regression.of(test, udot)
     posterior = search([equations.block], equations.candidates, equations.sizes, 0.0)
     best, size = posterior.best, np.linalg.norm(equations.block.r)
-    if np.linalg.norm(equations.block.residual(best.coefficients)) > AGREES * size:
+    if np.linalg.norm(equations.block.residual(best.coefficients)) > EXACT * size:
         return ()
     mechanism = test.kane.mechanism
 
@@ -306,7 +304,7 @@ class _Regression:
         values = np.einsum("tij,tik->tjk", point.Y, values) / test.typical(udot)[:, None]
         places = np.arange(values.shape[2] - 1)
         empty = np.arange(0), np.zeros(0)
-        block = Block(values[..., 0], -values[..., 1:], *empty, places, AGREES**2)
+        block = Block(values[..., 0], -values[..., 1:], *empty, places, EXACT**2)
         found = candidates(evaluator, kernels.columns)
         return _Regression(block, tuple(c for c in found if c.kind not in OF_A_LOG))
 
@@ -409,4 +407,4 @@ def _called(caller: Caller, states: States) -> Array | None:
 def _agree(accelerations: Array | None, right: Array) -> bool:
     if accelerations is None:
         return False
-    return bool(np.abs(accelerations - right).max() <= AGREES * np.abs(right).max(initial=1e-300))
+    return bool(np.abs(accelerations - right).max() <= EXACT * np.abs(right).max(initial=1e-300))

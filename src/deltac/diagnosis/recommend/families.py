@@ -55,6 +55,9 @@ TOLERANCES = tuple(10.0 ** (-k / 2.0) for k in range(6, 25))
 SUITED = ("DOP853", "Radau", "CVODES", "IDAS")
 """Adaptive solvers that are tried unless others are named; the rest is dearer at every tolerance."""
 
+EXPLICIT = ("RK23", "RK45", "DOP853")
+"""Adaptive solvers without systems of equations, whose steps stiffness limits."""
+
 
 def families(
     source: Any,
@@ -116,16 +119,24 @@ def families(
 
 
 def _suited(mechanism: Mechanism, controller: Controller | None, *, in_mujoco: bool) -> list[str]:
-    """Names that are tried when none are given, orders high to low, so that the best comes early."""
+    """Names that are tried when none are given: explicit ones first, orders high to low.
+
+    The first ones tell how fast the motion is, and so what others can be worth.
+    """
     if in_mujoco:
         from deltac.recorders.mujoco_recorder import ORDERS
 
         return [f"{MUJOCO}{name}" for name in sorted(ORDERS, key=lambda n: -ORDERS[n])]
     stepping = [s for s in SOLVERS.values() if s.takes_steps]
-    names = [s.name for s in sorted(stepping, key=lambda s: -(s.order or 0))]
-    if controller is not None and controller.hold:
-        return names
-    return names + [n for n in SUITED if n in SOLVERS]
+    adaptive = (
+        [] if controller and controller.hold else [SOLVERS[n] for n in SUITED if n in SOLVERS]
+    )
+    ranked = sorted(stepping, key=lambda s: -(s.order or 0)) + adaptive
+    return [s.name for s in sorted(ranked, key=_implicit)]
+
+
+def _implicit(solver: Solver) -> bool:
+    return solver.family != "fixed" and solver.name not in EXPLICIT
 
 
 def _own(
@@ -189,6 +200,7 @@ def _own(
             adaptive,
             beginnings,
             halved=lambda h: h / 10.0,
+            implicit=_implicit(solver),
         )
     return Family(
         solver.name,
@@ -199,6 +211,7 @@ def _own(
         lambda step: stepped(step, ROWS),
         every_step,
         work=lambda step: stepped(step, SAMPLES),
+        implicit=_implicit(solver),
     )
 
 
@@ -258,6 +271,7 @@ def _mujoco(
         recorded,
         every_step,
         plain,
+        recorder=True,
     )
 
 

@@ -2,12 +2,16 @@
 
 A coarse run of each solver and its order predict the setting that keeps the tolerance, and its time. The
 cheapest prediction is made true: run, then measured at every row that a user of the advice gets. What
-this teaches may make another solver the cheapest; the search ends when the cheapest is verified.
+this teaches may make another solver the cheapest; the search ends when the cheapest is verified. A solver
+that was not run yet has a bound on its time, by its order and by how fast the motion was found to be, so that
+it is neither compiled nor run where it cannot be the cheapest.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Unpack
@@ -19,13 +23,13 @@ from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.channels import not_simulated
 from deltac.diagnosis.recommend.families import families
 from deltac.diagnosis.recommend.result import (
-    SAME_TIME,
     Prospect,
     Recommendation,
     failing,
     setting_of,
 )
 from deltac.diagnosis.recommend.work_precision import (
+    ALIKE,
     ROUNDING,
     Deadline,
     Family,
@@ -64,8 +68,14 @@ RESOLVED = 0.1
 """A run whose error is below this share of the ranges has the order of its solver, until more is known."""
 
 REDUCED = 0.5
-"""Share of its order that a solver is trusted to have at least. At kinks errors fall erratically, by order 1
-or 2: a setting that happens to do comes sooner than that order says."""
+"""Share of its order that a solver is trusted to have, until two refinements tell less: the first trials
+may still be coarser than what is fastest in the motion."""
+
+SLACK = 2.0
+"""Solvers of other error constants may take steps this many times as long as the motion's rate says."""
+
+REFINEMENT = 4.0
+"""By what factor a step is divided that has no order yet, because the run broke down."""
 
 SAFETY = 1.03
 """Margin on a step that an order predicts, so that it seldom fails its verification."""
@@ -158,9 +168,18 @@ def recommend(
         duration=duration,
         reference_energy=trials.reference_energy,
         still=trials.still,
-        notes=(*notes, *search.notes, *(c.reason for c in search.candidates if c.reason)),
+        notes=(*notes, *search.notes, *_reasons(search.candidates)),
         import_report=loaded.import_report,
     )
+
+
+def _reasons(candidates: Sequence[Candidate]) -> list[str]:
+    """Why solvers were not run, or not to the end."""
+    dearer = [c.family.name for c in candidates if not (c.trials or c.reason or c.given_up)]
+    reasons = [c.reason or c.given_up for c in candidates if c.reason or c.given_up]
+    if dearer:
+        reasons.append(f"not run, as they need more time at their order: {', '.join(dearer)}")
+    return reasons
 
 
 class Candidate:
@@ -173,6 +192,9 @@ class Candidate:
         self.times: dict[int, float] = {}  # s, of runs at a place
         self.bias = 1.0  # by what factor an error was found larger than it was estimated
         self.reason, self.refused = "", False
+        self.waited = 0.0  # s, for its latest trial
+        self.floor = 0.0  # s, that a run was found to exceed
+        self.given_up = ""  # why it was ended there
 
     def _excess(self, place: int) -> float:
         trial = self.trials[place]
@@ -188,16 +210,50 @@ class Candidate:
         return any(map(self._resolved, self.trials))
 
     @property
+    def rate(self) -> float:
+        """How fast the motion changes as its errors tell, 1/s: error = (rate × step)^order; 0 if unknown.
+
+        Only errors of motion above the tolerance tell it: smaller ones may be those of steps that stability
+        limits, and then tell nothing of the steps that accuracy needs.
+        """
+        family, errors = self.family, {k: t.motion for k, t in self.trials.items()}
+        telling = [k for k, error in errors.items() if self.tolerances[1] < error <= RESOLVED]
+        if family.knob != "step" or not telling:
+            return 0.0
+        order = family.order or 1
+        return max(float(errors[k] ** (1.0 / order)) / family.settings[k] for k in telling)
+
+    def fewest(self, rate: float) -> float:
+        """Evaluations of ẋ that it needs at least for a motion of this rate."""
+        order = self.family.order or 1
+        steps = self._duration * rate / float(self.tolerances[1] ** (1.0 / order))
+        return max(self.family.stages, 1) * steps / SLACK
+
+    def seconds_each(self, overhead: float) -> float:
+        """Of an evaluation of ẋ, s; infinite where it is not known."""
+        place = max(self.times, default=0)
+        evaluations = self.family.stages * self._steps(self.family.settings[place])
+        if self.family.knob != "step" or not self.times or not evaluations:
+            return math.inf
+        return max(self.times[place] - overhead, 0.0) / evaluations
+
+    @property
     def order(self) -> float:
-        """Power of the setting by which the error may fall: the solver's, or less where two trials say so."""
+        """Power of the setting by which the error falls: the solver's, or less where trials say so.
+
+        At kinks it is less; what converges does so by the first order at least.
+        """
         nominal = float(self.family.order or 1) if self.family.knob == "step" else 1.0
         resolved = sorted(k for k in self.trials if self._excess(k) > 0.0 and self._resolved(k))
-        if len(resolved) < 2:
+        observed = list(itertools.starmap(self._observed, itertools.pairwise(resolved)))
+        if not observed:
             return nominal
-        coarse, fine = resolved[-2:]
+        lower = len(observed) > 1 and max(observed[-2:]) < REDUCED * nominal
+        return min(max(observed[-1], 1.0 if lower else REDUCED * nominal), nominal)
+
+    def _observed(self, coarse: int, fine: int) -> float:
         ratio = self.family.settings[coarse] / self.family.settings[fine]
-        observed = math.log(self._excess(coarse) / self._excess(fine)) / math.log(ratio)
-        return min(max(observed, REDUCED * nominal), nominal)
+        return math.log(self._excess(coarse) / self._excess(fine)) / math.log(ratio)
 
     @property
     def place(self) -> int:
@@ -228,7 +284,7 @@ class Candidate:
         tried = passes if passes < len(settings) else fails
         excess, setting = self._excess(tried), settings[tried]
         if math.isinf(excess):
-            return setting / 4.0
+            return setting / REFINEMENT
         if self._resolved(tried):
             return setting / (SAFETY * float(max(excess, EPS) ** (1.0 / self.order)))
         # Coarser than anything that has an order: the error has still to fall from `RESOLVED`.
@@ -283,6 +339,7 @@ class Search:
         self.notes: list[str] = []
         self._trials, self._deadline, self._progress = trials, deadline, progress
         self._tolerances = tolerances
+        self._first_wait = 0.0  # s, for the first trial of a solver, the longest so far
 
     def cheapest(self) -> Candidate | None:
         """The candidate whose setting is verified, and expected to be the cheapest; None if there is none."""
@@ -328,26 +385,56 @@ class Search:
         return 0.9 * min(times, default=0.0)
 
     def _next(self) -> Candidate | None:
-        """The candidate with the least expected time; among equals that with the fewest evaluations."""
+        """The candidate with the least expected time; among equals that with the fewest evaluations.
+
+        Until a trial has an order, that whose next trial will be over first.
+        """
         alive = self._alive
         if not alive or self._trials.still:
             return None
-        fresh = [c for c in alive if not c.trials]
-        if fresh:
-            return fresh[0]
-        times = {id(c): c.seconds(c.goal, self._overhead) for c in alive}
+        if not any(c.resolved for c in alive):
+            return min(alive, key=self._wait)
+        times = {id(c): self._least(c) for c in alive}
         least = min(times.values())
-        equals = [c for c in alive if times[id(c)] <= SAME_TIME * least]
+        equals = [c for c in alive if times[id(c)] <= ALIKE * least]
         return min(equals, key=self._evaluations)
 
+    def _wait(self, candidate: Candidate) -> float:
+        """For the next trial, s; the first one includes what is to be compiled."""
+        if not candidate.trials:
+            return self._first_wait
+        return REFINEMENT * candidate.waited if len(candidate.trials) > 1 else 0.0
+
+    def _least(self, candidate: Candidate) -> float:
+        """The expected time of a run, s; of a solver without trials no more than a bound.
+
+        By its order, where it takes steps of one length. Where accuracy limits such steps the motion is not
+        stiff, and implicit adaptive solvers gain nothing over explicit ones.
+        """
+        alive, overhead = self._alive, self._overhead
+        if candidate.trials or candidate.given_up:
+            return max(candidate.seconds(candidate.goal, overhead), candidate.floor)
+        rate = min((c.rate for c in alive if c.rate), default=0.0)
+        if candidate.family.knob == "step":
+            each = min(c.seconds_each(overhead) for c in alive)
+            return overhead + candidate.fewest(rate) * each if rate and math.isfinite(each) else 0.0
+        explicit = [
+            c.seconds(c.goal, overhead)
+            for c in alive
+            if c.trials and c.family.knob == "tolerance" and not c.family.implicit
+        ]
+        return min(explicit, default=0.0) if rate and candidate.family.implicit else 0.0
+
     def _evaluations(self, candidate: Candidate) -> float:
+        if not candidate.trials or candidate.given_up:
+            return math.inf
         place = min(candidate.goal, len(candidate.family.settings) - 1)
         return candidate.prospect(place).evaluations or math.inf
 
-    def _budget(self) -> float:
-        """Seconds after which a run cannot be that of the best."""
+    def _budget(self, candidate: Candidate) -> float:
+        """Seconds after which a run cannot be that of the best, as far as it is known."""
         times = [c.seconds(c.place, self._overhead) for c in self._alive if c.resolved]
-        return max(TOO_DEAR * min(times, default=math.inf), LEAST_BUDGET)
+        return max(TOO_DEAR * max(min(times, default=math.inf), candidate.floor), LEAST_BUDGET)
 
     def _try(self, candidate: Candidate, place: int) -> None:
         """Run a setting; of the first run that has an order, measure what more steps cost as well."""
@@ -356,11 +443,12 @@ class Search:
             self._progress(
                 sum(bool(c.trials) for c in self.candidates) / (len(self.candidates) + 1)
             )
-        budget = self._budget()
+        budget = self._budget(candidate)
         self._deadline.allow(budget)
+        began, first = time.monotonic(), not candidate.trials
         try:
             trial = self._trials.of(family, settings[place])
-            candidate.trials[place] = trial
+            candidate.trials[place], candidate.given_up = trial, ""
             if not trial.message:
                 candidate.times[place] = trial.seconds
             longer = place + MORE_STEPS
@@ -370,10 +458,14 @@ class Search:
         except Refused as refusal:
             candidate.reason, candidate.refused = f"{family.name} was left out: {refusal}", True
         except OverBudget as excess:
-            candidate.reason = (
+            candidate.floor = budget
+            candidate.given_up = (
                 f"{family.name} was given up at {family.knob} {settings[place]:g}: {excess}, "
                 f"{TOO_DEAR:g} times what the best is expected to take"
             )
+        candidate.waited = time.monotonic() - began
+        if first:
+            self._first_wait = max(self._first_wait, candidate.waited)
 
     def _verify(self, candidate: Candidate, place: int) -> None:
         self._deadline.allow()
@@ -388,8 +480,8 @@ class Search:
 
     def prospects(self, best: Candidate | None) -> tuple[Prospect, ...]:
         """What was expected of every solver in the end, the cheapest first, the best before all."""
-        tried = [c for c in self.candidates if c.trials and c.goal < len(c.family.settings)]
-        rows = {id(c): c.prospect(c.goal, self._overhead) for c in tried if not c.reason}
+        tried = [c for c in self._alive if c.trials and c.goal < len(c.family.settings)]
+        rows = {id(c): c.prospect(c.goal, self._overhead) for c in tried if not c.given_up}
         ranked = sorted(rows, key=lambda key: (key != id(best), rows[key].seconds))
         return tuple(rows[key] for key in ranked)
 

@@ -8,14 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from deltac.diagnosis.inputs.channels import told
-from deltac.diagnosis.recommend.work_precision import Trial
+from deltac.diagnosis.recommend.work_precision import ALIKE, Trial
 from deltac.results import Report, Section, Table, number, percent
 
 if TYPE_CHECKING:
     from deltac.importers.report import ImportReport
-
-SAME_TIME = 1.2
-"""Times within this factor are the same; fewer evaluations decide."""
 
 LIMITS = (
     "errors of the model: the recommendation concerns the integration only",
@@ -217,7 +214,7 @@ def _everywhere(best: Trial) -> str:
 
 
 def _longer(ratio: float) -> str:
-    return f"{ratio:.2g} times as long" if ratio > SAME_TIME else "as long"
+    return f"{ratio:.2g} times as long" if ratio > ALIKE else "as long"
 
 
 def failing(trial: Trial, tolerance: float, motion: float) -> str:

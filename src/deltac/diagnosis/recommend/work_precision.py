@@ -33,6 +33,9 @@ REPEATS = 3
 BRIEF = 0.05
 """Seconds after which a run is not timed once more."""
 
+ALIKE = 1.2
+"""Times within this factor are the same."""
+
 ROUNDING = 1e-13
 """No run in double precision keeps the energy better than this, as a share of the energy that the system has.
 What moves with less than this share of it does not move: its range is rounding."""
@@ -79,6 +82,8 @@ class Family:
         pieces: what a setting's trial is verified on: the whole run, every row kept, comes first.
         work: does the same without more recording than a user needs; it is timed. None: `run` is.
         halved: the setting that is to be compared with one, to tell how far its motion has converged.
+        recorder: whether recording takes much of a run's time, so that `work` is always timed apart.
+        implicit: whether its steps solve systems of equations, so that stiffness does not limit them.
     """
 
     name: str
@@ -90,6 +95,8 @@ class Family:
     pieces: Callable[[float], Sequence[Piece]]
     work: Callable[[float], object] | None = None
     halved: Callable[[float], float] = field(default=lambda h: h / 2)
+    recorder: bool = False
+    implicit: bool = False
 
 
 @dataclass(frozen=True)
@@ -221,21 +228,30 @@ class Trials:
 
         Raises Refused where the solver cannot be used at all.
         """
-        run = self._run(family, setting)
+        run = self._run(family, setting, judged=True)
         if isinstance(run, str):
             return _failure(family, setting, run)
+        energies = run.energies
+        assert energies is not None
         motion = 0.0
         if self._motion_matters:
-            finer = self._run(family, family.halved(setting))
+            finer = self._run(family, family.halved(setting), judged=False)
             if isinstance(finer, str):
                 return _failure(family, setting, f"at half the step: {finer}")
             ratio = 2.0 ** (family.order or 1) if family.knob == "step" else 10.0
             motion = self.distance(run.motion, finer.motion) * ratio / (ratio - 1.0)
+        self.reference_energy, self._scale = energies.reference_energy, energies.scale
         t = run.motion.t
         steps = round((t[-1] - t[0]) / setting) if family.knob == "step" else 0
         seconds = self.seconds(family, setting)
         return Trial(
-            family.name, family.knob, setting, run.energy, motion, seconds, family.stages * steps
+            family.name,
+            family.knob,
+            setting,
+            _share(energies.error, energies.reference_energy),
+            motion,
+            seconds,
+            family.stages * steps,
         )
 
     def verified(self, family: Family, trial: Trial) -> Trial:
@@ -261,7 +277,14 @@ class Trials:
         return replace(trial, energy=energy, motion=motion, verified=True)
 
     def seconds(self, family: Family, setting: float) -> float:
-        """The least time of a few runs, s; what there is to compile was compiled by an earlier one."""
+        """The least time of a few runs, s; what there is to compile was compiled by an earlier one.
+
+        Of long runs the time is known, where those at a step and at its half took times in their ratio.
+        """
+        earlier = [(self._runs.get((family.name, setting / k)), k) for k in (1.0, 2.0)]
+        spans = [run.seconds / k for run, k in earlier if isinstance(run, _Run)]
+        if not family.recorder and len(spans) > 1 and BRIEF < max(spans) <= ALIKE * min(spans):
+            return min(spans)
         work: Callable[[float], object] = family.work or family.run
         times: list[float] = []
         with quietly():
@@ -271,27 +294,40 @@ class Trials:
                 times.append(time.perf_counter() - start)
         return min(times)
 
-    def _run(self, family: Family, setting: float) -> _Run | str:
+    def _run(self, family: Family, setting: float, *, judged: bool) -> _Run | str:
+        """A run, made once; again if it is `judged` by its energies, of which it had none."""
         key = (family.name, setting)
-        if key not in self._runs:
-            self._runs[key] = self._with_energy(_completed(lambda: family.run(setting)))
+        kept = self._runs.get(key)
+        if kept is None or (judged and isinstance(kept, _Run) and kept.energies is None):
+            self._runs[key] = self._made(family, setting, judged=judged)
         return self._runs[key]
 
-    def _with_energy(self, run: Trajectory | str) -> _Run | str:
-        energies = run if isinstance(run, str) else _energies(self.mechanism, run)
-        if isinstance(run, str) or isinstance(energies, str):
-            return str(energies)
-        self.reference_energy, self._scale = energies.reference_energy, energies.scale
-        share = _share(energies.error, energies.reference_energy)
-        return _Run(Motion(run.t, run.q, run.u), share)
+    def _made(self, family: Family, setting: float, *, judged: bool) -> _Run | str:
+        compiled = any(name == family.name for name, _ in self._runs)
+        start = time.perf_counter()
+        run = _completed(lambda: family.run(setting))
+        seconds = time.perf_counter() - start if compiled else math.inf
+        if isinstance(run, str):
+            return run
+        energies = _energies(self.mechanism, run) if judged else None
+        if isinstance(energies, str):
+            return energies
+        return _Run(Motion(run.t, run.q, run.u), seconds, energies)
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """What a search needs of a run: its rows, and the largest |ΔC| as a share of the system's energy."""
+    """What a search needs of a run.
+
+    Attributes:
+        motion: its rows.
+        seconds: that it took; infinite where code may have been compiled for it.
+        energies: where it is judged by them.
+    """
 
     motion: Motion
-    energy: float
+    seconds: float
+    energies: _Energies | None
 
 
 def _failure(family: Family, setting: float, message: str) -> Trial:

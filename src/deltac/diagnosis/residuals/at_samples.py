@@ -31,7 +31,8 @@ MOST_ROWS = 3000
 
 PERTURBATIONS = 2
 CLEAR = 50.0
-"""A residual this many times above what the log's digits allow is no rounding."""
+"""A residual this many times above what digits allow is no rounding: terms are sums of some tens
+of products."""
 
 NEGLIGIBLE = 1e-12
 """Share of a momentum that rounding may change over a log."""

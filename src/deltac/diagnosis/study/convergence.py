@@ -36,7 +36,7 @@ SURE = 10.0
 """A limit counts as not zero from so many of its uncertainties on."""
 
 LEAST_ORDER = 0.5
-"""Curves that fall more slowly than this are not seen to fall: non-smooth motions show 0.5 to 1."""
+"""What falls more slowly with the step is not seen to fall: non-smooth motions show 0.5 to 1."""
 
 AGREE = 0.1
 """Orders at neighbouring steps that differ by less are averaged: the digits of the data limit them."""
@@ -52,9 +52,6 @@ VAGUE = 0.5
 
 EARLY = 8
 """The first so many parts of the time tell truncation from rounding, before either is amplified."""
-
-BY_MAXIMUM = 1
-"""Place of the maximum's order among the estimates of a pair of curves."""
 
 WINDOWS = 3
 """Parts of the time in which the order is estimated as well."""
@@ -287,15 +284,15 @@ def _difference_orders(h: Array, coarse: Array, fine: Array) -> list[float]:
 
 
 def _measures(a: Array, b: Array) -> list[tuple[float, float]]:
-    """Sizes of two curves, in several ways of measuring; only those where both are there."""
-    pairs = [(_rms(a), _rms(b)), (float(a.max()), float(b.max()))]
+    """Sizes of two curves, in several ways of measuring, the maximum first; only where both are there."""
+    pairs = [(float(a.max()), float(b.max())), (_rms(a), _rms(b))]
     if len(a) >= 6 * WINDOWS:
         parts = zip(np.array_split(a, WINDOWS), np.array_split(b, WINDOWS))
         # A part in which next to nothing is left says nothing of the leading term.
         pairs += [
             (_rms(p), _rms(q))
             for p, q in parts
-            if _rms(p) > 0.01 * pairs[0][0] and _rms(q) > 0.01 * pairs[0][1]
+            if _rms(p) > 0.01 * pairs[1][0] and _rms(q) > 0.01 * pairs[1][1]
         ]
     return [(p, q) for p, q in pairs if p > 0.0 and q > 0.0]
 
@@ -328,9 +325,9 @@ def _richardson_order(h: Array, ratio: float) -> float | None:
 
 def _centre(estimates: Sequence[float], *, of_maximum: bool = False) -> tuple[float, float]:
     """Median, or the order of the maximum, and half of the spread; of what is not finite there is none."""
-    if of_maximum and math.isfinite(estimates[BY_MAXIMUM]):
+    if of_maximum and math.isfinite(estimates[0]):
         _, spread = _centre(estimates)
-        return round(estimates[BY_MAXIMUM], 12), spread
+        return round(estimates[0], 12), spread
     finite = [x for x in estimates if math.isfinite(x)]
     if len(finite) < len(estimates):
         return round(float(np.median(finite or [0.0])), 12), math.inf

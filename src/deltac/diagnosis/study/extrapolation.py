@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis.study.convergence import LEAST_ORDER, Convergence, order_text
 from deltac.diagnosis.study.curves import Comparison, one_sided
 from deltac.diagnosis.study.runs import BalancedRun
 from deltac.dynamics.admissible import onto_positions, onto_speeds
@@ -29,9 +29,6 @@ from deltac.trajectories import Trajectory
 
 SPREAD = 0.3
 """Spread of an observed order by which one term may be taken off where the solver's is not known."""
-
-LEAST_ORDER = 0.5
-"""Below this order an extrapolation would amplify what it cannot know."""
 
 ROUNDING = 16 * EPS
 """Error of an extrapolated number for rounding, as a share of the largest of its kind."""

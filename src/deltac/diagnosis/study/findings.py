@@ -26,9 +26,6 @@ JUMP = 10.0
 NOTICEABLE = 0.01
 """Share of the largest speed of its unit that a jump must reach."""
 
-HALF = 0.5
-"""Where ΔC with and without the work of corrections differ by more than a factor of two, one is blind."""
-
 STAYS = 0.8
 """A violation that is no smaller than this share of that at coarser steps does not fall with the step."""
 
@@ -147,7 +144,7 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
         float(np.abs(x).max())
         for x in (ledger.delta_c[function], without_corrections(ledger, function))
     ]
-    if done <= allowed or min(ways) > HALF * max(ways):
+    if done <= allowed or 2.0 * min(ways) > max(ways):  # within a factor of two none is blind
         return
     yield Finding(
         "stabilised",

@@ -24,7 +24,7 @@ from deltac.diagnosis.residuals.at_samples import (
 )
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import states_along
-from deltac.diagnosis.study.convergence import Convergence
+from deltac.diagnosis.study.convergence import LEAST_ORDER, Convergence
 from deltac.diagnosis.study.curves import FEWEST
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.errors import InputError
@@ -35,9 +35,6 @@ from deltac.trajectories import Trajectory
 
 SHARE = 0.02
 """Equations whose residual is below this share of the worst one's are not blamed."""
-
-FALLS = 0.5
-"""Order from which on a residual falls with the step: then it is of the accelerations, not the equations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +65,7 @@ class Residuals(Serialisable, omit=("findings",)):
     @property
     def stays(self) -> bool:
         """Whether they do not close, at any step."""
-        return not self.closes and self.order < FALLS
+        return not self.closes and self.order < LEAST_ORDER
 
     @property
     def blamed(self) -> tuple[int, ...]:
@@ -231,7 +228,7 @@ class StudyMeasures:
 
     steps      of the runs compared, coarsest first; `unit` is "s", or "" for tolerances
     left       largest |ΔC| of each, corrections included; bars: what else than the motion explains of it
-    energy_exchanged   of the finest; scale: that and the energies themselves; kinetic: the largest K
+    energy_exchanged   of the finest; scale: that and the energies themselves
     energy     how ΔC converges; state: how the motion does; momentum: of each momentum balance
     residuals  of the equations of motion at the runs' own states, if they have accelerations
     trusted    the motion was made with the model's own dynamics, which are those of the test
@@ -248,7 +245,6 @@ class StudyMeasures:
     energy_exchanged: float
     reference_energy: float
     scale: float
-    kinetic: float
     energy: Convergence
     state: Convergence
     momentum: dict[str, Convergence]
@@ -277,11 +273,6 @@ class StudyMeasures:
     def relative(self) -> float:
         """Largest |ΔC| at the finest step, as a fraction of the energy that the system has."""
         return self.left[-1] / self.reference_energy if self.reference_energy > 0.0 else 0.0
-
-    @property
-    def below_rounding(self) -> bool:
-        """Whether the system has so little energy that the tolerance asks for less than rounding."""
-        return self.bars[-1] > self.allowed and not self.quadrature
 
     @property
     def equations_right(self) -> bool:

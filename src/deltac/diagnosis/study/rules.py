@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import math
 
-from deltac.diagnosis.study.convergence import order_text
+from deltac.diagnosis.study.convergence import CLEAR, WELL_CLEAR, order_text
 from deltac.diagnosis.study.measures import StudyMeasures
 from deltac.diagnosis.verdict import NOTHING, Confidence, Kind, Verdict, percent
-
-DOMINATES, BEYOND = 4.0, 30.0
-"""Error bars from which on ΔC counts, once the bar is above the tolerance; and where bars do not converge."""
 
 BELOW = 0.6
 """An observed order that is off by more than this and its error is a finding: what is not smooth costs a
@@ -119,7 +116,7 @@ def _astray(m: StudyMeasures) -> list[str]:
     return [
         name
         for name, found in m.momentum.items()
-        if found.trend == "tends to a limit" and found.limit > BEYOND * max(found.floors)
+        if found.trend == "tends to a limit" and found.limit > WELL_CLEAR * max(found.floors)
     ]
 
 
@@ -129,7 +126,7 @@ def _wrong_limit(m: StudyMeasures) -> bool:
     return (
         c.trend == "tends to a limit"
         and c.limit > max(LARGE_LIMIT * m.energy_exchanged, m.allowed)
-        and c.limit > (BEYOND if m.quadrature else DOMINATES) * max(m.bars)
+        and c.limit > (WELL_CLEAR if m.quadrature else CLEAR) * max(m.bars)
         and _plausible(m)
     )
 
@@ -150,7 +147,7 @@ def _plausible(m: StudyMeasures) -> bool:
 
 
 def _decisive(m: StudyMeasures) -> float:
-    return BEYOND if m.quadrature else DOMINATES
+    return WELL_CLEAR if m.quadrature else CLEAR
 
 
 def _sure(m: StudyMeasures) -> Confidence:

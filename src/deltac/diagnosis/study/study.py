@@ -52,6 +52,7 @@ from deltac.simulation.solvers import Options, solver_options
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
+    from deltac.diagnosis.explain.result import Explanation
     from deltac.importers.report import ImportReport
 
 
@@ -138,6 +139,19 @@ class Study(
             self.observed_order["state"],
             self.nominal,
             self.function,
+        )
+
+    def explanation(self) -> Explanation:
+        """What is wrong with the equations of the runs: the causes that all steps share, with their odds.
+
+        Each step has an integrator's error of its own, and the same mistake; their Gram matrices are added.
+        It takes about as long as an audit of each run. Raises InputError for runs of too few rows.
+        """
+        # Here, since a study alone must not load SciPy.
+        from deltac.diagnosis.explain.explain import explain_residual
+
+        return explain_residual(
+            self.mechanism, [entry.run for entry in self.runs if isinstance(entry, BalancedRun)]
         )
 
     def rows(self) -> tuple[dict[str, Any], ...]:
@@ -286,7 +300,6 @@ def studied(
         reference_energy=ledger.reference_energy,
         scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
         + ledger.energy_exchanged,
-        kinetic=float(ledger.kinetic.max()),
         energy=energy[function],
         state=state,
         momentum=momentum,

@@ -14,7 +14,7 @@ from deltac import problems
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import read_log
 from deltac.diagnosis.study.runs import before_blow_up
-from deltac.energy import Ledger, balance
+from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import StateLike, load_model
@@ -27,8 +27,8 @@ from deltac.report.panels import by_name, energy_plots, motions
 from deltac.report.still import sketch
 from deltac.results import number
 from deltac.simulation.arguments import positive
-from deltac.simulation.simulate import simulate
-from deltac.trajectories import Trajectory, read_trajectory
+from deltac.trajectories import Trajectory
+from deltac.verbs import balance, read_trajectory, simulate
 
 STEP, SOLVER, DURATION = 1e-3, "ode5", 5.0
 """Of a motion whose model says nothing of it."""

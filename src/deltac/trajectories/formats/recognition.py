@@ -837,7 +837,9 @@ def _state_vectors(s: _Search) -> Iterator[Meaning]:
     for one in (sure or [one for one in states if one.usual and one.miss != np.inf])[:1]:
         # of two orders that fit, the first is usual; an array alone in its file is the table as well
         same = all(set(other.columns.values()) == set(one.columns.values()) for other in sure)
-        basis: Basis = "declared" if one.named and one.usual else "motion"
+        # An order that the motion confirms, and in which alone it moves so, is no guess.
+        confirmed = one in agreeing or (one.named and one.usual)
+        basis: Basis = "declared" if confirmed else "motion"
         if not (sure and same):
             basis = "guess" if one.miss is None or sure else "open"
         for target, column in one.columns.items():

@@ -17,7 +17,7 @@ from deltac.arrays import EPS
 from deltac.report.page.scene import scene
 from deltac.report.picture import blank
 from deltac.report.still import draw
-from deltac.report.style import BLUE, VERMILION, styled
+from deltac.report.style import BAD, GOOD, styled
 
 TARGET = Path(__file__).parents[1] / "docs" / "images" / "testing.gif"
 
@@ -56,7 +56,7 @@ def _frame(runs: list, curves: list, row: int) -> Image.Image:
             top=0.8,
             wspace=0.24,
         )
-        looks = (("right equations", BLUE), ("wrong equations", VERMILION))
+        looks = (("right equations", GOOD), ("wrong equations", BAD))
         for k, ((found, run), (name, colour)) in enumerate(zip(runs, looks)):
             panel = figure.add_subplot(grid[0, k])
             t = np.asarray(found.runs[0].t.values)

@@ -27,6 +27,7 @@ from deltac.analysis.matrices import Matrices as Matrices
 from deltac.analysis.matrices import matrices as matrices
 from deltac.diagnosis.audit.audit import Audit as Audit
 from deltac.diagnosis.audit.audit import audit as audit
+from deltac.diagnosis.audit.audit import explain_residual as explain_residual
 from deltac.diagnosis.check.check import EquationCheck as EquationCheck
 from deltac.diagnosis.check.check import check_equations as check_equations
 from deltac.diagnosis.check.localise import Localisation as Localisation
@@ -35,7 +36,6 @@ from deltac.diagnosis.check.table import check_table as check_table
 from deltac.diagnosis.check.table import write_states as write_states
 from deltac.diagnosis.correct import Correction as Correction
 from deltac.diagnosis.correct import correct_trajectory as correct_trajectory
-from deltac.diagnosis.explain.explain import explain_residual as explain_residual
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation
 from deltac.diagnosis.inputs.fmu import load_fmu as load_fmu

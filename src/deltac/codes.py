@@ -92,6 +92,7 @@ FINDINGS: dict[str, str] = {
     "swapped-columns": "two speeds fit each other's coordinates",
     "clipped-column": "a speed stays at its extreme while the coordinate moves faster",
     "speed-not-rate": "a speed is not the rate of its coordinate",
+    "undecided": "what would decide where a verdict is unresolved",
     "replayed": "MuJoCo's model, stepped from row to row, arrives at every row of the log",
     "replay-departs": "MuJoCo's model, stepped from a row of the log, misses the next one",
     "time-limit": "an audit left out what its verdict can do without, since its time limit had passed",

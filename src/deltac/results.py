@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 SCHEMA = 1
 """Version of the JSON; it grows when a key changes its meaning or goes, not when one is added."""
 
-WIDTH = 96
+TEXT_WIDTH = 96
 """Columns of text where no terminal says how many it has."""
 
-LEAST = 16
+LEAST_COLUMN = 16
 """A column of a table is not wrapped to fewer characters than this, nor a word ever broken."""
 
 
@@ -115,14 +115,14 @@ class Table:
             for cells in [[row[k] for row in self.rows if row and row[k].strip(" –")]]
         )
 
-    def text(self, width: int = WIDTH) -> str:
+    def text(self, width: int = TEXT_WIDTH) -> str:
         """The table in at most `width` columns: text is wrapped, then further columns go below."""
         lines = [self.heads, *(row for row in self.rows if row)]
         least, natural = [], []
         for column in zip(*lines, strict=True):
             words = max((len(word) for cell in column for word in cell.split()), default=0)
             natural.append(max(max(map(len, cell.split("\n"))) for cell in column))
-            least.append(min(natural[-1], max(words, LEAST)))
+            least.append(min(natural[-1], max(words, LEAST_COLUMN)))
         right = self.numeric
         least = [n if number else m for m, n, number in zip(least, natural, right)]
         blocks: list[list[int]] = [[]]
@@ -224,7 +224,7 @@ def _cells(tag: str, row: tuple[str, ...], right: tuple[bool, ...]) -> str:
     )
 
 
-def paragraph(text: str, width: int = WIDTH) -> str:
+def paragraph(text: str, width: int = TEXT_WIDTH) -> str:
     """A paragraph wrapped to a width, further lines indented; no word or number with its unit is broken."""
     joined = _UNIT.sub("\u00a0", text)  # which textwrap takes for no space
     lines = textwrap.fill(
@@ -233,7 +233,7 @@ def paragraph(text: str, width: int = WIDTH) -> str:
     return lines.replace("\u00a0", " ")
 
 
-def as_text(sections: Iterable[Section], width: int = WIDTH) -> str:
+def as_text(sections: Iterable[Section], width: int = TEXT_WIDTH) -> str:
     """Sections as text; tables and verbatim text stand between empty lines."""
     parts: list[str] = []
     for section in sections:
@@ -426,11 +426,11 @@ class Report(Serialisable, Shown):
         """Exit code of the command line: 0 consistent, 1 not, 3 unresolved."""
         return 0
 
-    def explain(self, width: int = WIDTH) -> str:
+    def explain(self, width: int = TEXT_WIDTH) -> str:
         """The whole report as text of at most `width` columns."""
         return as_text(self.sections(), width)
 
-    def table(self, width: int = WIDTH) -> str:
+    def table(self, width: int = TEXT_WIDTH) -> str:
         """The tables of the report alone, as text."""
         return as_text((part for part in self.sections() if isinstance(part, Table)), width)
 

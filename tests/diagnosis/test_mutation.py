@@ -150,11 +150,17 @@ def test_the_commands(
 def test_the_heads_of_the_table_differ_at_80_columns() -> None:
     from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
     from deltac.repair.mutate.operators import Mutant
-    from deltac.repair.mutate.report import CONSTRAINTS, MOMENTUM, RESIDUAL, MutationReport, Trial
+    from deltac.repair.mutate.report import (
+        CONSTRAINTS,
+        MOMENTUM,
+        RESIDUAL,
+        MutantTrial,
+        MutationReport,
+    )
 
     tests = (*TESTING_FUNCTIONS, MOMENTUM, CONSTRAINTS, RESIDUAL)
     trials = tuple(
-        Trial(Mutant("dropped factor", 1, "a", "b", ""), dict.fromkeys(tests, 1.0))
+        MutantTrial(Mutant("dropped factor", 1, "a", "b", ""), dict.fromkeys(tests, 1.0))
         for _ in range(1000)
     )
     found = MutationReport("eom.py", "rhs", tests, trials, 0.0, ())

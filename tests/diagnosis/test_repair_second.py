@@ -12,9 +12,9 @@ from equations.wild.mistakes import MISTAKES
 import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
 from deltac.errors import SourceError
-from deltac.repair.edits.candidates import Candidate, apply
+from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.insertions import sums
-from deltac.repair.edits.search import Search, _explained
+from deltac.repair.edits.search import EditSearch, _explained
 from deltac.repair.repair import repair_source
 from deltac.repair.tracing.program import read
 from deltac.repair.tracing.samples import RIGHT, Target
@@ -112,7 +112,7 @@ def test_a_sum_of_two_terms_is_put_in_the_place_of_a_name() -> None:
     target = Target(car)
     assert read(Source("eom.py", CAR, "rhs"), target).wrong < RIGHT
     wrong = Source("eom.py", CAR.replace("(c * F - s * G) / m", "F / m"), "rhs")
-    search = Search(read(wrong, target).worst, target)
+    search = EditSearch(read(wrong, target).worst, target)
     search.require()
     texts = [c.text for r in search.whole for c in sums(search.program, r, search.vocabulary)]
     assert "c * F - s * G" in texts
@@ -121,13 +121,13 @@ def test_a_sum_of_two_terms_is_put_in_the_place_of_a_name() -> None:
 def test_an_edit_within_an_edit() -> None:
     source = Source("eom.py", "def rhs(t, q, u):\n    return a * (b + c)\n", "rhs")
 
-    def edit(old: str, new: str) -> Candidate:
+    def edit(old: str, new: str) -> EditCandidate:
         place = next(
             k
             for k, n in enumerate(source.nodes)
             if hasattr(n, "lineno") and source.segment(n) == old
         )
-        return Candidate(source, place, new, "term", 1.0)
+        return EditCandidate(source, place, new, "term", 1.0)
 
     changed = apply(source, [edit("b", "b**2"), edit("b + c", "b - c")])
     assert changed is not None and "a * ((b**2) - c)" in changed.text

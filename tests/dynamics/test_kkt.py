@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 import deltac as dc
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.independence import independence, row_names
-from deltac.dynamics.kkt import DEPENDENT, factorise, schur
+from deltac.dynamics.kkt import LEAST_PIVOT, factorise, schur
 from deltac.mechanism.mechanism import Mechanism
 from tests.systems.constrained_mechanisms import Tied, four_bar, parallelogram
 from tests.systems.random_mechanisms import Sample, assert_close
@@ -122,7 +122,7 @@ def test_a_row_that_vanishes_is_flagged_though_it_keeps_its_direction(
     """At 1e-6 of the other row, the errors of a step turn it about; at 1e-3 it may be a matter of units."""
     G = np.array([[size, 0, 0], [0, 1.0, 0]])
     pivot = numbers(schur(ca.SX.eye(3), ca.SX(ca.DM(G))).smallest_pivot).item()
-    assert (not pivot > DEPENDENT) == flagged
+    assert (not pivot > LEAST_PIVOT) == flagged
 
 
 def test_structural_zeros_stay_zero() -> None:

@@ -31,7 +31,7 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from deltac.dynamics.digits import NEARBY, SMALL, condition
+from deltac.dynamics.digits import NEARBY, SMALL_SHARE, condition
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import InputError
 from deltac.kernels import to_mpmath
@@ -172,7 +172,7 @@ def judged(structure: Structure, sample: Sample, beside: bool) -> str:
     rng = np.random.default_rng(1)  # as the start of a run: what is large where they nearly vanish?
     given[1] = x + NEARBY * rng.uniform(-1.0, 1.0, len(x))
     [near] = to_mpmath(f, given)
-    error /= max(1.0, SMALL * norm(near[udot]) / size) if size else 1.0
+    error /= max(1.0, SMALL_SHARE * norm(near[udot]) / size) if size else 1.0
     return "balance" if error < 2 * LOOSE else f"silent {error:.1e}"
 
 

@@ -39,6 +39,11 @@ def arm(
     plant.Finalize()
     sine = builder.AddSystem(Sine(4.0, 5.0, 0.3, 1))
     builder.Connect(sine.get_output_port(0), plant.get_actuation_input_port())
+    push = options.pop("push", 0.0)
+    if push:
+        both = builder.AddSystem(Sine(push, 5.0, 0.3, 2))
+        port = plant.get_applied_generalized_force_input_port()
+        builder.Connect(both.get_output_port(0), port)
     simulator = Simulator(builder.Build())
     if continuous:
         ResetIntegratorFromFlags(simulator, method, step).set_fixed_step_mode(True)
@@ -91,6 +96,15 @@ def test_a_joint_limit_is_told_from_all_else() -> None:
     push = run.forces["limit shoulder"][:, 0]
     assert push.min() < -1.0 and push.max() < 0.05 * abs(push.min())
     assert (push[run.q[:, 0] < 0.3] == 0.0).all()
+    assert np.abs(dc.residuals(mechanism(), run)["coordinates"]).max() < 1e-8
+
+
+@pytest.mark.parametrize(("method", "sampled"), [("tamsi", True), ("sap", False)])
+def test_forces_through_the_port_are_no_limits(method: str, sampled: bool) -> None:
+    run = arm(0.002, method, sampled=sampled, push=1.5).trajectory()
+    wave = 1.5 * np.sin(5.0 * run.t + 0.3)
+    assert np.abs(run.forces["applied external"] - wave[:, None]).max() < 1e-12
+    assert not any(name.startswith("limit") for name in run.forces)
     assert np.abs(dc.residuals(mechanism(), run)["coordinates"]).max() < 1e-8
 
 

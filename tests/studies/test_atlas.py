@@ -115,6 +115,7 @@ def test_torques_are_those_of_the_motion(motion: str, arm: Path) -> None:
         if simulator.installed:
             run = simulator.run(experiment, 0.001, list(simulator.orders)[-1])
             row = run.q[-1] if run.t[-1] > 0.1995 else run.q[-1] + 0.001 * run.u[-1]
+            assert not any(channel.startswith("limit") for channel in run.forces), name
             ends[name] = row[[run.coordinates.index(n) for n in experiment.joints]]
     expected = ends.pop("deltac")
     assert np.abs(expected - reference(experiment)).max() < 2e-3

@@ -1,7 +1,7 @@
 // Drawings that need no time: points on log axes, and where the energy went. SVG in the page's own colours.
 
 import type { Bars, Cloud, Flows, HeatMap, LogPlot } from "./data";
-import { el, fraction, number, power, svg } from "./dom";
+import { el, fraction, number, power, svg, variable } from "./dom";
 
 const W = innerWidth < 560 ? 350 : 560, H = 330, LEFT = 62, RIGHT = 18, TOP = 14, BOTTOM = 46;
 
@@ -53,7 +53,7 @@ export function logPlot(plot: LogPlot): HTMLElement {
   }
   const legend = el("div", { class: "legend" });
   plot.clouds.forEach((cloud, k) => {
-    const stroke = `var(--p${k % 9})`;
+    const stroke = `var(--${variable(cloud.colour, k)})`;
     if (cloud.fit) {
       const [[x1, y1], [x2, y2]] = cloud.fit;
       root.append(svg("line", { x1: X(x1), y1: Y(y1), x2: X(x2), y2: Y(y2), style: `stroke:${stroke}`, class: "fit" }));
@@ -76,7 +76,7 @@ export function heatMap(map: HeatMap): HTMLElement {
   const cw = (W - left - 12) / nx, ch = Math.max(12, Math.min(46, 260 / ny)), height = top + ny * ch + bottom;
   const a = Math.log10(map.low), b = Math.log10(map.high);
   const weight = (v: number) => 8 + 84 * (b > a ? (Math.log10(v) - a) / (b - a) : 0.5);
-  const fill = (v: number) => `color-mix(in oklab, var(--p0) ${weight(v).toFixed(1)}%, var(--card))`;
+  const fill = (v: number) => `color-mix(in oklab, var(--ink) ${weight(v).toFixed(1)}%, var(--card))`;
   const root = svg("svg", { viewBox: `0 0 ${W} ${height}`, class: "chart", role: "img", "aria-label": `${map.title}: ${map.y} over ${map.x}` });
   map.values.forEach((row, j) => row.forEach((v, i) => {
     const x = left + i * cw, y = top + (ny - 1 - j) * ch;
@@ -104,7 +104,7 @@ function told(cloud: Cloud): string {
 /** A waterfall: works flow in and out, what is stored of them, and what is left. */
 export function flows(plot: Flows): HTMLElement {
   let level = 0;
-  const rows: { name: string; from: number; to: number; energy: number; error: number; group: string }[] = [];
+  const rows: { name: string; from: number; to: number; energy: number; error: number; group: string; colour: number | string }[] = [];
   for (const f of plot.flows.filter((f) => f.group === "flow")) {
     rows.push({ ...f, from: level, to: level + f.energy });
     level += f.energy;
@@ -124,8 +124,7 @@ export function flows(plot: Flows): HTMLElement {
   const body = el("div", { class: "flows", role: "table", "aria-label": plot.title });
   rows.forEach((r, k) => {
     const [a, b] = [Math.min(r.from, r.to), Math.max(r.from, r.to)];
-    const kind = r.group === "flow" ? (r.energy >= 0 ? "gain" : "loss") : r.group;
-    const bar = el("span", { class: `bar ${kind}`, style: `left:${at(a)}%;width:max(2px, ${at(b) - at(a)}%)` });
+    const bar = el("span", { class: "bar", style: `left:${at(a)}%;width:max(2px, ${at(b) - at(a)}%);background:var(--${variable(r.colour)})` });
     const zero = el("span", { class: "zero", style: `left:${at(0)}%` });
     const error = r.error > 0 ? ` ± ${number(r.error, 2)}` : "";
     if (k === flowing && flowing) body.append(el("div", { class: "flow sum", role: "row" }, el("span", { role: "cell" }, "received altogether"), el("span", { class: "track" }, el("span", { class: "mark", style: `left:${at(received)}%` })), el("span", { role: "cell", class: "amount" }, `${number(received)} J`)));

@@ -20,7 +20,7 @@ export interface TimePlot {
 }
 export interface Cloud {
   name: string; x: number[]; y: number[]; labels: string[]; joined: boolean;
-  fit: [[number, number], [number, number]] | null; fit_name: string; mark: number | null;
+  fit: [[number, number], [number, number]] | null; fit_name: string; mark: number | null; colour: number | string | null;
 }
 export interface LogPlot { kind: "points"; title: string; x: string; y: string; clouds: Cloud[]; guides: Guide[]; note: string }
 export interface HeatMap {
@@ -28,7 +28,7 @@ export interface HeatMap {
   values: (number | null)[][]; bad: boolean[][]; low: number; high: number; note: string;
 }
 export interface Bars { kind: "bars"; title: string; bars: [string, number, boolean][]; limit: number; note: string }
-export interface Flow { name: string; energy: number; error: number; group: "flow" | "store" | "left" }
+export interface Flow { name: string; energy: number; error: number; group: "flow" | "store" | "left"; colour: number | string }
 export interface Flows { kind: "flows"; title: string; flows: Flow[]; note: string }
 export interface Grid { kind: "table"; title: string; heads: string[]; rows: string[][]; numeric: boolean[]; folded: boolean; links: string[] }
 export interface Words { kind: "words"; title: string; paragraphs: string[]; folded: boolean }

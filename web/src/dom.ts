@@ -49,6 +49,11 @@ export function save(text: string, name: string, type: string): void {
   setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
 }
 
+/** The variable of a colour: of the palette by its number, by default that of the place, or by its name. */
+export function variable(of: number | string | null, place = 0): string {
+  return typeof of === "string" ? (of === "grey" ? "soft" : of) : `p${(of ?? place) % 9}`;
+}
+
 export function colour(name: string): string {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }

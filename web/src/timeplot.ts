@@ -3,7 +3,7 @@
 import uPlot from "uplot";
 import type { Clock } from "./clock";
 import type { Line, TimePlot } from "./data";
-import { colour, el, icon, number, power, save } from "./dom";
+import { colour, el, icon, number, power, save, variable } from "./dom";
 
 interface Drawn { line: Line; series: number; low: number; high: number; value: HTMLElement; button: HTMLElement; shown: boolean }
 
@@ -27,7 +27,7 @@ export class Plot {
       const value = el("span", { class: "value" });
       const button = el("button", {
         type: "button", class: "key", "aria-pressed": String(line.shown),
-        style: `--c: ${this.colourOf(line, k)}`,
+        style: `--c: var(--${variable(line.colour, k)})`,
         click: () => this.toggle(entry),
       }, el("i", { class: line.dashed ? "swatch dashed" : "swatch" }), el("span", {}, line.name), value);
       const entry: Drawn = { line, series: n, low: 0, high: 0, value, button, shown: line.shown };
@@ -65,16 +65,6 @@ export class Plot {
     return window[0] === start && window[1] === end && t.length > 1 ? [t[0]!, t[t.length - 1]!] : window;
   }
 
-  private colourOf(line: Line, k: number): string {
-    if (line.colour === "ink") return "var(--ink)";
-    if (line.colour === "grey") return "var(--soft)";
-    return `var(--p${(typeof line.colour === "number" ? line.colour : k) % 9})`;
-  }
-
-  private stroke(line: Line, k: number): string {
-    return colour(this.colourOf(line, k).slice(6, -1));
-  }
-
   /** Draw it anew, as for other colours. */
   draw(): void {
     this.u?.destroy();
@@ -82,7 +72,7 @@ export class Plot {
     const series: uPlot.Series[] = [{}];
     const bands: uPlot.Band[] = [];
     this.drawn.forEach(({ line, high, low, shown }, k) => {
-      const stroke = this.stroke(line, k);
+      const stroke = colour(variable(line.colour, k));
       series.push({ show: shown, stroke, width: line.dashed ? 1.2 : 1.6, dash: line.dashed ? [5, 4] : undefined, points: { show: false }, spanGaps: false });
       if (high) {
         const hidden: uPlot.Series = { show: shown, stroke: "transparent", width: 0, points: { show: false } };

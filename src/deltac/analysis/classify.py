@@ -30,14 +30,14 @@ from deltac.models import ModelLike, StateLike, load_model
 from deltac.results import Report, Section, Table, number
 from deltac.simulation.constraints.assembly import assemble
 
-STATES = 8
+RANDOM_STATES = 8
 """Random states at which constants of the motion and integrability are tested."""
 
 EXAMINED = 150
 """Free speeds up to which constants of the motion and energies are sought: the mass matrix in symbols grows
 with their square, and takes 20 s of processor time for a chain of 200 hinges."""
 
-ROUNDING = 1e-9
+POWER_ROUNDING = 1e-9
 """A power below this fraction of the terms that it is a sum of is zero."""
 
 
@@ -262,7 +262,7 @@ def _states(motion: EquationsOfMotion, state: State) -> tuple[Array, Array, Arra
     """Admissible states t (B,), q (nq, B), u (p, B): random ones, or the state itself where none is found."""
     mechanism = motion.system.mechanism
     try:
-        states = random_states(mechanism, count=STATES)
+        states = random_states(mechanism, count=RANDOM_STATES)
     except InputError:
         return _of(motion, state)
     return states.t, states.q, states.u
@@ -359,7 +359,7 @@ def _constant(
     )
     f = ca.Function("powers", [s.t, s.q, s.u, s.udot, lam], columns, {"cse": True})
     power, size = evaluate_at(f, t[None, :], q, u, udot.T, lam_values.T)
-    vanishing = np.asarray((np.abs(power) <= ROUNDING * size).all(axis=1)).tolist()
+    vanishing = np.asarray((np.abs(power) <= POWER_ROUNDING * size).all(axis=1)).tolist()
     order = {"energy": 0, "Jacobi integral": 1}
     constants = [name for name, zero in zip(names, vanishing) if zero]
     return tuple(sorted(constants, key=lambda name: order.get(name, 2)))

@@ -20,7 +20,7 @@ from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
 from deltac.trajectories.rates import with_accelerations
 
-DEPENDENT = 1e-9
+ZERO_SINGULAR_VALUE = 1e-9
 """Singular values below this share of the largest count as zero."""
 
 
@@ -152,7 +152,7 @@ def _solved(columns: Array, needed: Array, drives: int) -> tuple[Array, NDArray[
     """Least solutions x (T, n) of A x = b, and samples at which the first entries are not determined."""
     basis, values, right = np.linalg.svd(columns, full_matrices=False)
     largest = values.max(axis=1, initial=1e-300)[:, None]
-    present = values > DEPENDENT * largest
+    present = values > ZERO_SINGULAR_VALUE * largest
     inverse = np.where(present, 1.0 / np.where(present, values, 1.0), 0.0)
     x = np.einsum("tkn,tk->tn", right, inverse * np.einsum("tmk,tm->tk", basis, needed))
     # What the kept directions leave of a unit force of a drive is not determined.

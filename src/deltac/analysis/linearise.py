@@ -28,7 +28,7 @@ from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike
 from deltac.results import Report, Section, Table, number
 
-DEPENDENT = 1e-8
+REDUNDANT_SHARE = 1e-8
 """Share of a constraint row below which it counts as redundant."""
 
 VIOLATED = 1e-6
@@ -37,7 +37,7 @@ VIOLATED = 1e-6
 AT_REST = 1e-10
 """Forces left at an equilibrium, as a share of the forces that balance there."""
 
-MOST = 100
+MOST_NEWTON_STEPS = 100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -214,7 +214,7 @@ def equilibrium(
         return np.concatenate([force / size, phi[position]])
 
     residual = imbalance(q, lam)
-    for _ in range(MOST):
+    for _ in range(MOST_NEWTON_STEPS):
         if float(np.abs(residual).max(initial=0.0)) < 1e-15:
             break
         r_q, G, W = slopes.at_rest(t, q, lam, at.inputs[0])
@@ -304,7 +304,7 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
     follow = np.zeros((p, len(at_q)))
     if dependent:
         needed = psi_q @ T_q
-        follow[dependent] = -np.linalg.pinv(G[:, dependent], rcond=DEPENDENT) @ needed
+        follow[dependent] = -np.linalg.pinv(G[:, dependent], rcond=REDUNDANT_SHARE) @ needed
     T = np.block([[T_q, np.zeros((p, len(at_u)))], [follow, T_u]])
     independent = [*at_q, *(p + k for k in at_u)]
     B = np.vstack([np.zeros((p, m)), udot[:, 2 * p :]])
@@ -335,7 +335,7 @@ def _tangent(G: Array) -> tuple[list[int], Array]:
     if not len(G):
         return list(range(p)), np.eye(p)
     _, R, order = qr(G, mode="economic", pivoting=True)
-    rank = int((np.abs(np.diag(R)) > DEPENDENT).sum())
+    rank = int((np.abs(np.diag(R)) > REDUNDANT_SHARE).sum())
     dependent, independent = order[:rank], sorted(int(k) for k in order[rank:])
     T = np.zeros((p, len(independent)))
     T[independent, range(len(independent))] = 1.0

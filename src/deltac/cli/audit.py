@@ -157,10 +157,12 @@ def audit(
         print(f"{reading}\n")
     explanations = []
     if explain:
-        from deltac.diagnosis.explain.explain import explain_residual
+        from deltac.diagnosis.audit.audit import explain_residual
 
+        shared = ("mapping", "coordinates", "replay", "time_limit")
+        same = {name: audit.keywords[name] for name in shared if name in audit.keywords}
         with progress_bar("seeking causes") as progress:
-            explanations.append(explain_residual(varied, log, mapping=mapping, progress=progress))
+            explanations.append(explain_residual(varied, judged, progress=progress, **same))
     deliver(report, *explanations, form=form, name=str(log), figure=figure, page=page)
 
 

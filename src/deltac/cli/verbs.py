@@ -101,7 +101,7 @@ def study(
     with progress_bar() as progress:
         if logs:
             from deltac.models import load_model
-            from deltac.trajectories import read_trajectory
+            from deltac.verbs import read_trajectory
 
             mechanism = load_model(source).mechanism
             keywords["runs"] = [read_trajectory(log, mapping, mechanism) for log in logs]

@@ -19,7 +19,7 @@ MEANINGS: dict[Kind, str] = {
     "integration-error": "The equations hold at the samples, but energy is not conserved: the step or the "
     "integrator is to blame, not the model.",
     "equation-error": "The motion does not obey the model's equations: a parameter, a force or a missing "
-    "channel is to blame, not the integrator.",
+    "channel is to blame.",
     "unresolved": "The log does not allow a decision between these.",
 }
 """What each kind means of a log; other tests say it in words of their own."""

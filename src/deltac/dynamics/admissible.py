@@ -21,10 +21,10 @@ Mask: TypeAlias = NDArray[np.bool_]
 AT_ROUNDING = 1e-15
 """Newton's steps go on until the violation (m or rad) is below this, or falls no more."""
 
-NEAR = 1e-9
+ROUNDING_VIOLATION = 1e-9
 """A full step that does not reduce a violation below this has met rounding; above, it was too long."""
 
-SHORTEST = 1e-3
+SHORTEST_STEP = 1e-3
 """Share of Newton's step at which its direction is given up."""
 
 
@@ -75,7 +75,7 @@ def onto_positions(
             trial = _unit(equations, q + share * step)
             terms = at(trial)
             short = active & ~(terms[-1] < (1.0 - 0.1 * share) * size)
-            short &= (share >= SHORTEST) & (size > NEAR)
+            short &= (share >= SHORTEST_STEP) & (size > ROUNDING_VIOLATION)
             if not short.any():
                 break
             share[short] *= 0.5

@@ -16,10 +16,10 @@ from deltac.dynamics.system import System
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
 
-KEPT = 1e-7
+SATISFIED_SHARE = 1e-7
 """Own speeds that move a constraint by less than this share of its terms satisfy it."""
 
-REGULAR = 1e-6
+INDEPENDENT_COLUMNS = 1e-6
 """Own speeds whose constraint columns are independent by less than this are not taken as dependent."""
 
 
@@ -268,7 +268,7 @@ def _dependent(system: System, own: OwnCoordinates, columns: SX, size: int) -> l
     for k in reversed(range(columns.shape[1])):
         candidates = [matrix[:, [k, *choice]] for matrix in some]
         values = [np.linalg.svd(matrix, compute_uv=False) for matrix in candidates]
-        if min(value[-1] / max(value[0], 1e-300) for value in values) > REGULAR:
+        if min(value[-1] / max(value[0], 1e-300) for value in values) > INDEPENDENT_COLUMNS:
             choice.append(k)
         if len(choice) == size:
             return sorted(choice)
@@ -301,7 +301,7 @@ def check_split(
         function.map(count)(t[None, :], q, np.repeat(np.reshape(p, (-1, 1)), count, 1))
     )
     worst = np.nan_to_num(share, nan=0.0).max(axis=1, initial=0.0)
-    if worst.max(initial=0.0) > KEPT:
+    if worst.max(initial=0.0) > SATISFIED_SHARE:
         name = rows.names[int(np.argmax(worst))]
         raise ModelError(
             f"the own speeds do not satisfy constraint {name!r} (they violate it by "

@@ -5,8 +5,8 @@ condition numbers of M and of G M⁻¹ Gᵀ have, both scaled to a unit diagonal
 milligram that carries one of a thousand tons leaves none. The condition is only a bound, and a solution may
 be better. Digits are lost in sums as well, whatever the condition: for a grain of sand that moves at
 kilometres a second, m v × v is not quite zero, and turns the grain. That shows where the last bits of the
-state are changed (`noise`). So from `SUSPECT` or `NOISY` on every instruction is done again in `DIGITS`
-decimal digits, and what is told is the error itself.
+state are changed (`noise`). So from `SUSPECT` or `NOISY` on every instruction is done again in
+`DECIMAL_DIGITS`, and what is reported is the error itself.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from deltac.arrays import Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.kernels import to_mpmath
 
-DIGITS = 60
+DECIMAL_DIGITS = 60
 """Decimal digits of the comparison: conditions of 10³⁵ occur, where no double has a digit."""
 
 SUSPECT = 1e7
@@ -76,7 +76,7 @@ def noise(accelerations: Callable[[Array], Array], M: Array, x: Array) -> float:
         difference, size = max(norm(a - reference) for a in shaken), norm(reference)
         if difference > NOISY * size:  # perhaps an equilibrium
             near = accelerations(x + NEARBY * rng.uniform(-1.0, 1.0, len(x)))
-            size = max(size, SMALL * norm(near))
+            size = max(size, SMALL_SHARE * norm(near))
         return difference / size if size > 0.0 else 0.0
 
 
@@ -93,7 +93,7 @@ def acceleration_error(
     """The error that double precision makes of the accelerations, of independent rows of constraints.
 
     It is in the energy norm, √(eᵀM e), which knows no units, and relative to the accelerations or, where
-    these nearly vanish, to a `SMALL` share of those `NEARBY`; in free motion, to the speeds, per second. Zero
+    these nearly vanish, to a `SMALL_SHARE` of those `NEARBY`; in free motion, to the speeds, per second. Zero
     where the condition gives no reason to look, and nothing else makes it `suspect`; NaN where it cannot be
     told: a law is not defined there, or knows no more digits.
     """
@@ -120,7 +120,7 @@ def _accelerations(motion: EquationsOfMotion, rows: Sequence[int]) -> Any:
 def _relative_error(udot: Any, inertia_force: Any, arguments: list[Any]) -> float:
     import mpmath
 
-    with mpmath.workdps(DIGITS):
+    with mpmath.workdps(DECIMAL_DIGITS):
         try:
             t, q, u, p = arguments
 
@@ -130,12 +130,12 @@ def _relative_error(udot: Any, inertia_force: Any, arguments: list[Any]) -> floa
 
             [right] = to_mpmath(udot, arguments)
             error, size = norm(np.array(udot(*arguments)).ravel() - right), norm(right)
-            if error > SMALL * size:  # perhaps an equilibrium
+            if error > SMALL_SHARE * size:  # perhaps an equilibrium
                 rng = np.random.default_rng(1)
                 q, u = (x + NEARBY * rng.uniform(-1.0, 1.0, len(x)) for x in (q, u))
                 [near] = to_mpmath(udot, [t, q, u, p])
                 q = arguments[1]
-                size = max(size, SMALL * norm(near))
+                size = max(size, SMALL_SHARE * norm(near))
             if size < VANISHING * error:  # free motion: no acceleration here, nor nearby
                 size = norm(np.array([mpmath.mpf(float(x)) for x in arguments[2]]))
             return float(error / size) if size else 0.0
@@ -144,7 +144,7 @@ def _relative_error(udot: Any, inertia_force: Any, arguments: list[Any]) -> floa
 
 
 VANISHING = 1e-30
-"""Accelerations this small beside their error are zero, and `DIGITS` show their rounding."""
+"""Accelerations this small beside their error are zero, and `DECIMAL_DIGITS` show their rounding."""
 
-SMALL = 1e-3
+SMALL_SHARE = 1e-3
 """A share of the accelerations: errors above it are looked at twice, and what is below it nearly vanishes."""

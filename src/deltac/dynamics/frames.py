@@ -22,7 +22,7 @@ from deltac.mechanism.mechanism import Mechanism
 
 ALIGNABLE = frozenset({"revolute", "prismatic", "screw", "cylindrical"})
 Z_AXIS = (0.0, 0.0, 1.0)
-PARALLEL = 1e-6
+LEAST_SINE = 1e-6
 """Axes with a smaller sine between them have no common normal worth the name."""
 
 SNAP = 4 * EPS
@@ -50,7 +50,7 @@ def _axes(mechanism: Mechanism, joint: Joint, oblique: Set[str]) -> Array:
     )
     ahead = next(following, z)  # in the child's body frame; from there into the joint's
     x = np.cross(z, np.array(joint.child_rotation).T @ ahead)
-    if np.linalg.norm(x) < PARALLEL * np.linalg.norm(ahead):
+    if np.linalg.norm(x) < LEAST_SINE * np.linalg.norm(ahead):
         x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x -= z * (z @ x)
     x /= np.linalg.norm(x)

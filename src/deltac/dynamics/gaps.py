@@ -36,7 +36,7 @@ from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
 from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere
 
-NEAR = 1e-24
+NO_DIRECTION = 1e-24
 """Squared distances (m²) below this have no direction; then a fixed one is taken."""
 
 
@@ -189,7 +189,7 @@ def _ball_box(centre: SX, radius: SX, box: _Placed) -> _Surface:
     face = ca.vertcat(*(ca.if_else(hit, _sign(c[i]), 0) for i, hit in enumerate((x, y, z))))
     away = c - nearest
     n_out, distance = _direction(away, ca.SX.zeros(3))
-    outside = ca.dot(away, away) > NEAR
+    outside = ca.dot(away, away) > NO_DIRECTION
     n = ca.mtimes(axes, ca.if_else(outside, n_out, face))
     return ca.if_else(outside, distance, -least) - radius, n, centre - radius * n
 
@@ -207,7 +207,7 @@ def _capsule_capsule(one: _Placed, other: _Placed) -> _Surface:
     # Each centre line is nearest to the other where both derivatives of the distance vanish; parallel
     # lines are everywhere, so they start from the middle of the first. Then each in turn, clamped.
     sine2 = ca.sumsqr(cross(a, b))
-    parallel = sine2 < NEAR
+    parallel = sine2 < NO_DIRECTION
     s = ca.if_else(parallel, 0, (cosine * along_b - along_a) / ca.if_else(parallel, 1, sine2))
     s = _clamp(s, h_a)
     t = _clamp(along_b + s * cosine, h_b)
@@ -252,6 +252,6 @@ def _sign(x: SX) -> SX:
 def _direction(d: SX, otherwise: SX) -> tuple[SX, SX]:
     """Unit vector along d and its length; of nearly no length, `otherwise` and 0."""
     square = ca.dot(d, d)
-    far = square > NEAR
+    far = square > NO_DIRECTION
     length = ca.sqrt(ca.if_else(far, square, 1))
     return ca.if_else(far, d / length, otherwise), ca.if_else(far, length, 0)

@@ -19,7 +19,7 @@ import numpy as np
 from deltac.arrays import EPS, Array
 from deltac.dynamics.spatial import SX
 
-DEPENDENT = 1e-11
+LEAST_PIVOT = 1e-11
 """Smallest pivot below which a factorisation is not trusted."""
 
 VANISHED = 1e-9
@@ -30,7 +30,7 @@ turns with that: far above rounding, it points anywhere. A four-bar passed flat 
 1e-3 s keeps its tip to 8e-6 m with this bound, and with 1e-10 in all but a few.
 """
 
-ROUNDING = 1e-12
+ENTRY_ROUNDING = 1e-12
 """Entries of G smaller than this (m or 1) are what rounding leaves of zero."""
 
 Entry = Any  # a scalar SX, or None where a structural zero is
@@ -167,7 +167,7 @@ class Schur:
         for a in self.S.diagonal:
             largest = ca.fmax(largest, a)
         for a in self.S.diagonal:
-            ratio = ca.fmin(ratio, a / (VANISHED * largest) * DEPENDENT)
+            ratio = ca.fmin(ratio, a / (VANISHED * largest) * LEAST_PIVOT)
         return ratio
 
 
@@ -299,4 +299,4 @@ def least_squares(M: Array, G: Array, dependent: float = 1e-8) -> LeastSquares:
 
 def without_rounding(G: Array) -> Array:
     """A Jacobian whose entries at rounding level are zero: a row of such entries asks for nothing."""
-    return np.where(np.abs(G) > ROUNDING, G, 0.0)
+    return np.where(np.abs(G) > ENTRY_ROUNDING, G, 0.0)

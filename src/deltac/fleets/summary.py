@@ -255,6 +255,7 @@ def work_precision(frame: polars.DataFrame) -> list[Part]:
         else ("seconds", "processor time of a run (s)")
     )
     plots: list[Part] = []
+    solvers = usable["solver"].unique(maintain_order=True).to_list()
     for part in usable.partition_by("model", maintain_order=True)[:MAPS]:
         clouds = []
         for own in part.partition_by("solver", maintain_order=True):
@@ -267,9 +268,11 @@ def work_precision(frame: polars.DataFrame) -> list[Part]:
                 )
                 .sort("cost")
             )
-            for size in ("median", "largest"):
+            for k, size in enumerate(("median", "largest")):
                 name = f"{own['solver'][0]}, {size}"
-                clouds.append(Cloud(name, tuple(points["cost"]), tuple(points[size])))
+                colour = 2 * solvers.index(own["solver"][0]) + k
+                sizes = tuple(points[size])
+                clouds.append(Cloud(name, tuple(points["cost"]), sizes, colour=colour))
         y = "|ΔC| as a fraction of the energy"
         plots.append(LogPlot(str(part["model"][0]), label, y, tuple(clouds)))
     return plots

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from deltac.mechanism.scene import Constraint
 from deltac.mechanism.state import State
 
-SHOWN = 6
+REMARKS_SHOWN = 6
 """Remarks of a kind that a report shows; `summary` has all of them."""
 
 
@@ -72,6 +72,6 @@ class ImportReport:
         counts = f"{len(self.read)} elements read, {len(self.ignored)} left to the log"
         yield f"Model: {self.source}, {counts}, {len(self.assumed)} assumed."
         for heading, remarks in (("Left to the log", self.ignored), ("Assumed", self.assumed)):
-            shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:SHOWN])
+            shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:REMARKS_SHOWN])
             if remarks:
-                yield f"{heading}: {shown}{'; …' if len(remarks) > SHOWN else ''}."
+                yield f"{heading}: {shown}{'; …' if len(remarks) > REMARKS_SHOWN else ''}."

@@ -76,7 +76,7 @@ def read_sdf(path: Path, model: str | None = None) -> tuple[Mechanism, ImportRep
     if model is not None and model not in by_name:
         raise UnknownName(f"model file {path.name!r}: no model {model!r}{closest(model, by_name)}")
     chosen = models[0] if model is None else by_name[model]
-    return _Reader(path.name, chosen, root.find("world")).read()
+    return _SdfReader(path.name, chosen, root.find("world")).read()
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class _Seat:
         return self.rotation @ self.child_rotation.T
 
 
-class _Reader:
+class _SdfReader:
     """Reads one model."""
 
     def __init__(self, file: str, model: Element, world: Element | None) -> None:

@@ -184,7 +184,7 @@ def _compiled(
 
 # --- the equations of motion of a small mechanism, to read ---------------------------------------
 
-LARGEST = 8
+MOST_SPEEDS_WRITTEN = 8
 """Most free speeds for which equations are written out: their size grows exponentially."""
 
 
@@ -240,10 +240,10 @@ class SymbolicEquations:
 def symbolic_equations(mechanism: Mechanism, *, simplify: bool = True) -> SymbolicEquations:
     """Write the equations of motion of a mechanism out: the core of `deltac.symbolic_equations`."""
     free = mechanism.free
-    if len(free.u) > LARGEST:
+    if len(free.u) > MOST_SPEEDS_WRITTEN:
         raise ModelError(
-            f"symbolic equations: {mechanism.name} has {len(free.u)} free speeds, expected {LARGEST} "
-            "at most; equations of larger systems fill pages"
+            f"symbolic equations: {mechanism.name} has {len(free.u)} free speeds, expected "
+            f"{MOST_SPEEDS_WRITTEN} at most; equations of larger systems fill pages"
         )
     motion = equations_of_motion(mechanism, vary=tuple(mechanism.parameters))
     system, rows = motion.system, motion.rows

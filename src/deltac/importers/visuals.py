@@ -15,7 +15,7 @@ from deltac.shapes import Visual
 PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
 """Values of `mjtGeom`."""
 
-UNSEEN = 3
+FIRST_HIDDEN_GROUP = 3
 """Geoms of this group and above are not drawn by MuJoCo's viewer: they are there to collide."""
 
 
@@ -28,7 +28,7 @@ def read_visuals(model: Any) -> tuple[Visual, ...]:
     visuals: list[Visual] = []
     for k, body in enumerate(bodies):
         own = [int(i) for i in np.flatnonzero(np.asarray(model.geom_bodyid) == k)]
-        visible = [i for i in own if model.geom_group[i] < UNSEEN] or own
+        visible = [i for i in own if model.geom_group[i] < FIRST_HIDDEN_GROUP] or own
         visuals += [v for i in visible if (v := _visual(model, i, body, names[i])) is not None]
     return tuple(visuals)
 

@@ -23,7 +23,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.quantities import IDENTITY
 from deltac.mechanism.scope import GROUND
 
-PARALLEL = 1e-12
+AXIS_ROUNDING = 1e-12
 """Axes whose components differ by less are parallel: rounding of unit vectors."""
 
 
@@ -258,7 +258,7 @@ def _hinge_before(joint: Joint, carrier: dict[str, Joint]) -> Joint | None:
             continue
         if before.kind != "revolute" or not unturned:
             return None
-        same = all(abs(a - b) < PARALLEL for a, b in zip(before.axes[0], joint.axes[0]))
+        same = all(abs(a - b) < AXIS_ROUNDING for a, b in zip(before.axes[0], joint.axes[0]))
         return before if same else None
     return None
 

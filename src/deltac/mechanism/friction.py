@@ -33,10 +33,10 @@ from deltac.mechanism.quantities import ZERO, Quantity
 from deltac.mechanism.scene import Element, Scene
 from deltac.mechanism.scope import GROUND, Scope
 
-WIDTH = 1e-3
+SLIP_WIDTH = 1e-3
 """Width of the regularisation (m/s or rad/s), if none is given: Drake's default stiction tolerance."""
 
-TINY = 1e-8
+SOFTENING = 1e-8
 """Slip speeds are softened by this part of the width: the direction of no slip is then no 0/0.
 
 The force errs by less than 10⁻¹⁶ of itself above a hundred-millionth of the width.
@@ -63,7 +63,7 @@ class FrictionLaw(Declared):
     static: Law = field(default=None, kw_only=True)
     stribeck: Positive = field(default=None, kw_only=True)
     viscous: Constant = field(default=0.0, kw_only=True)
-    width: Positive = field(default=WIDTH, kw_only=True)
+    width: Positive = field(default=SLIP_WIDTH, kw_only=True)
 
     where = "friction law"
 
@@ -117,7 +117,7 @@ class FrictionLaw(Declared):
         slip = velocity - scene.dot(n, velocity) * n
         square = scene.dot(slip, slip)
         width = scene.number(self.width)
-        speed = scene.sqrt(square + (TINY * width) ** 2)
+        speed = scene.sqrt(square + (SOFTENING * width) ** 2)
         per_speed = self.strength(scene, square) * scene.tanh(speed / width) / speed
         return -normal_force * (per_speed + scene.number(self.viscous)) * slip
 
@@ -221,7 +221,7 @@ def joint_friction(
     static: LawsLike | None = None,
     stribeck: LawsLike | None = None,
     viscous: LawsLike = 0.0,
-    width: LawsLike = WIDTH,
+    width: LawsLike = SLIP_WIDTH,
     allow_energy_source: bool = False,
 ) -> JointFriction:
     """Friction of a joint; see `JointFriction` and `FrictionLaw`.

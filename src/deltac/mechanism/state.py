@@ -33,7 +33,7 @@ class State:
     u: NDArray[np.float64]
 
 
-LARGEST = 1e100
+LARGEST_VALUE = 1e100
 """Coordinates and speeds: centrifugal forces, products of three of them, are still within doubles."""
 
 
@@ -144,10 +144,10 @@ def _checked_finite(
             raise StateError(
                 f"{what} {entry.name!r} of the state is {value}; expected a finite number"
             )
-        if abs(value) > LARGEST:
+        if abs(value) > LARGEST_VALUE:
             raise StateError(
-                f"{what} {entry.name!r} of the state is {value:g}; expected at most {LARGEST:g} in size, "
-                "whose energies are within double precision"
+                f"{what} {entry.name!r} of the state is {value:g}; expected at most {LARGEST_VALUE:g} in "
+                "size, whose energies are within double precision"
             )
     return values
 

@@ -133,6 +133,11 @@ class DrakeRecorder(Recorder):
         self._period = float(plant.time_step()) or None
         self._before: tuple[float, Array, Array] | None = None
         self._state, self._exchanged = np.zeros(0), 0.0
+        self._external = np.zeros(plant.num_velocities())
+        system = simulation.get_system()
+        links = system.connection_map() if hasattr(system, "connection_map") else {}
+        port = plant.get_applied_generalized_force_input_port().get_index()
+        self._connected = any(to is plant and index == port for to, index in links)
         self._live: Forces = {}
         super().__init__(self._columns.coordinates, self._columns.speeds, monitor)
 
@@ -253,6 +258,7 @@ class DrakeRecorder(Recorder):
         plant, h = self._plant, self._period
         assert h is not None
         q, v = np.array(plant.GetPositions(context)), np.array(plant.GetVelocities(context))
+        external = self._applied(context)
         if self._before is not None:
             gone = (t - self._before[0]) / h
             if gone < 1.0 - 1e-6:
@@ -265,6 +271,8 @@ class DrakeRecorder(Recorder):
             before, q0, v0 = self._before[0], self._before[1], self._before[2]
             plant.SetPositionsAndVelocities(self._here, np.concatenate([q0, v0]))
             forces = dict(forces)
+            if external.any():
+                forces["applied external"] = external
             applied, rest = self._known((v - v0) / h, v0, forces)
             forces |= dict(self._of_the_step(rest, v - v0, applied))
             ours = {name: self._turned(f, q0) for name, f in forces.items()}
@@ -317,6 +325,18 @@ class DrakeRecorder(Recorder):
             yield "applied external", residual
         elif largest > least:
             yield "correction solver", residual
+
+    def _applied(self, context: Context) -> Array:
+        """Of the step that ends now, what its port of generalized forces applied (nv,).
+
+        A fixed value holds until another is set, so it is read now; a connected port was read by the step
+        when it began.
+        """
+        port = self._plant.get_applied_generalized_force_input_port()
+        before = self._external
+        if port.HasValue(context):
+            self._external = np.array(port.Eval(context))
+        return before if self._connected else self._external
 
     def _actuators_of(self, context: Context) -> Forces:
         if not self._actuators:

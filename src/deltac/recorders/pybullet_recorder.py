@@ -186,7 +186,7 @@ class PybulletRecorder(Recorder):
 
     # --- what Bullet says ------------------------------------------------------------------------
 
-    def _state(self) -> _State:
+    def _state(self) -> _BulletState:
         """The present state; of the base its centre's motion and its principal axes, in world components."""
         p, body = self._p, self._body
         joints = p.getJointStates(body, self._places, **self._of) if self._places else []
@@ -194,10 +194,10 @@ class PybulletRecorder(Recorder):
         v = np.array([state[1] for state in joints])
         motors = np.array([state[3] for state in joints])
         if not self._free:
-            return _State(q, v, motors, np.zeros(3), np.eye(3))
+            return _BulletState(q, v, motors, np.zeros(3), np.eye(3))
         centre, turn = p.getBasePositionAndOrientation(body, **self._of)
         linear, angular = p.getBaseVelocity(body, **self._of)
-        return _State(
+        return _BulletState(
             q,
             np.concatenate([linear, angular, v]),
             motors,
@@ -205,7 +205,7 @@ class PybulletRecorder(Recorder):
             rotations.matrices(np.roll(turn, 1)),
         )
 
-    def _total(self, state: _State, a: Array) -> tuple[Array, float]:
+    def _total(self, state: _BulletState, a: Array) -> tuple[Array, float]:
         """M a + c less gravity: all other forces, on the base's centre in world components; their size."""
         p, body, n = self._p, self._body, self._free
         q = list(state.q)
@@ -251,12 +251,12 @@ class PybulletRecorder(Recorder):
 
     # --- conventions: the centre's motion in world components, to the link frame's ------------------
 
-    def _arm(self, state: _State) -> tuple[Array, Array]:
+    def _arm(self, state: _BulletState) -> tuple[Array, Array]:
         """The link frame's axes, and the way from its origin to the centre, in world components."""
         R = state.axes @ self._axes.T
         return R, R @ self._centre
 
-    def _row(self, state: _State) -> tuple[Array, Array]:
+    def _row(self, state: _BulletState) -> tuple[Array, Array]:
         def placed(joint: JointColumns) -> Array:
             if joint.kind != "free":
                 return state.q[joint.v.start - self._free : joint.v.stop - self._free]
@@ -269,7 +269,7 @@ class PybulletRecorder(Recorder):
 
         return self._columns.joined(placed), self._columns.turned(state.v, moved)
 
-    def _acceleration(self, a: Array, state: _State) -> Array:
+    def _acceleration(self, a: Array, state: _BulletState) -> Array:
         def moved(own: Array, _: JointColumns) -> Array:
             R, r = self._arm(state)
             omega, alpha = state.v[3:6], own[3:6]
@@ -278,7 +278,7 @@ class PybulletRecorder(Recorder):
 
         return self._columns.turned(a, moved)
 
-    def _force(self, f: Array, state: _State) -> Array:
+    def _force(self, f: Array, state: _BulletState) -> Array:
         def moved(own: Array, _: JointColumns) -> Array:
             R, r = self._arm(state)
             return np.concatenate([own[:3], R.T @ (own[3:6] + np.cross(r, own[:3]))])
@@ -287,7 +287,7 @@ class PybulletRecorder(Recorder):
 
 
 @dataclass(frozen=True)
-class _State:
+class _BulletState:
     """Joints' q, all speeds v (the base's first), motor torques; the base's centre and principal axes."""
 
     q: Array

@@ -42,6 +42,7 @@ class Replay:
     """A log that was stepped again.
 
     run        every step of the model between the rows, with forces and accelerations
+    arrivals   q (T − 1, nq) and u (T − 1, nv) that the model arrives at, from the row before
     missed     (T − 1,) by how much each next row was missed, as a share of what changes from row to row
     allowed    (T − 1,) how much is allowed, for the digits of the log
     t          (T,) times of the rows, s
@@ -50,6 +51,7 @@ class Replay:
     """
 
     run: Trajectory
+    arrivals: tuple[Array, Array]
     missed: Array
     allowed: Array
     t: Array
@@ -77,7 +79,7 @@ def replay_mujoco(
     Args:
         model: an mjModel, an mjSpec, or the path of an MJCF or URDF file.
         t: times (T,), s, equally far apart, a whole number of the model's steps.
-        q: qpos (T, nq); u: qvel (T, nv).
+        q: qpos (T, nq).
         u: qvel (T, nv).
         ctrl: controls (T, nu), held until the next row; or those of the steps that led to their row, which is
             found out.
@@ -123,7 +125,10 @@ def replay_mujoco(
     run, ends = _stepped(own, t, q, u, ctrl, act, steps, range(len(t) - 1), int(late))
     missed = _missed(ends, q, u)
     digits = DIGITS * max(_resolution(q) / _change(q), _resolution(u) / _change(u))
-    return Replay(run, missed, np.full(len(missed), REPRODUCED + digits * steps), t, steps, late)
+    arrivals = np.array([q for q, _ in ends]), np.array([u for _, u in ends])
+    return Replay(
+        run, arrivals, missed, np.full(len(missed), REPRODUCED + digits * steps), t, steps, late
+    )
 
 
 def _stepped(

@@ -25,27 +25,27 @@ from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair import sandbox
-from deltac.repair.edits.candidates import Candidate, apply, unified_diff
+from deltac.repair.edits.candidates import EditCandidate, apply, unified_diff
 from deltac.repair.edits.running import right_edits, text_edits
-from deltac.repair.edits.search import Search, confirmed, pairs
+from deltac.repair.edits.search import EditSearch, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects, undefined
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import (
     Program,
-    Reading,
+    ProgramReading,
     formed,
     named_parameters,
     read,
     reading,
 )
-from deltac.repair.tracing.samples import RIGHT, Samples, Target
+from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
-from deltac.repair.tracing.tracer import Endless, Failed, Refused, branches
+from deltac.repair.tracing.tracer import Endless, Failed, TracingRefused, branches
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN
 
-Edited: TypeAlias = Sequence[tuple[tuple[Candidate, ...], Source]]
+Edited: TypeAlias = Sequence[tuple[tuple[EditCandidate, ...], Source]]
 """Edits with the source that they make."""
 
 TIME_LIMIT = 60.0
@@ -54,7 +54,7 @@ TIME_LIMIT = 60.0
 GROUPS = 8
 """Statements in which repairs are reported."""
 
-TRIED = 120
+MOST_VALIDATED = 120
 """Edits that are tried on fresh states, cheapest first."""
 
 ALIKE = 4
@@ -69,7 +69,7 @@ FAILING_TIME = 8.0
 MORE_TIME = 3.0
 """Time of the processor in which other ways are looked for when a repair is found (s)."""
 
-AGREE = 1e-7
+SAME_RESULT = 1e-7
 """Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
 
 TWO = 2.5
@@ -78,7 +78,7 @@ TWO = 2.5
 BRANCHES = 12
 """Edits of one branch that are combined with those of another."""
 
-DIGITS = 6
+WRITTEN_DIGITS = 6
 """A number of more digits than these is none that anybody writes."""
 
 NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
@@ -199,7 +199,9 @@ def _as_run(source: Source, function: Callable[..., Any], target: Target) -> Non
     rows = min(len(traced), len(called))
     close = AS_RUN_TO * np.abs(called[: len(traced)]).max(initial=1e-300)
     if not np.allclose(traced[:rows], called[:rows], rtol=0.0, atol=close, equal_nan=True):
-        raise Refused(f"{source.name}: {source.qualified} gives something else than its text says")
+        raise TracingRefused(
+            f"{source.name}: {source.qualified} gives something else than its text says"
+        )
 
 
 def _called(caller: Caller, states: States) -> Array:
@@ -248,7 +250,7 @@ def _by_running(
     )
 
 
-def _fits(answer: Array | str, samples: Samples) -> bool:
+def _fits(answer: Array | str, samples: StateSamples) -> bool:
     """Whether what a function gave, when it was run, is right."""
     return not isinstance(answer, str) and samples.fits(answer) and samples.wrong(answer) < RIGHT
 
@@ -288,7 +290,7 @@ def _failing(
         [n for n in statements if n.lineno <= line <= (n.end_lineno or n.lineno)]
         for line in failed.lines
     )
-    right: list[tuple[tuple[Candidate, ...], Source]] = []
+    right: list[tuple[tuple[EditCandidate, ...], Source]] = []
     end = time.process_time() + FAILING_TIME
     for candidate in text_edits(source, [nodes[-1] for nodes in covering if nodes]):
         late = time.monotonic() > deadline or time.process_time() > end
@@ -315,21 +317,21 @@ def _failing(
     )
 
 
-def _search(reading: Reading, target: Target, deadline: float) -> tuple[Edited, list[str]]:
+def _search(reading: ProgramReading, target: Target, deadline: float) -> tuple[Edited, list[str]]:
     """Edits with the sources they make, confirmed, cheapest first; and the suspects.
 
     Where the function branches on the state, each wrong branch is searched; where none of their edits
     makes all branches right, one of each branch is combined.
     """
     suspected: dict[str, None] = {}
-    alone: list[list[Candidate]] = []
+    alone: list[list[EditCandidate]] = []
     searches = []
 
-    def confirmed_first(kinds: Iterable[Iterable[tuple[Candidate, ...]]]) -> Edited:
+    def confirmed_first(kinds: Iterable[Iterable[tuple[EditCandidate, ...]]]) -> Edited:
         return next(filter(None, (_confirm(reading, target, kind, deadline) for kind in kinds)), [])
 
     for program in reading.faulty:
-        search = Search(program, target, deadline)
+        search = EditSearch(program, target, deadline)
         search.require()
         singles = search.single()
         right = _confirm(reading, target, ((c,) for c in singles), deadline)
@@ -349,25 +351,25 @@ def _search(reading: Reading, target: Target, deadline: float) -> tuple[Edited, 
     return confirmed_first(itertools.chain(one_each, kinds)), list(suspected)
 
 
-def _total_cost(edit: tuple[tuple[Candidate, ...], Source]) -> float:
+def _total_cost(edit: tuple[tuple[EditCandidate, ...], Source]) -> float:
     return sum(e.cost for e in edit[0])
 
 
 def _confirm(
-    reading: Reading,
+    reading: ProgramReading,
     target: Target,
-    candidates: Iterable[tuple[Candidate, ...]],
+    candidates: Iterable[tuple[EditCandidate, ...]],
     deadline: float,
 ) -> Edited:
     """Those of some edits that are right at fresh states, cheapest first, with the sources they make."""
-    right: list[tuple[tuple[Candidate, ...], Source]] = []
+    right: list[tuple[tuple[EditCandidate, ...], Source]] = []
     texts: set[str] = set()
     places: Counter[tuple[int, ...]] = Counter()
     cheapest, end = np.inf, np.inf
     for count, edits in enumerate(candidates):
         cost = sum(e.cost for e in edits)
         late = time.monotonic() > deadline or time.process_time() > end
-        if count >= TRIED or late or cost > cheapest + DEARER:
+        if count >= MOST_VALIDATED or late or cost > cheapest + DEARER:
             break
         lines = tuple(reading.source.statement(e.place).lineno for e in edits)
         if places[lines] >= ALIKE:
@@ -383,7 +385,7 @@ def _confirm(
 
 
 def _report(
-    reading: Reading,
+    reading: ProgramReading,
     target: Target,
     right: Edited,
     start: float,
@@ -425,10 +427,10 @@ def _report(
     )
 
 
-def _odd_number(edits: Sequence[Candidate]) -> bool:
+def _odd_number(edits: Sequence[EditCandidate]) -> bool:
     """Whether an edit puts in a decimal of many digits: a number that fits is none that was meant."""
     return any(
-        len(m.group().replace(".", "").strip("0")) > DIGITS
+        len(m.group().replace(".", "").strip("0")) > WRITTEN_DIGITS
         for e in edits
         for m in NUMBER.finditer(e.text)
     )
@@ -436,7 +438,7 @@ def _odd_number(edits: Sequence[Candidate]) -> bool:
 
 def _groups(source: Source, right: Edited, formulas: Sequence[int]) -> Sequence[Edited]:
     """Edits of the same statements that come to the same formula, together."""
-    groups: dict[tuple[int, ...], list[tuple[tuple[Candidate, ...], Source]]] = {}
+    groups: dict[tuple[int, ...], list[tuple[tuple[EditCandidate, ...], Source]]] = {}
     for (edits, changed), formula in zip(right, formulas):
         lines = tuple(source.statement(e.place).lineno for e in edits)
         groups.setdefault((formula, *lines), []).append((edits, changed))
@@ -529,7 +531,9 @@ def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], boo
                 for slot in trace.tape.before(outputs)
             )
         size = np.abs(result).max() + 1e-300
-        same = (k for k, other in enumerate(kinds) if np.abs(other - result).max() <= AGREE * size)
+        same = (
+            k for k, other in enumerate(kinds) if np.abs(other - result).max() <= SAME_RESULT * size
+        )
         formulas.append(next(same, len(kinds)))
         if formulas[-1] == len(kinds):
             kinds.append(result)

@@ -22,7 +22,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.foreign.scripts import needed, statements_of
-from deltac.repair.tracing.samples import Samples
+from deltac.repair.tracing.samples import StateSamples
 from deltac.repair.tracing.source import Source, partial_in
 from deltac.simulation.state_form import PLAIN
 
@@ -30,7 +30,7 @@ WORKER = Path(__file__).with_name("sandbox_worker.py")
 
 
 @dataclass(frozen=True)
-class Task:
+class SandboxTask:
     """A function to run: the text that it needs, its name there, how it takes the state, its folder."""
 
     text: str
@@ -42,7 +42,7 @@ class Task:
     folder: str
 
 
-def task(source: Source) -> Task | None:
+def task(source: Source) -> SandboxTask | None:
     """What is needed to run a source's function; None for one that only a running session has."""
     if source.root is not None and ("<locals>" in source.qualified or "." in source.qualified):
         return None
@@ -59,7 +59,7 @@ def task(source: Source) -> Task | None:
     if arguments:
         values = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
         text += f"\nimport functools\n{source.qualified} = functools.partial({source.qualified}, {values})"
-    return Task(
+    return SandboxTask(
         text, source.qualified, form.arguments, form.order, form.controls, form.column, folder
     )
 
@@ -70,7 +70,7 @@ def module_for(module: ast.Module, name: str) -> ast.Module:
     return module if chosen is None else ast.Module([s.node for s in chosen], [])
 
 
-def run(tasks: Sequence[Task], samples: Samples, limit: float) -> list[Array | str]:
+def run(tasks: Sequence[SandboxTask], samples: StateSamples, limit: float) -> list[Array | str]:
     """What functions return (n, B), q̇ after u̇ where they return it; or what went wrong, in words.
 
     They run in a process of their own; `limit` is the time (s) for all of them.
@@ -79,7 +79,7 @@ def run(tasks: Sequence[Task], samples: Samples, limit: float) -> list[Array | s
 
 
 def stream(
-    tasks: Sequence[Task], samples: Samples, limit: float
+    tasks: Sequence[SandboxTask], samples: StateSamples, limit: float
 ) -> Generator[Array | str, None, None]:
     """`run`, one answer after the other, as soon as it is there; the process ends with the iterator."""
     states = {"t": samples.t.tolist(), "q": samples.q.T.tolist(), "u": samples.u.T.tolist()}

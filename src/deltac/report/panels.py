@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from deltac.diagnosis.study.runs import StudyRun
     from deltac.diagnosis.study.study import Study
     from deltac.energy import Ledger
+    from deltac.mechanism.coordinates import Entries
     from deltac.mechanism.mechanism import Mechanism
     from deltac.trajectories import Trajectory
 
@@ -35,7 +36,8 @@ class Line:
     bar      (T,) half width of a band about it; on a log axis the band reaches from below up to it
     dashed   for what is only compared with
     shown    whether it is drawn at first
-    colour   which of the palette; by default the next one; "ink" and "grey" are neutral
+    colour   which of the palette; by default the next one; "ink" is what is left of the balance, "ink1" to
+             "ink5" the same at coarser steps, "grey" what is only compared with
     """
 
     name: str
@@ -87,6 +89,7 @@ class Cloud:
     fit: tuple[tuple[float, float], tuple[float, float]] | None = None
     fit_name: str = ""
     mark: int | None = None
+    colour: int | str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,13 +140,15 @@ class Bars(Panel):
 class Flow:
     """Energy (J) that went one way over the whole run; `error` how far it may be off.
 
-    group  "flow": a work; "store": a change of what is stored; "left": what the balance cannot place
+    group   "flow": a work; "store": a change of what is stored; "left": what the balance cannot place
+    colour  that of its curve
     """
 
     name: str
     energy: float
     error: float = 0.0
     group: Literal["flow", "store", "left"] = "flow"
+    colour: int | str = "grey"
 
 
 @dataclass(frozen=True)
@@ -160,6 +165,15 @@ MOST_LINES = 8
 """Channels whose curves are shown at first; the others are there to be switched on."""
 
 
+def colours(ledger: Ledger) -> dict[str, int]:
+    """The colour of every energy and every channel of a ledger, the same in all panels: the largest first."""
+    sources = sorted(ledger.potential, key=lambda name: -float(np.ptp(ledger.potential[name])))
+    flowing = [name for name in ledger.work if name not in ledger.potential]
+    flowing.sort(key=lambda name: -float(np.ptp(ledger.work[name])))
+    stores = ["K", *(["V"] if len(sources) > 1 else []), *(f"V {name}" for name in sources)]
+    return {name: k for k, name in enumerate([*stores, *flowing])}
+
+
 def audit_errors(report: Audit) -> TimePlot:
     """|ΔC| with its error bar, beside what is accepted and what the system has."""
     ledger = report.ledger
@@ -168,14 +182,14 @@ def audit_errors(report: Audit) -> TimePlot:
             "|ΔC|",
             floored(report.energy_error, ledger),
             ledger.error_bar[report.function],
-            colour=0,
+            colour="ink",
         )
     ]
     if report.function in ledger.delta_c and not np.array_equal(
         report.energy_error, ledger.delta_c[report.function]
     ):
         own = floored(ledger.delta_c[report.function], ledger)
-        lines.append(Line("|ΔC| without corrections", own, dashed=True, shown=False))
+        lines.append(Line("|ΔC| without corrections", own, dashed=True, shown=False, colour="grey"))
     lines += [
         Line(f"|ΔC| {name}", floored(values, ledger), shown=False)
         for name, values in ledger.delta_c.items()
@@ -258,16 +272,21 @@ def energy_plots(ledger: Ledger) -> Iterator[TimePlot]:
     K = ledger.kinetic
     V = ledger.potential_energy
     sources = sorted(ledger.potential.items(), key=lambda item: -float(np.ptp(item[1])))
-    several = len(sources) > 1
+    several, colour = len(sources) > 1, colours(ledger)
     visible = 0.02 * max(float(np.ptp(K)), *(float(np.ptp(v)) for _, v in sources), 0.0)
     yield TimePlot(
         "Energies, from their values at the start",
         ledger.t,
         (
-            Line("K", K - K[0], colour="ink"),
-            *((Line("V", V - V[0], colour=1),) if several else ()),
+            Line("K", K - K[0], colour=colour["K"]),
+            *((Line("V", V - V[0], colour=colour["V"]),) if several else ()),
             *(
-                Line(f"V {name}", v - v[0], shown=k < MOST_LINES and float(np.ptp(v)) >= visible)
+                Line(
+                    f"V {name}",
+                    v - v[0],
+                    shown=k < MOST_LINES and float(np.ptp(v)) >= visible,
+                    colour=colour[f"V {name}"],
+                )
                 for k, (name, v) in enumerate(sources)
             ),
             Line("K + V", K + V - K[0] - V[0], dashed=True, colour="grey"),
@@ -291,6 +310,7 @@ def energy_plots(ledger: Ledger) -> Iterator[TimePlot]:
                     if float(ledger.work_error[name].max()) > 1e-3 * float(np.ptp(work))
                     else None,
                     shown=k < MOST_LINES,
+                    colour=colour[name],
                 )
                 for k, (name, work) in enumerate(ranked)
             ),
@@ -301,21 +321,22 @@ def energy_plots(ledger: Ledger) -> Iterator[TimePlot]:
 
 def flows_of(ledger: Ledger, function: str, energy_error: Array | None = None) -> Flows:
     """Works into and out of the system over the whole run, what it stored, and what is left."""
+    colour = colours(ledger)
     flows = [
-        Flow(name, float(w[-1] - w[0]), float(ledger.work_error[name].max()))
+        Flow(name, float(w[-1] - w[0]), float(ledger.work_error[name].max()), colour=colour[name])
         for name, w in ledger.work.items()
         if name not in ledger.potential
     ]
     K = ledger.kinetic
-    stored = [Flow("ΔK", float(K[-1] - K[0]), group="store")]
+    stored = [Flow("ΔK", float(K[-1] - K[0]), group="store", colour=colour["K"])]
     stored += [
-        Flow(f"ΔV {name}", float(v[-1] - v[0]), group="store")
+        Flow(f"ΔV {name}", float(v[-1] - v[0]), group="store", colour=colour[f"V {name}"])
         for name, v in ledger.potential.items()
     ]
     shown, stored = _largest(flows, 12, "channels"), _largest(stored, 5, "stores")
     error = ledger.delta_c[function] if energy_error is None else energy_error
     bar = float(ledger.error_bar[function].max())
-    remainder = Flow("ΔC, what is left", float(error[-1]), bar, "left")
+    remainder = Flow("ΔC, what is left", float(error[-1]), bar, "left", "ink")
     return Flows(
         "Energy from the start to the end of the run",
         (*shown, *stored, remainder),
@@ -338,6 +359,10 @@ def named(entry: StudyRun, unit: str) -> str:
     return f"h = {number(entry.step, 's')}" if unit else f"tolerance {number(entry.step)}"
 
 
+SHADES = 5
+"""Shades of what is left of the balance, one for each coarser step."""
+
+
 def study_errors(report: Study) -> TimePlot:
     """|ΔC| of every run, on the times of the finest."""
     name = report.function
@@ -352,7 +377,11 @@ def study_errors(report: Study) -> TimePlot:
         last = entry is finest
         bar = None if entry.bar is None else entry.bar[name]
         at = resampled(entry.ledger.t, y, t)
-        lines.append(Line(named(entry, report.measures.unit), at, bar if last else None, colour=k))
+        shade = min(len(usable) - 1 - k, SHADES)
+        colour = f"ink{shade}" if shade else "ink"
+        lines.append(
+            Line(named(entry, report.measures.unit), at, bar if last else None, colour=colour)
+        )
     return TimePlot(
         f"What is left of the energy balance, |ΔC| ({name})",
         t,
@@ -394,13 +423,20 @@ def orders(report: Study) -> LogPlot:
     same = f"the same, {'before the motions part' if part else 'at times that all steps share'}"
     moved = np.asarray(state.sizes)
     clouds = [
-        _cloud(f"|ΔC| {report.function}", steps, errors, energy if whole and not limited else None),
-        None if whole else _cloud(same, common, fitted, None if limited else energy),
+        _cloud(
+            f"|ΔC| {report.function}",
+            steps,
+            errors,
+            energy if whole and not limited else None,
+            "ink",
+        ),
+        None if whole else _cloud(same, common, fitted, None if limited else energy, "ink2"),
         _cloud(
             "motion, to the next finer run",
             steps[len(steps) - 1 - len(moved) : -1] if len(moved) else moved,
             moved,
             state,
+            "grey",
         ),
     ]
     limit = (Guide("limit of |ΔC|", energy.limit / energy_scale),) if limited else ()
@@ -414,7 +450,9 @@ def orders(report: Study) -> LogPlot:
     )
 
 
-def _cloud(name: str, h: Array, sizes: Array, convergence: Convergence | None) -> Cloud | None:
+def _cloud(
+    name: str, h: Array, sizes: Array, convergence: Convergence | None, colour: str
+) -> Cloud | None:
     """Positive sizes over the step, and the observed order through the finest of the points that gave it."""
     positive = np.isfinite(sizes) & (sizes > 0.0)
     if not positive.any():
@@ -433,10 +471,12 @@ def _cloud(name: str, h: Array, sizes: Array, convergence: Convergence | None) -
             for x in (h[-1], h[0])
         ]
         fit, fit_name = (ends[0], ends[1]), f"order {order_text(convergence)}"
-    return Cloud(name, tuple(h), tuple(sizes), joined=fit is None, fit=fit, fit_name=fit_name)
+    return Cloud(
+        name, tuple(h), tuple(sizes), joined=fit is None, fit=fit, fit_name=fit_name, colour=colour
+    )
 
 
-def _by_unit(what: str, t: Array, values: Array, entries: Any) -> Iterator[TimePlot]:
+def _by_unit(what: str, t: Array, values: Array, entries: Entries) -> Iterator[TimePlot]:
     units: dict[str, list[int]] = {}
     for k, entry in enumerate(entries):
         units.setdefault(entry.unit, []).append(k)
@@ -496,7 +536,7 @@ def _front(report: Recommendation, what: str, title: str, says: str) -> LogPlot:
     from deltac.diagnosis.recommend.result import setting_of
 
     clouds = []
-    for solver in dict.fromkeys(trial.solver for trial in report.trials):
+    for k, solver in enumerate(dict.fromkeys(trial.solver for trial in report.trials)):
         own = [
             t
             for t in sorted(report.trials, key=lambda t: t.seconds)
@@ -514,6 +554,7 @@ def _front(report: Recommendation, what: str, title: str, says: str) -> LogPlot:
                     tuple(getattr(t, what) for t in own),
                     tuple(f"{solver}, {setting_of(t)}" for t in own),
                     mark=own.index(chosen) if chosen in own else None,
+                    colour=k,
                 )
             )
     asked = report.tolerance if what == "energy" else report.motion_tolerance

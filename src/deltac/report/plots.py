@@ -36,18 +36,17 @@ from deltac.report.panels import (
 )
 from deltac.report.picture import blank
 from deltac.report.style import (
+    BAD,
     BESIDE,
-    BLACK,
-    BLUE,
     COLOURS,
     DASHED,
     DOTTED,
-    GREEN,
+    DOUBT,
+    GOOD,
     GREY,
-    ORANGE,
-    PINK,
+    INK,
+    SHADES,
     SMALL,
-    VERMILION,
     WIDTH,
     align_labels,
     entitle,
@@ -71,6 +70,7 @@ if TYPE_CHECKING:
     from deltac.diagnosis.study.study import Study
     from deltac.energy import Ledger
     from deltac.mechanism.mechanism import Mechanism
+    from deltac.models import StateLike
     from deltac.procedure import Examination
     from deltac.repair.mutate.report import MutationReport
     from deltac.trajectories import Trajectory
@@ -134,11 +134,15 @@ def _trajectory(run: Trajectory, names: Sequence[str] | str | None = None) -> Fi
 
 # --- panels ----------------------------------------------------------------------------------------
 
-MANY = (BLUE, VERMILION, GREEN, ORANGE, PINK, BLACK)
-"""Colours of curves of one panel; those that follow are grey."""
 
-NEUTRAL = {"ink": BLACK, "grey": GREY}
-"""Colours of curves by name."""
+def _colour(colour: int | str | None, k: int) -> str:
+    """The colour of a curve, by default that of its place."""
+    return (
+        SHADES[colour]
+        if isinstance(colour, str)
+        else COLOURS[(k if colour is None else colour) % len(COLOURS)]
+    )
+
 
 MARKS = "osD^vPX*<>ph"
 
@@ -170,7 +174,7 @@ def _drawn(title: str, *panels: Panel) -> Figure:
 
 def _time(panel: Axes, plot: TimePlot) -> None:
     """Curves over time; what a page shows on demand only is grey here. On a log axis bars are a band."""
-    shown = [line for line in plot.lines if line.shown][: len(MANY)]
+    shown = [line for line in plot.lines if line.shown][: len(COLOURS)]
     rest = [line for line in plot.lines if line not in shown]
     guides = [guide.value for guide in plot.guides]
     sizes = [float(np.nanmax(np.abs(line.y), initial=0.0)) for line in plot.lines]
@@ -180,11 +184,7 @@ def _time(panel: Axes, plot: TimePlot) -> None:
         return np.fmax(np.abs(y), floor) if plot.log else y
 
     for k, line in enumerate(shown):
-        colour = MANY[k % len(MANY)]
-        if isinstance(line.colour, str):
-            colour = NEUTRAL[line.colour]
-        elif line.colour is not None:
-            colour = MANY[line.colour % len(MANY)]
+        colour = _colour(line.colour, k)
         look: dict[str, Any] = {"color": colour, "linewidth": 1.3}
         if line.dashed:
             look |= {"linestyle": DASHED, "linewidth": 1.1}
@@ -219,7 +219,7 @@ def _points(panel: Axes, plot: LogPlot) -> None:
     from matplotlib.ticker import LogLocator, NullFormatter
 
     for k, cloud in enumerate(plot.clouds):
-        colour, mark = MANY[k % len(MANY)], MARKS[k % len(MARKS)]
+        colour, mark = _colour(cloud.colour, k), MARKS[k % len(MARKS)]
         look: dict[str, Any] = {"color": colour, "marker": mark, "markersize": 4.5}
         style = "solid" if cloud.joined and cloud.fit is None else "none"
         panel.plot(cloud.x, cloud.y, label=cloud.name, linewidth=0.9, linestyle=style, **look)
@@ -227,7 +227,7 @@ def _points(panel: Axes, plot: LogPlot) -> None:
             panel.plot(*zip(*cloud.fit), color=colour, linewidth=1.0, label=cloud.fit_name)
         if cloud.mark is not None:
             ring: dict[str, Any] = {"marker": "o", "markersize": 12, "markerfacecolor": "none"}
-            ring |= {"markeredgecolor": VERMILION, "linestyle": "none", "label": "recommended"}
+            ring |= {"markeredgecolor": colour, "linestyle": "none", "label": "recommended"}
             panel.plot(cloud.x[cloud.mark], cloud.y[cloud.mark], **ring)
     panel.set_xscale("log")
     panel.set_yscale("log")
@@ -248,7 +248,7 @@ def _bars(panel: Axes, plot: Bars) -> None:
     floor = 0.25 * EPS
     for row, (_, size, large) in enumerate(shown):
         size = size if math.isfinite(size) else 1.0 / EPS
-        colour = VERMILION if large else BLUE
+        colour = BAD if large else DOUBT if size > plot.limit else GOOD
         panel.plot([floor, max(size, floor)], [row, row], color=colour, linewidth=5.0)
     panel.set_xscale("log")
     panel.set_xlim(left=0.5 * floor)
@@ -262,9 +262,8 @@ def _bars(panel: Axes, plot: Bars) -> None:
 
 def _flows(panel: Axes, plot: Flows) -> None:
     """Works that went in, the energies that they changed, and what is left."""
-    colours = {"flow": VERMILION, "store": BLUE, "left": BLACK}
     places = np.arange(len(plot.flows))
-    energies, of = [f.energy for f in plot.flows], [colours[f.group] for f in plot.flows]
+    energies, of = [f.energy for f in plot.flows], [_colour(f.colour, 0) for f in plot.flows]
     panel.barh(places, energies, color=of, height=0.66)
     panel.set_yticks(places, [""] * len(places))
     panel.tick_params(axis="y", length=0)
@@ -290,7 +289,7 @@ def _guides(panel: Axes, guides: Sequence[Guide], unit: str, *, upright: bool = 
     """Levels that curves are compared with; what is accepted is green."""
     for guide in guides:
         line = panel.axvline if upright else panel.axhline
-        colour = GREY if guide.name == "energy of the system" else GREEN
+        colour = GREY if guide.name == "energy of the system" else GOOD
         label = f"{guide.name}, {number(guide.value, unit, 3)}"
         line(guide.value, color=colour, linewidth=1.1, linestyle=DASHED, label=label)
 
@@ -362,7 +361,7 @@ def _explanation(report: Explanation) -> Figure:
     drawing = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {report.kind}", right=BESIDE)
     panel = drawing.subplots()
     places = np.arange(len(causes))
-    panel.barh(places, [100.0 * c.share for c in causes], color=BLUE, height=0.6)
+    panel.barh(places, [100.0 * c.share for c in causes], color=BAD, height=0.6)
     panel.set_yticks(places, [str(k + 1) for k in places])
     panel.set_ylim(max(len(causes), 2) - 0.4, -0.6)
     panel.set_xlim(0.0, 100.0)
@@ -437,9 +436,9 @@ def _linearisation(report: Linearisation) -> Figure:
     values = report.eigenvalues
     size = 1e-9 * float(np.abs(values).max(initial=0.0))
     for label, colour, subset in (
-        ("decaying", BLUE, values.real < -size),
-        ("neither", BLACK, np.abs(values.real) <= size),
-        ("growing", VERMILION, values.real > size),
+        ("decaying", GOOD, values.real < -size),
+        ("neither", INK, np.abs(values.real) <= size),
+        ("growing", BAD, values.real > size),
     ):
         if subset.any():
             panel.plot(values.real[subset], values.imag[subset], "o", color=colour, label=label)
@@ -456,7 +455,7 @@ def _linearisation(report: Linearisation) -> Figure:
     return drawing
 
 
-def _mechanism(mechanism: Mechanism, state: Any = None) -> Figure:
+def _mechanism(mechanism: Mechanism, state: StateLike | Trajectory | None = None) -> Figure:
     """The mechanism at a state, or along a run; by default with all coordinates zero."""
     from deltac.models import load_model
     from deltac.report.still import still

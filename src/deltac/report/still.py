@@ -18,14 +18,14 @@ from deltac.mechanism.state import State
 from deltac.report.page.geometry import Form, unit
 from deltac.report.page.scene import Scene, scene, turned
 from deltac.report.picture import blank
-from deltac.report.style import BLUE, GREEN, ORANGE, PINK, VERMILION, styled
+from deltac.report.style import styled
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BODIES = (BLUE, VERMILION, GREEN, ORANGE, PINK, "#56b4e9", "#8a6d3b")
+BODIES = ("#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9", "#8a6d3b")
 
 PALEST = 0.12
 """Opacity of the earliest of several places."""

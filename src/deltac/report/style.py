@@ -26,14 +26,22 @@ WIDTH = 7.6
 BESIDE = 1.75
 """Of that, what legends beside the axes take."""
 
-VERMILION, BLUE, BLACK, GREEN, PINK, ORANGE = (
-    *("#d55e00", "#0072b2", "#111111"),
-    *("#009e73", "#cc79a7", "#e69f00"),
+COLOURS = (
+    *("#0068a8", "#cf5300", "#6a5acd", "#b0568f", "#b07c00"),
+    *("#2d9bd0", "#00868b", "#7a7a00", "#8c4a3a"),
 )
-COLOURS = (VERMILION, BLUE, BLACK, GREEN, PINK)
-"""Of Okabe and Ito, which people of any colour vision can tell apart."""
+"""The palette of figures and pages: what a colour means is the same in all panels of one of them."""
+
+INK, GOOD, BAD, DOUBT = "#1d2126", "#0b7a4b", "#b3261e", "#9a6700"
+"""What is left of a balance; what is accepted or right, what is wrong, what is in doubt."""
 
 GREY = "#888888"
+SHADES = {
+    **{"ink": INK, "ink1": "#4b5563", "ink2": "#6f7985", "ink3": "#929ba5", "ink4": "#b0b7bf"},
+    **{"ink5": "#c9ced4", "grey": GREY},
+}
+"""Colours by name: what is left of a balance, the same at coarser steps, and what is compared with."""
+
 DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
 
 POINTS = 2500

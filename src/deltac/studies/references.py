@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from deltac.problems import Problem, Reference
-from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import solver_options
 from deltac.trajectories import Trajectory
+from deltac.verbs import simulate
 
 MARGIN = 10.0
 """Halving the step removes the share 1 − 2⁻ᵖ of the error, so the difference underestimates it by little."""

@@ -19,10 +19,10 @@ from deltac.trajectories.trajectory import FloatArray
 
 T = TypeVar("T")
 
-AGREES = 0.1
+AGREEING_MISS = 0.1
 """Largest share of their movement by which coordinates may differ from the integrals of their speeds."""
 
-CLEARLY = 0.5
+CLEAR_RATIO = 0.5
 """A reading other than the declared or usual one must miss by so much less."""
 
 FIT, CLOSE = 0.98, 0.02
@@ -31,7 +31,7 @@ FIT, CLOSE = 0.98, 0.02
 _PARTS = 40
 """Parts of a log over which increments are summed."""
 
-LEAST = 0.05
+LEAST_MOVEMENT = 0.05
 """Least share of the whole movement of an axis that is compared."""
 
 
@@ -118,9 +118,9 @@ def preferred(readings: Sequence[T], miss: Callable[[T], float]) -> T | None:
     if not ordered:
         return None
     best, least = ordered[0], miss(ordered[0])
-    if least < AGREES:
-        return readings[0] if least > CLEARLY * miss(readings[0]) else best
-    return best if least < CLEARLY * min([1.0, *map(miss, ordered[1:])]) else None
+    if least < AGREEING_MISS:
+        return readings[0] if least > CLEAR_RATIO * miss(readings[0]) else best
+    return best if least < CLEAR_RATIO * min([1.0, *map(miss, ordered[1:])]) else None
 
 
 def integral(t: FloatArray, u: FloatArray) -> FloatArray:
@@ -132,5 +132,5 @@ def integral(t: FloatArray, u: FloatArray) -> FloatArray:
 def _worst(moved: FloatArray, integrated: FloatArray) -> float:
     size = np.abs(moved).sum(axis=0) + np.abs(integrated).sum(axis=0)
     difference = np.abs(moved - integrated).sum(axis=0)
-    telling = size > LEAST * size.sum()
+    telling = size > LEAST_MOVEMENT * size.sum()
     return float(np.max(difference[telling] / size[telling])) if telling.any() else np.inf

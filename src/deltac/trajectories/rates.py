@@ -18,7 +18,7 @@ from deltac.errors import LogError
 from deltac.trajectories.columns import Kinematics, MechanismNames, speeds_of
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
-FEWEST = 4
+FEWEST_ROWS = 4
 """Rows without which a motion cannot be differentiated."""
 
 
@@ -149,9 +149,9 @@ def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
 
 
 def _check(t: FloatArray, values: FloatArray, what: str) -> None:
-    if len(t) < FEWEST:
+    if len(t) < FEWEST_ROWS:
         raise LogError(
-            f"no column '{what}', and {len(t)} rows are too few to derive it (at least {FEWEST}); "
+            f"no column '{what}', and {len(t)} rows are too few to derive it (at least {FEWEST_ROWS}); "
             "log it"
         )
     # Named by column and row when the trajectory is made from them, all but what a spline needs.

@@ -12,19 +12,19 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.calls.progress import Parts, Progress, TimeLimit, untold
+from deltac.calls.progress import Parts, Progress, TimeLimit, counted, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
-from deltac.diagnosis.audit.verdict import Evidence, judge
-from deltac.diagnosis.explain.explain import explanation_of
-from deltac.diagnosis.explain.result import Cause
+from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
+from deltac.diagnosis.explain.explain import joint_explanation, with_gears
+from deltac.diagnosis.explain.result import Cause, Explanation
 from deltac.diagnosis.inference.attribution import Attribution, Share
 from deltac.diagnosis.inference.flow import FORCES
 from deltac.diagnosis.inference.inference import Inference, infer
 from deltac.diagnosis.inference.integrators import IntegratorEstimate
 from deltac.diagnosis.inputs import channels as motors
-from deltac.diagnosis.inputs.logs import Log, LogLike, read_log, read_run
+from deltac.diagnosis.inputs.logs import Log, LogLike, in_model_order, read_log, read_run
 from deltac.diagnosis.verdict import (
     RUN_TOLERANCE,
     Finding,
@@ -35,7 +35,7 @@ from deltac.diagnosis.verdict import (
 )
 from deltac.energy import Ledger, balance
 from deltac.energy.streaming import KEPT
-from deltac.errors import InputError, SolverError
+from deltac.errors import InputError, LogError, ModelError, SolverError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -67,7 +67,15 @@ class Row:
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(
     Judged,
-    omit=("ledger", "run", "mechanism", "import_report", "energy_error", "inference"),
+    omit=(
+        "ledger",
+        "run",
+        "mechanism",
+        "import_report",
+        "energy_error",
+        "inference",
+        "explanation",
+    ),
     also=(
         "relative",
         "energy_exchanged",
@@ -98,7 +106,10 @@ class Audit(
             few rows follow each other.
         attribution: ΔC in joules of `integrator`, `equations` and `log`: each has its `energy` with a
             standard `error` at the end, and `curve` and `curve_error` along `t`, J. None where there is no
-            inference.
+            inference, or the log is in doubt.
+        condition: what the joules of `equations` hold under, as that forces which the log lacks did not act;
+            empty where under nothing.
+        explanation: the causes, or what stands in their place, with the same verdict behind it.
         causes: what is wrong with the equations or the log, by odds, each with its size and joules.
         odds: probabilities of the four verdicts.
         strict: whether a mistake within the tolerance sets the exit code.
@@ -114,6 +125,8 @@ class Audit(
     tolerance: float
     inference: Inference | None = None
     attribution: Attribution | None = None
+    condition: str = ""
+    explanation: Explanation | None = None
     causes: tuple[Cause, ...] = ()
     odds: dict[Kind, float] = field(default_factory=dict)
     strict: bool = False
@@ -289,16 +302,11 @@ class Audit(
             rows.append((row.name, told[0], error, told[1], row.basis))
         yield Table(("channel", "energy (J)", "± (J)", "share", "basis"), tuple(rows))
         if self.attribution is not None:
-            a = self.attribution
             yield Table(
                 ("ΔC by", "energy (J)", "± (J)"),
                 tuple(
                     (name, number(share.energy), number(share.error, digits=2))
-                    for name, share in (
-                        ("the integrator", a.integrator),
-                        ("mistakes in the equations", a.equations),
-                        ("the log", a.log),
-                    )
+                    for name, share in parts_of(self.attribution, self.condition)
                 ),
             )
         yield from self.verdict.sections()
@@ -318,6 +326,9 @@ _BEYOND_TOLERANCE = (
     "constraint-drift",
 )
 """Causes that set the exit code although the balance holds: their forces are those of the log."""
+
+PASSIVE = ("spring", "damper")
+"""Kinds of which the model's own forces are tested, where it is asked to explain a run by itself."""
 
 SIGNIFICANT = 3.0
 """Standard errors above which joules of the integrator can be extrapolated to other steps."""
@@ -370,26 +381,123 @@ def audit(
     Raises:
         InputError: model or log cannot be read, or the log is not of this model.
     """
-    limit = TimeLimit(time_limit)
     reference = _reference(model, tolerance, work)
-    parts = Parts(progress, SHARES)
+    source = _Source(log, mapping, coordinates, replay)
+    judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(progress, SHARES))
+    return _audit(reference, judged, strict)
+
+
+@checked
+@interruptible()
+def explain_residual(
+    model: ModelLike,
+    log: LogLike | list[LogLike],
+    *,
+    mapping: MappingLike = None,
+    coordinates: CoordinateMap | str | None = None,
+    replay: bool | None = None,
+    time_limit: float | None = None,
+    progress: Progress | None = None,
+) -> Explanation:
+    """Find the few changes of a model that explain the residual of its equations along a log.
+
+    The log is judged as by `audit`, but springs and dampers are taken from the model, also where the log
+    holds them, so that what model and run have differently is found; all other logged forces are taken as
+    they are, and channels among them that the model does not have are noted. Motors of which a recorded run
+    tells another strength than the model's are causes too, although their logged forces close the equations.
+
+    Several logs of one machine share its causes, each with an integrator and noise of its own: what none of
+    them shows alone may be certain from all.
+
+    Args:
+        model: as for `audit`.
+        log: as for `audit`; or a list of several.
+        mapping: path of a mapping file, for logs whose columns have other names or units.
+        coordinates: those of the log's columns, as for `audit`.
+        replay: as for `audit`.
+        time_limit: as for `audit`, for each log.
+        progress: called with the fraction done.
+
+    Returns:
+        The explanation; `str()` of it is the outcome in words, `table()` the numbers.
+
+    Raises:
+        InputError: model or log cannot be read, the log is not of this model, or it is too short.
+    """
+    reference = _reference(model, RUN_TOLERANCE, None)
+    report = reference.import_report
+    if not len(reference.mechanism.free.u):
+        raise ModelError(
+            "every joint of the model is prescribed: no equation of motion is left to explain"
+        )
+    logs = log if isinstance(log, list) else [log]
+    if not logs:
+        raise LogError("the list of logs is empty; give one log, or several of the same machine")
+    judgements = list[Judgement]()
+    for one in counted(logs, progress or untold):
+        source = _Source(one, mapping, coordinates, replay, passive=False)
+        judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(None, SHARES))
+        if judged.inference is None and not judged.explanation.reasons:
+            raise LogError(
+                f"the log has {len(judged.rows)} rows, or the model's motion leaves all bounds between them: "
+                "too few follow each other to explain anything. Log more of the motion, or a smaller step"
+            )
+        judgements.append(judged)
+    each = [judged.explanation for judged in judgements]
+    explanation = next((one for one in each if one.kind == "doubtful"), each[0])
+    inferences = [j.inference for j in judgements if j.inference is not None]
+    if len(logs) > 1 and len(inferences) == len(logs) and explanation.kind != "doubtful":
+        explanation = joint_explanation(inferences, each)
+    gears: dict[str, motors.Gear] = {}
+    notes: dict[str, None] = {}
+    for judged in judgements:
+        gears |= {gear.channel: gear for gear in motors.other_gears(judged.rows, report)}
+        works = motors.foreign_channels(reference.mechanism, judged.rows, report)
+        notes |= dict.fromkeys(words for _, words in motors.foreign_words(works))
+    return replace(with_gears(explanation, list(gears.values())), notes=tuple(notes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """A log as a user names it, and how to read it; `passive`: whether its springs and dampers count."""
+
+    log: LogLike
+    mapping: MappingLike = None
+    coordinates: CoordinateMap | str | None = None
+    replay: bool | None = None
+    passive: bool = True
+
+
+def _judged(
+    model: ModelLike, reference: Reference, source: _Source, limit: TimeLimit, parts: Parts
+) -> Judgement:
+    """A log, read, perhaps stepped again, and judged."""
+    log, mapping = source.log, source.mapping
+    mechanism, report = reference.mechanism, reference.import_report
     findings: tuple[Finding, ...] = ()
-    if coordinates is not None:
-        own = chosen_map(load_model(model), coordinates)
-        log, mapping = read_run(reference.mechanism, log, mapping, own), None
-    if replay is not False and (replay or reference.import_report is not None):
+    departures: Array | None = None
+    if source.coordinates is not None:
+        own = chosen_map(load_model(model), source.coordinates)
+        log, mapping = read_run(mechanism, log, mapping, own), None
+    if source.replay is not False and (source.replay or report is not None):
         from deltac.diagnosis.audit import replayed
 
         again = replayed.replayed(
-            model, reference, log, mapping, required=bool(replay), limit=limit
+            model, reference, log, mapping, required=bool(source.replay), limit=limit
         )
-        findings = again.findings
+        findings, departures = again.findings, again.departures
         if again.run is not None:
             log, mapping = again.run, None
-    source = read_log(
-        reference.mechanism, log, work, mapping, keep=KEPT, progress=parts.part("read")
-    )
-    return _judged(reference, source, findings, strict, limit, parts.part("evidence"))
+    if not source.passive:
+        run, order = in_model_order(mechanism, read_run(mechanism, log, mapping))
+        to_log = " ".join(map(str, report.ignored)) if report else ""
+        kept = {n: f for n, f in run.forces.items() if n.kind not in PASSIVE or f"'{n}'" in to_log}
+        if len(kept) < len(run.forces):  # integrals and works are of all forces
+            run = replace(run, forces=kept, integrals={}, works={})
+        log, mapping, findings = run, None, (*findings, *order)
+    progress = parts.part("read")
+    read = read_log(mechanism, log, reference.work, mapping, keep=KEPT, progress=progress)
+    return _judgement(reference, read, findings, limit, parts.part("evidence"), departures)
 
 
 def audit_together(
@@ -406,7 +514,9 @@ def audit_together(
     for run in runs:
         try:
             source = read_log(reference.mechanism, run, work, None, keep=KEPT)
-            results.append(_judged(reference, source, [], strict, TimeLimit()))
+            results.append(
+                _audit(reference, _judgement(reference, source, [], TimeLimit()), strict)
+            )
         except InputError as error:
             results.append(error)
     return results
@@ -428,15 +538,19 @@ def _reference(model: ModelLike, tolerance: float, work: str | None) -> Referenc
     return Reference(loaded.mechanism, loaded.import_report, tolerance, work)
 
 
-def _judged(
+def _judgement(
     reference: Reference,
     log: Log,
     known: Sequence[Finding],
-    strict: bool,
     limit: TimeLimit,
     progress: Progress = untold,
-) -> Audit:
-    """The audit of a log: what its columns say, the inference of its rows, the verdict."""
+    departures: Array | None = None,
+) -> Judgement:
+    """What a log's columns say, the inference of its rows, and what follows.
+
+    `departures` (T,): energy (J) of each row of a replay beyond that of the state at which the step before
+    it arrived.
+    """
     mechanism, report, tolerance = reference.mechanism, reference.import_report, reference.tolerance
     run, ledger = log.run, log.ledger
     findings = checks.with_conventions(mechanism, log.consecutive, [*known, *log.findings])
@@ -465,40 +579,45 @@ def _judged(
     in_loop = ledger.method == "in-loop" and bool(run.integrals or run.works)
     log = _with_held_works(reference, log, inference)
     run, ledger = log.run, log.ledger
-    attribution = None if inference is None else _attributed(inference, ledger, function, in_loop)
+    attribution = None
+    if inference is not None and not unattributable(findings):
+        steps = _Departures.of(run, departures, findings)
+        attribution = _attributed(inference, ledger, function, in_loop, steps)
     if attribution is not None and not in_loop and len(attribution.t) == len(ledger.t):
         bar = NORMAL_95 * attribution.log.curve_error
         ledger = replace(ledger, error_bar={**ledger.error_bar, function: bar})
-    findings += checks.unresolved_works(ledger)
+    findings += checks.unresolved_works(run, ledger)
     findings += motors.differing_gears(run, ledger, tolerance, report)
     findings += motors.foreign_notes(
         motors.foreign_channels(mechanism, log.consecutive, report), ledger.energy_exchanged
     )
-    # A convention has no number that was fitted: it comes before causes that imitate it.
-    explanation = None
-    if inference is not None and reading is None:
-        explanation = explanation_of(inference, log.consecutive)
-    evidence = Evidence(
-        run, ledger, function, inference, attribution, explanation, tuple(findings), tolerance,
-        bool(run.provenance.guessed),
-    )  # fmt: skip
-    verdict = judge(evidence)
-    basis = {**ledger.basis, **dict.fromkeys(missing, "assumed zero")}
-    basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if c in run.provenance.derived}
     progress(1.0)
+    return Judgement(
+        run, ledger, function, log.consecutive, inference, attribution, tuple(findings), tolerance
+    )
+
+
+def _audit(reference: Reference, judged: Judgement, strict: bool) -> Audit:
+    """A judgement as users see it."""
+    run, ledger, report = judged.run, judged.ledger, reference.import_report
+    verdict, explanation = judged.verdict, judged.explanation
+    basis = {**ledger.basis, **dict.fromkeys(checks.assumed_zero(run, report), "assumed zero")}
+    basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if c in run.provenance.derived}
     return Audit(
         ledger=replace(ledger, basis=basis),
         verdict=replace(verdict, limits=(*verdict.limits, *motors.limits(run, report))),
         run=run,
-        mechanism=mechanism,
+        mechanism=reference.mechanism,
         import_report=report,
-        function=function,
-        energy_error=ledger.uncorrected(function),
-        tolerance=tolerance,
-        inference=inference,
-        attribution=attribution,
-        causes=() if explanation is None else explanation.causes,
-        odds=evidence.odds,
+        function=judged.function,
+        energy_error=ledger.uncorrected(judged.function),
+        tolerance=judged.tolerance,
+        inference=judged.inference,
+        attribution=judged.attribution,
+        condition=judged.condition,
+        explanation=explanation,
+        causes=explanation.causes,
+        odds=judged.odds,
         strict=strict,
     )
 
@@ -513,11 +632,33 @@ def function_of(ledger: Ledger) -> str:
     return next(name for name in known if name in ledger.delta_c)
 
 
-def _attributed(inference: Inference, ledger: Ledger, function: str, in_loop: bool) -> Attribution:
+@dataclass(frozen=True, eq=False)
+class _Departures:
+    """Energy (T,) that the rows of a replay have beyond the states at which it arrives, J, from the start.
+
+    It is of the equations where the model does not arrive, else of the digits of the log.
+    """
+
+    equations: Array
+    log: Array
+
+    @staticmethod
+    def of(run: Trajectory, joules: Array | None, findings: Sequence[Finding]) -> _Departures:
+        none = np.zeros(len(run))
+        if joules is None or len(joules) != len(run):
+            return _Departures(none, none)
+        curve = np.cumsum(joules)
+        departs = any(f.kind == "replay-departs" for f in findings)
+        return _Departures(curve, none) if departs else _Departures(none, curve)
+
+
+def _attributed(
+    inference: Inference, ledger: Ledger, function: str, in_loop: bool, departures: _Departures
+) -> Attribution:
     """ΔC of the ledger by its causes, at the ledger's times; of a log in stretches by their rates.
 
     What integrator and mistakes do not make of it is the log's. ΔC in the loop has no error of sampling: what
-    mistakes did not do of it is the integrator's.
+    mistakes and departures of a replay did not do of it is the integrator's.
     """
     own, t = inference.attribution, ledger.t
     delta_c, bar = ledger.uncorrected(function), ledger.error_bar[function]
@@ -529,8 +670,11 @@ def _attributed(inference: Inference, ledger: Ledger, function: str, in_loop: bo
 
     equations = Share(along(own.equations.curve), along(own.equations.curve_error, True))
     if in_loop:
-        integrator = Share(delta_c - equations.curve, np.hypot(bar, equations.curve_error))
-        return Attribution(t, integrator, equations, Share(np.zeros_like(bar), bar))
+        if departures.equations.any():  # they are all that mistakes did
+            equations = Share(departures.equations, np.zeros_like(bar))
+        rest = delta_c - equations.curve - departures.log
+        integrator = Share(rest, np.hypot(bar, equations.curve_error))
+        return Attribution(t, integrator, equations, Share(departures.log, bar))
     integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))
     rest = delta_c - integrator.curve - equations.curve
     # Works of the ledger are quadratures of the rows, the flow's are not: each bounds the other's error.

@@ -191,7 +191,7 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
     ]
 
 
-def unresolved_works(ledger: Ledger) -> list[Finding]:
+def unresolved_works(run: Trajectory, ledger: Ledger) -> list[Finding]:
     """One finding for all channels whose work is hardly known, with the error of the largest."""
     unknown = ledger.unresolved
     if not unknown:
@@ -199,18 +199,31 @@ def unresolved_works(ledger: Ledger) -> list[Finding]:
     errors = {name: float(ledger.work_error[name].max()) for name in unknown}
     worst = max(unknown, key=lambda name: errors[name])
     number = "1 channel" if len(unknown) == 1 else f"{len(unknown)} channels"
+    step = run.provenance.step
+    whole = step and len(run) > 1 and float(np.median(np.diff(run.t))) < EVERY_STEP * step
+    remedy = (
+        "Log more rows; deltac's own runs integrate works together with the testing functions that they "
+        "record (simulate(..., record=...))"
+    )
+    if whole:
+        remedy = "Every step is there already: a smaller step of the simulator resolves them"
+    if ledger.method == "in-loop":
+        remedy += ". ΔC does not rest on them: it was taken in the loop"
     return [
         Finding(
             "work-unresolved",
             f"the work of {number} is not resolved by the samples",
             f"{worst!r} ± {errors[worst]:.2g} J, the others less; see the table",
-            "Log more samples; deltac's own runs integrate works together with the testing functions that "
-            "they record (simulate(..., record=...))",
+            remedy,
             "note",
             element=worst,
             error=errors[worst],
         )
     ]
+
+
+EVERY_STEP = 1.01
+"""Rows further apart than so many steps are not all of them."""
 
 
 def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:

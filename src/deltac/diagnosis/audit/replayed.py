@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.audit.checks import assumed_zero
 from deltac.diagnosis.inputs.logs import LogLike, in_model_order
 from deltac.diagnosis.verdict import Finding, percent
+from deltac.energy import balance
 from deltac.errors import ArgumentsError, InputError, LogError, listed
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
@@ -28,6 +29,8 @@ from deltac.trajectories.formats.reading import LogReading
 from deltac.trajectories.formats.recognition import arrays_named
 
 if TYPE_CHECKING:
+    from mujoco import MjModel
+
     from deltac.diagnosis.audit.audit import Reference
 
 CONTROLS = ("ctrl", "control", "controls", "action", "actions", "act", "u", "a")
@@ -39,10 +42,17 @@ MOST_STEPS = 20_000
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """What became of a replay: every step of the motion (None where there was none), and findings."""
+    """What became of a replay.
+
+    run         every step of the motion; None where there was none
+    findings    what it tells
+    departures  (T,) energy (J) of each row of the run beyond that of the state at which the step before it
+                arrived
+    """
 
     run: Trajectory | None
     findings: tuple[Finding, ...] = ()
+    departures: Array | None = None
 
 
 def replayed(
@@ -86,15 +96,31 @@ def replayed(
         return _unasked(program, mechanism, reading, missing, limit) if missing else Attempt(None)
 
 
-def _attempt(program: Any, mechanism: Mechanism, reading: LogReading) -> Attempt:
+def _attempt(program: MjModel, mechanism: Mechanism, reading: LogReading) -> Attempt:
     replay, findings = _stepped(program, mechanism, reading)
     read = reading.trajectory().provenance
     source = replace(replay.run.provenance, reading=read.reading, guessed=read.guessed)
-    return Attempt(replace(replay.run, provenance=source), (*findings, _of(replay)))
+    run = replace(replay.run, provenance=source)
+    return Attempt(run, (*findings, _of(replay)), _departures(mechanism, replay))
+
+
+def _departures(mechanism: Mechanism, replay: Replay) -> Array:
+    """Energy (T,) of each row of a replay beyond that of the state at which the step before arrived, J."""
+    places = replay.steps * np.arange(1, len(replay.t))
+    rows = replace(replay.run.take(places), udot=None, forces={}, works={}, integrals={}, events=())
+    q, u = replay.arrivals
+    ledgers = [
+        balance(mechanism, in_model_order(mechanism, states)[0])
+        for states in (rows, replace(rows, q=q, u=u))
+    ]
+    energies = [ledger.kinetic + ledger.potential_energy for ledger in ledgers]
+    joules = np.zeros(len(replay.run))
+    joules[places] = energies[0] - energies[1]
+    return joules
 
 
 def _unasked(
-    program: Any,
+    program: MjModel,
     mechanism: Mechanism,
     reading: LogReading,
     missing: Sequence[str],
@@ -134,7 +160,7 @@ def _unasked(
 
 
 def _stepped(
-    program: Any, mechanism: Mechanism, reading: LogReading, rows: int | None = None
+    program: MjModel, mechanism: Mechanism, reading: LogReading, rows: int | None = None
 ) -> tuple[Replay, list[Finding]]:
     """The replay of a log, or of its first rows; InputError where it cannot be stepped."""
     run, findings = in_model_order(mechanism, reading.trajectory())
@@ -186,6 +212,7 @@ def _of(replay: Replay) -> Finding:
         "The log was made with another model, step or controls, or something acted that is not in it (a "
         "push, a reset, noise on the action); compare the parameters, or use the rows before that",
         "cause",
+        factor=worst,
     )
 
 

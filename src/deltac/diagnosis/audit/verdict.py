@@ -7,6 +7,7 @@ is not probable enough is `unresolved`, with what would decide.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,9 +15,10 @@ import numpy as np
 from scipy.special import expit, ndtr
 
 from deltac.arrays import Array
-from deltac.diagnosis.causes.causes import PREFERENCE
-from deltac.diagnosis.explain.result import Explanation
-from deltac.diagnosis.inference.attribution import Attribution
+from deltac.diagnosis.causes.causes import PREFERENCE, Candidate
+from deltac.diagnosis.explain.explain import explanation_of
+from deltac.diagnosis.explain.result import Explanation, Outcome
+from deltac.diagnosis.inference.attribution import Attribution, Share
 from deltac.diagnosis.inference.flow import FORCES
 from deltac.diagnosis.inference.hypotheses import CERTAIN
 from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference
@@ -40,30 +42,31 @@ dampers are rarely known to better than a per cent."""
 MOST = 0.9
 """Share of what is left that terms of a model must explain to be a mistake without a name."""
 
+SCATTER = 3.0
+"""Standard deviations of the noise within which what is left of the rows is noise."""
+
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """What a verdict rests on.
+class Judgement:
+    """What is judged of a log: the verdict and the explanation are two views of it, and so agree.
 
     Attributes:
         run, ledger: the log and its balance; `function` is the testing function.
+        rows: the rows that were inferred from: those of the log that follow each other.
         inference: what its rows say; None where nothing was inferred.
         attribution: ΔC in joules; None likewise.
-        explanation: the causes in words.
-        findings: what was noticed besides.
+        noticed: findings that need no inference.
         tolerance: accepted error as a fraction of the energy that the system has.
-        guessed: whether the reading of the log was guessed.
     """
 
     run: Trajectory
     ledger: Ledger
     function: str
+    rows: Trajectory
     inference: Inference | None
     attribution: Attribution | None
-    explanation: Explanation | None
-    findings: tuple[Finding, ...]
+    noticed: tuple[Finding, ...]
     tolerance: float
-    guessed: bool = False
 
     # --- energies ---
 
@@ -223,30 +226,129 @@ class Evidence:
     @property
     def doubts(self) -> list[Finding]:
         """What the log contradicts itself in."""
-        return [f for f in self.findings if f.weight == "doubt"]
+        return [f for f in self.noticed if f.weight == "doubt"]
 
     @property
     def certain(self) -> list[Finding]:
         """Causes that are known without an inference: channels, laws of joints, constraints."""
-        return [f for f in self.findings if f.weight == "cause" and f.kind != "constraint-drift"]
+        return [f for f in self.noticed if f.weight == "cause" and f.kind != "constraint-drift"]
+
+    @property
+    def causes(self) -> tuple[Candidate, ...]:
+        """The changes of model or log that the inference found; none where others are known to be there."""
+        if self.inference is None or unattributable(self.noticed):
+            return ()
+        return self.inference.posterior.best.chosen
 
     @property
     def lacking(self) -> Finding | None:
         """Forces of the model's file that the log lacks, where these may be what is wrong."""
-        found = next((f for f in self.findings if f.kind == "assumed-zero" and f.element), None)
-        chosen = self.inference.posterior.best.chosen if self.inference is not None else ()
-        of_inertia = chosen and all(c.kind in OF_INERTIA for c in chosen)
-        return None if of_inertia else found
+        absent = next((f for f in self.noticed if f.kind == "assumed-zero" and f.element), None)
+        of_inertia = self.causes and all(c.kind in OF_INERTIA for c in self.causes)
+        return None if of_inertia else absent
 
     @property
-    def explained_by_causes(self) -> bool:
-        """Whether a cause that acts all the time explains what is wrong."""
-        return self.inference is not None and bool(self.inference.posterior.best.chosen)
+    def departing(self) -> Finding | None:
+        """Rows that the model, stepped from those before, does not arrive at."""
+        return next(filter(departs, self.noticed), None)
+
+    @property
+    def condition(self) -> str:
+        """What joules of mistakes in the equations hold under; empty where under nothing."""
+        if self.departing is not None and self.departing.kind == "replay-departs":
+            return "or forces that the log lacks"
+        if self.lacking is not None:
+            return "if the forces that the log lacks did not act"
+        return ""
+
+    @cached_property
+    def left(self) -> Array:
+        """Share (n,) of each speed's changes from row to row that integrator and causes leave."""
+        assert self.inference is not None
+        n = self.inference.model.n
+        size = [
+            np.linalg.norm(x[:, n:], axis=0) for x in (self.inference.residual, self.inference.w)
+        ]
+        return np.asarray(self.inference.relative[0] * size[0] / (size[1] + 1e-300))
+
+    @cached_property
+    def closes(self) -> bool:
+        """Whether what is left of the rows is noise, or moves less energy than is allowed."""
+        inference = self.inference
+        if self.departing is not None or inference is None or self.unexplained > 0.5:
+            return False
+        generic = inference.generic
+        if inference.intermittent[0] > CERTAIN or (
+            generic.log_odds > CERTAIN and generic.explained > MOST
+        ):
+            return False
+        noise = bool((self.left <= SCATTER * inference.relative[1]).all())
+        flow = np.abs(inference.gradient * inference.residual).sum() * inference.whole
+        return noise or bool(flow <= self.allowed_flow)
+
+    @cached_property
+    def outcome(self) -> Outcome:
+        """What there is to explain, and whether that is done."""
+        if self.doubts:
+            return "doubtful"
+        if self.causes:
+            several = self.inference is not None and self.inference.posterior.alternatives
+            return "ambiguous" if several or self.lacking else "explained"
+        if self.certain and self.departing not in self.certain:
+            return "explained"
+        return "nothing" if self.closes else "unexplained"
+
+    @cached_property
+    def explanation(self) -> Explanation:
+        """The causes, and what stands in their place or beside them."""
+        reasons = [*self.doubts, *self.certain]
+        reasons += [f for f in (self.departing,) if f is not None and f not in reasons]
+        if self.lacking is not None and self.outcome != "nothing":
+            reasons.append(self.lacking)
+        inference = None if self.doubts else self.inference
+        residual = np.nan if inference is None else float(self.left.max())
+        return explanation_of(inference, self.rows, self.outcome, tuple(reasons), residual)
 
     @property
     def impacts(self) -> Finding | None:
         """Impacts of the model of which the run does not tell."""
-        return next((f for f in self.findings if f.kind == "impacts"), None)
+        return next((f for f in self.noticed if f.kind == "impacts"), None)
+
+    # --- the verdict ---
+
+    @cached_property
+    def kind(self) -> Kind:
+        """The verdict."""
+        kind = max(self.odds, key=lambda k: self.odds[k])
+        # Where a model has impacts of which the log does not tell, they may be all that is wrong.
+        jumps = kind == "integration-error" or (kind == "equation-error" and not self.causes)
+        if self.impacts and jumps and not self.certain:
+            return "unresolved"
+        return kind if self.odds[kind] >= PROBABLE["medium"] else "unresolved"
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """The verdict, in words and with all findings."""
+        words: tuple[Confidence, ...] = ("high", "medium")
+        odds = self.odds[self.kind]
+        confidence: Confidence = next((word for word in words if odds >= PROBABLE[word]), "low")
+        findings = _findings(self)
+        untested = self.inference is None and self.kind != "unresolved"
+        small = any(f.kind == "small-but-real" for f in findings)
+        guessed = bool(self.run.provenance.guessed)
+        if (guessed or untested or small) and confidence == "high":
+            confidence = "medium"
+        return Verdict(self.kind, confidence, tuple(_evidence(self)), findings)
+
+
+def departs(finding: Finding) -> bool:
+    """Whether it says that the model, stepped from rows of the log, does not arrive at the next ones."""
+    return finding.kind in ("replay-departs", "not-replayed") and finding.factor is not None
+
+
+def unattributable(findings: Iterable[Finding]) -> bool:
+    """Whether joules cannot be said to be of the equations, for the log is in doubt or lacks what acted."""
+    return any(f.weight == "doubt" or (f.kind == "not-replayed" and departs(f)) for f in findings)
 
 
 def of_model(finding: Finding) -> bool:
@@ -254,30 +356,9 @@ def of_model(finding: Finding) -> bool:
     return finding.kind in PREFERENCE and finding.kind not in OF_THE_LOG
 
 
-def judge(e: Evidence) -> Verdict:
-    """The verdict on one log."""
-    odds = e.odds
-    kind = max(odds, key=lambda k: odds[k])
-    # Where a model has impacts of which the log does not tell, they may be all that is wrong.
-    jumps = kind == "integration-error" or (kind == "equation-error" and not e.explained_by_causes)
-    if e.impacts and jumps and not e.certain:
-        kind = "unresolved"
-    if odds[kind] < PROBABLE["medium"]:
-        kind = "unresolved"
-    words: tuple[Confidence, ...] = ("high", "medium")
-    confidence: Confidence = next((word for word in words if odds[kind] >= PROBABLE[word]), "low")
-    findings = _findings(e, kind)
-    untested = e.inference is None and kind != "unresolved"
-    if (
-        e.guessed or untested or any(f.kind == "small-but-real" for f in findings)
-    ) and confidence == "high":
-        confidence = "medium"
-    return Verdict(kind, confidence, tuple(_evidence(e, kind)), findings)
-
-
-def _findings(e: Evidence, kind: Kind) -> tuple[Finding, ...]:
+def _findings(e: Judgement) -> tuple[Finding, ...]:
     """All findings, causes first: those of the posterior weigh as the verdict says."""
-    named = list(e.explanation.findings) if e.explanation is not None else []
+    kind, named = e.kind, list(e.explanation.findings)
     doubted = bool(named) and named[0].kind in OF_THE_LOG
     own = list[Finding]()
     for f in named:
@@ -293,14 +374,31 @@ def _findings(e: Evidence, kind: Kind) -> tuple[Finding, ...]:
     small = kind != "equation-error" and e.mistake[1] < 1.0 - PROBABLE["medium"]
     if small and not e.smoothed and e.mistake[0] > PROBABLE["high"] and any(map(of_model, named)):
         own.append(_small(e, next(filter(of_model, named))))
+    if kind == "equation-error" and not any(f.weight == "cause" for f in (*own, *e.noticed)):
+        own.append(_unnamed(e))
+    if kind == "unresolved":
+        own.insert(0, _undecided(e))
     weights = list(HEADINGS)
-    everything = [*own, *e.findings]
+    everything = [*own, *e.noticed]
     return tuple(
         sorted(everything, key=lambda f: (weights.index(f.weight), f.kind == "constraint-drift"))
     )
 
 
-def _small(e: Evidence, cause: Finding) -> Finding:
+def _unnamed(e: Judgement) -> Finding:
+    """Equations that are wrong in a way without a name."""
+    assert e.inference is not None
+    generic = e.inference.generic
+    return Finding(
+        "residual",
+        "what is left of the rows depends on the state as terms of a model do, and no few causes explain it",
+        f"{generic.exchanged:.3g} J flow through it; log odds {generic.log_odds:.3g}",
+        "Compare the equations of model and simulator: `check_equations` tests them without a log",
+        "cause",
+    )
+
+
+def _small(e: Judgement, cause: Finding) -> Finding:
     assert e.inference is not None
     joules = float(e.inference.exchanged.max(initial=0.0))
     share = joules / e.ledger.energy_exchanged if e.ledger.energy_exchanged > 0.0 else 0.0
@@ -314,7 +412,7 @@ def _small(e: Evidence, cause: Finding) -> Finding:
     )
 
 
-def _departing_equations(e: Evidence) -> Finding | None:
+def _departing_equations(e: Judgement) -> Finding | None:
     """The equations whose momentum functions leave their bars by more than the tolerance."""
     momenta, exchanged = e.ledger.momenta(), e.ledger.momentum_exchanged
     beyond = {
@@ -343,7 +441,7 @@ NAMED = 3
 """Equations that are named at most."""
 
 
-def _missing_contact(e: Evidence, inference: Inference, kind: Kind) -> Finding:
+def _missing_contact(e: Judgement, inference: Inference, kind: Kind) -> Finding:
     active, n = inference.intermittent[1], inference.model.n
     size = np.abs(inference.residual[:, n:] / inference.log.intervals.h)
     k = int(np.argmax(size[active].max(axis=0)))
@@ -363,33 +461,34 @@ def _missing_contact(e: Evidence, inference: Inference, kind: Kind) -> Finding:
 # --- the evidence in sentences -------------------------------------------------------------------
 
 
-def _evidence(e: Evidence, kind: Kind) -> list[str]:
+def _evidence(e: Judgement) -> Iterator[str]:
     if e.doubts:
         named = ", ".join(dict.fromkeys(f.kind for f in e.doubts))
-        return [f"The log contradicts itself ({named}); correct it first"]
+        yield f"The log contradicts itself ({named}); correct it first"
+        return
     if e.rests:
-        return [
-            f"Almost nothing moves: the energy exchanged, {e.ledger.energy_exchanged:.3g} J, is at rounding "
-            "level. Use a run in which energy flows"
-        ]
-    said = [_balance(e)]
+        joules = e.ledger.energy_exchanged
+        yield f"Almost nothing moves: the energy exchanged, {joules:.3g} J, is at rounding level"
+        return
+    yield _balance(e)
     if e.inference is None:
-        said.append(
+        yield (
             "The equations of motion were not tested: too few rows follow each other, or the model's motion "
             "leaves all bounds between them"
         )
     else:
-        said += [_shares(e), *_rows(e, e.inference)]
-    if kind == "integration-error":
+        if e.attribution is not None:
+            yield _shares(e.attribution, e.condition)
+        yield from _rows(e, e.inference)
+    if e.kind == "integration-error":
         step = e.run.provenance.step
         at = f"The step was {step:g} s: use" if step else "Use"
-        said.append(f"{at} a smaller one, or a method of higher order")
-    if kind == "unresolved":
-        said.append(_undecided(e))
-    return said
+        yield f"{at} a smaller one, or a method of higher order"
+    if e.kind == "equation-error" and e.integrator > 0.5:
+        yield "The integrator's share exceeds the tolerance as well"
 
 
-def _balance(e: Evidence) -> str:
+def _balance(e: Judgement) -> str:
     left, bar = e.energy_error
     ledger = e.ledger
     share = left / ledger.reference_energy if ledger.reference_energy > 0.0 else 0.0
@@ -400,77 +499,113 @@ def _balance(e: Evidence) -> str:
     )
 
 
-def _shares(e: Evidence) -> str:
-    a = e.attribution
-    assert a is not None
-    parts = (
-        (a.integrator, "the integrator"),
-        (a.equations, "mistakes in the equations"),
-        (a.log, "the log"),
-    )
-    return "ΔC at the end: " + ", ".join(
-        f"{s.energy:.3g} ± {s.error:.2g} J of {name}" for s, name in parts
+def parts_of(attribution: Attribution, condition: str) -> tuple[tuple[str, Share], ...]:
+    """The shares of ΔC and whose they are."""
+    mistakes = ", ".join(filter(None, ("mistakes in the equations", condition)))
+    return (
+        ("the integrator", attribution.integrator),
+        (mistakes, attribution.equations),
+        ("the log", attribution.log),
     )
 
 
-def _rows(e: Evidence, inference: Inference) -> list[str]:
-    said = []
+def _shares(attribution: Attribution, condition: str) -> str:
+    parts = parts_of(attribution, condition)
+    return "ΔC at the end: " + "; ".join(
+        f"{s.energy:.3g} ± {s.error:.2g} J of {name}" for name, s in parts
+    )
+
+
+def _rows(e: Judgement, inference: Inference) -> Iterator[str]:
     best, integrator = inference.posterior.best, inference.integrator
     error, noise = inference.relative
     worst = int(np.argmax(error))
     speed = inference.model.mechanism.speeds[int(inference.model.mechanism.free.u[worst])].name
-    rows = f"Over {len(inference.w)} intervals"
-    if inference.methods:
-        said.append(
-            f"{rows}, each row follows from the one before by a known step; {integrator.sentence}"
-        )
+    count, whole = len(inference.w), len(e.run) - 1
+    rows = f"Over {count} intervals" + (f" of {whole}" if count < whole else "")
+    if inference.methods and e.departing is None:
+        yield f"{rows}, each row follows from the one before by a known step; {integrator.sentence}"
     else:
-        said.append(
+        yield (
             f"{rows}, rows depart from the model's motion by {percent(float(error[worst]))} of the changes "
             f"of {speed!r}; noise accounts for {percent(float(noise[worst]))}; {integrator.sentence}"
         )
-    if best.chosen:
+    if e.causes:
         each = zip(best.chosen, best.each, strict=True)
         odds = ", ".join(f"{c.kind} {c.element}: {x:.3g}" for c, x in each)
-        said.append(f"Log odds of causes against none: {odds}")
-    elif e.unnamed:
-        said.append(
-            "What is left depends on the state as terms of a model do (log odds "
-            f"{inference.generic.log_odds:.3g}), and no few causes explain it"
-        )
+        yield f"Log odds of causes against none: {odds}"
     held = [kind for kind in dict.fromkeys(inference.forces) if FORCES[kind][1] == 0.0]
     if held:
-        said.append(
-            f"Logged forces act from row to row as {' or '.join(held)} values, by likelihood"
-        )
-    return said
+        yield f"Logged forces act from row to row as {' or '.join(held)} values, by likelihood"
 
 
-def _undecided(e: Evidence) -> str:
+def _undecided(e: Judgement) -> Finding:
     """What would decide."""
+
+    def finding(what: str, evidence: str, remedy: str, factor: float | None = None) -> Finding:
+        return Finding("undecided", what, evidence, remedy, factor=factor)
+
     inference = e.inference
+    if e.doubts:
+        kinds = ", ".join(dict.fromkeys(f.kind for f in e.doubts))
+        return finding("the log contradicts itself", kinds, "Correct the log as the doubts say")
+    if e.rests:
+        joules = e.ledger.energy_exchanged
+        return finding(
+            "almost nothing moves", f"{joules:.3g} J exchanged", "Log a run in which energy flows"
+        )
+    if e.lacking is not None and e.departing is not None:
+        return finding(
+            "the forces that the log lacks are not those of the model, stepped with its controls",
+            e.departing.evidence,
+            "Give the model what the run had, or log the forces; replay=True (--replay) splits the energy of "
+            "the difference from the integrator's",
+        )
     if e.lacking is not None and e.mistake[1] > 0.0:
-        return f"What is missing may be forces that the log lacks: {e.lacking.evidence}"
-    if e.impacts is not None and e.mistake[1] > 0.0:
-        return str(e.impacts)
+        return finding(
+            "the forces that the log lacks may be all that is wrong", e.lacking.evidence, e.lacking.remedy
+        )  # fmt: skip
+    if e.impacts is not None and (e.mistake[1] > 0.0 or e.integrator > 0.5):
+        return finding("impacts may be all that is wrong", e.impacts.evidence, e.impacts.remedy)
     if inference is None:
-        return "Log more rows, or smaller steps, with speeds and all forces"
+        return finding(
+            "the equations of motion were not tested",
+            f"{len(e.run)} rows",
+            "Log more rows, or smaller steps, with speeds and all forces",
+        )
+    if e.causes and all(c.kind in OF_THE_LOG for c in e.causes):
+        return finding(
+            "the log is delayed, filtered or has another zero",
+            ", ".join(f"{c.kind} {c.element}" for c in e.causes),
+            "Correct the log, then audit it again",
+        )
     if e.unexplained > 0.5:
-        return (
-            f"{inference.unexplained:.3g} J are of no integrator, no known cause, no noise: log every step "
-            "with all forces, and accelerations at the same instants"
+        return finding(
+            f"{inference.unexplained:.3g} J are of no integrator, no known cause, no noise",
+            f"{e.allowed:.3g} J are allowed",
+            "Log every step with all forces, and accelerations at the same instants",
+            factor=inference.unexplained / max(e.allowed, 1e-300),
         )
     if e.hidden > 1.0 - PROBABLE["medium"]:
         name, joules = max(inference.unseen.items(), key=lambda item: item[1])
         times = min(2.0 * joules / max(e.allowed, 1e-300), 1e6)
-        rows = int(np.ceil(times**2))
-        return (
-            f"{name} may hide {2.0 * joules:.2g} J, {times:.2g} times what is allowed: "
-            f"log with {np.log10(max(times, 1.01)):.1f} more digits, {rows} times as many rows, or "
-            "accelerations, or excite it"
+        return finding(
+            f"{name} may hide {2.0 * joules:.2g} J",
+            f"{times:.2g} times what is allowed",
+            f"Log with {np.log10(max(times, 1.01)):.1f} more digits, {int(np.ceil(times**2))} times as many "
+            "rows, or accelerations, or excite it",
+            factor=times,
+        )
+    if e.mistake[1] > 1.0 - PROBABLE["medium"]:
+        return finding(
+            "a mistake may exceed the tolerance, or stay within it",
+            f"probability {e.mistake[1]:.2g}",
+            "Log more of the motion, or with more digits; or give another tolerance",
         )
     bar = e.attribution.integrator.largest[1] if e.attribution is not None else 0.0
-    return (
-        f"The integrator's share is known to ± {bar:.2g} J, {e.allowed:.2g} J are allowed; log every step "
-        "with more digits"
+    return finding(
+        f"the integrator's share is known to ± {bar:.2g} J",
+        f"{e.allowed:.2g} J are allowed",
+        "Log every step with more digits",
+        factor=bar / max(e.allowed, 1e-300),
     )

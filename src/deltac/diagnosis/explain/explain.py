@@ -1,4 +1,4 @@
-"""`explain_residual`: the few causes that explain what a model leaves of a log."""
+"""The few causes that explain what a model leaves of a log, or of several, from its inference."""
 
 from __future__ import annotations
 
@@ -8,108 +8,23 @@ from dataclasses import replace
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.calls.arguments import checked
-from deltac.calls.interrupts import interruptible
-from deltac.calls.progress import Progress, counted, untold
 from deltac.diagnosis.causes.causes import Candidate
-from deltac.diagnosis.explain.result import Cause, Explanation, Kind, sentence
+from deltac.diagnosis.explain.result import Cause, Explanation, Outcome, sentence
 from deltac.diagnosis.explain.separation import advice
-from deltac.diagnosis.inference.hypotheses import CERTAIN, Fit, nothing
-from deltac.diagnosis.inference.inference import Inference, infer
+from deltac.diagnosis.inference.hypotheses import Fit, nothing
+from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.inference.joint import joint_posterior
-from deltac.diagnosis.inputs.channels import Gear, foreign_channels, foreign_words, other_gears
-from deltac.diagnosis.inputs.logs import LogLike, in_model_order, read_run
-from deltac.errors import LogError, ModelError
-from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.diagnosis.inputs.channels import Gear
+from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, chosen_map, load_model
 from deltac.trajectories import Trajectory
-from deltac.trajectories.formats.mapping import MappingLike
-
-PASSIVE = ("spring", "damper")
-"""Kinds of which the model's own forces are tested, where it is asked to explain a run by itself."""
-
-MOST = 0.9
-"""Share of what is left that terms of a model must explain for there to be something."""
 
 UNSEEN = 0.3
 """Standard error of a factor from which on a log is said not to show it."""
 
 
-@checked
-@interruptible()
-def explain_residual(
-    model: ModelLike,
-    log: LogLike | list[LogLike],
-    *,
-    mapping: MappingLike = None,
-    coordinates: CoordinateMap | str | None = None,
-    progress: Progress | None = None,
-) -> Explanation:
-    """Find the few changes of a model that explain the residual of its equations along a log.
-
-    Springs and dampers are taken from the model, also where the log holds them, so that what model
-    and run have differently is found; all other logged forces are taken as they are, and channels among
-    them that the model does not have are noted. Motors of which a recorded run tells another strength
-    than the model's are causes too, although their logged forces close the equations. Causes are those of
-    the posterior of `audit`: by measured accelerations where these are known to be those of the rows, else by
-    how each row follows from the one before.
-
-    Several logs of one machine share its causes, each with an integrator and noise of its own: what none of
-    them shows alone may be certain from all.
-
-    Args:
-        model: as for `audit`.
-        log: as for `audit`; or a list of several.
-        mapping: path of a mapping file, for logs whose columns have other names or units.
-        coordinates: those of the log's columns, as for `audit`.
-        progress: called with the fraction done.
-
-    Returns:
-        The explanation; `str()` of it is the outcome in words, `table()` the numbers.
-
-    Raises:
-        InputError: model or log cannot be read, the log is not of this model, or it is too short.
-    """
-    loaded = load_model(model)
-    mechanism = loaded.mechanism
-    chosen = None if coordinates is None else chosen_map(loaded, coordinates)
-    if not len(mechanism.free.u):
-        raise ModelError(
-            "every joint of the model is prescribed: no equation of motion is left to explain"
-        )
-    logs = log if isinstance(log, list) else [log]
-    if not logs:
-        raise LogError("the list of logs is empty; give one log, or several of the same machine")
-    ignored = " ".join(map(str, loaded.import_report.ignored)) if loaded.import_report else ""
-    runs, inferences = list[Trajectory](), list[Inference]()
-    for one in counted(logs, progress or untold):
-        run, _ = in_model_order(mechanism, read_run(mechanism, one, mapping, chosen))
-        own = [n for n in run.forces if n.kind in PASSIVE and f"'{n}'" not in ignored]
-        run = replace(run, forces={n: f for n, f in run.forces.items() if n not in own})
-        inference = infer(mechanism, run)
-        if inference is None:
-            raise LogError(
-                f"the log has {len(run)} rows, or the model's motion leaves all bounds between them: too "
-                "few follow each other to explain anything. Log more of the motion, or a smaller step"
-            )
-        runs.append(run)
-        inferences.append(inference)
-    if len(logs) == 1:
-        explanation = explanation_of(inferences[0], runs[0])
-    else:
-        explanation = joint_explanation(inferences, runs)
-    gears: dict[str, Gear] = {}
-    notes: dict[str, None] = {}
-    for run in runs:
-        gears |= {gear.channel: gear for gear in other_gears(run, loaded.import_report)}
-        works = foreign_channels(mechanism, run, loaded.import_report)
-        notes |= dict.fromkeys(words for _, words in foreign_words(works))
-    return replace(_with_gears(explanation, list(gears.values())), notes=tuple(notes))
-
-
-def joint_explanation(inferences: Sequence[Inference], runs: Sequence[Trajectory]) -> Explanation:
-    """The causes that several logs of one machine have together, in words."""
+def joint_explanation(inferences: Sequence[Inference], each: Sequence[Explanation]) -> Explanation:
+    """The causes that several logs of one machine have together, in words; `each` is what one alone tells."""
     joint = joint_posterior(inferences)
     best, mechanism = joint.posterior.best, inferences[0].model.mechanism
     total = joint.left(np.zeros(len(best.coefficients)))
@@ -125,8 +40,7 @@ def joint_explanation(inferences: Sequence[Inference], runs: Sequence[Trajectory
             named.append(_cause(mechanism, c, theta, joint.deviation(fit, k), share, odds))
         return tuple(sorted(named, key=lambda cause: -cause.share))
 
-    each = [explanation_of(*pair) for pair in zip(inferences, runs, strict=True)]
-    kind: Kind = "unexplained" if any(one.kind == "unexplained" for one in each) else "nothing"
+    kind: Outcome = "unexplained" if any(one.kind == "unexplained" for one in each) else "nothing"
     if best.chosen:
         kind = "ambiguous" if joint.posterior.alternatives else "explained"
     return Explanation(
@@ -140,34 +54,36 @@ def joint_explanation(inferences: Sequence[Inference], runs: Sequence[Trajectory
         max(one.residual for one in each),
         max(one.noise for one in each),
         sum(one.samples for one in each),
+        tuple(dict.fromkeys(reason for one in each for reason in one.reasons)),
     )
 
 
-def explanation_of(inference: Inference, run: Trajectory) -> Explanation:
-    """The causes of an inference, in words."""
-    posterior, generic = inference.posterior, inference.generic
-    best = posterior.best
-    kind: Kind = "nothing"
-    if best.chosen:
-        kind = "ambiguous" if posterior.alternatives else "explained"
-    elif inference.intermittent[0] > CERTAIN or (
-        generic.log_odds > CERTAIN and generic.explained > MOST
-    ):
-        kind = "unexplained"
-    block = inference.blocks[0]
+def explanation_of(
+    inference: Inference | None,
+    run: Trajectory,
+    kind: Outcome,
+    reasons: tuple[Finding, ...],
+    residual: float,
+) -> Explanation:
+    """The causes of an inference, in words; `reasons` are findings in their place or beside them."""
+    if inference is None:
+        return Explanation(kind, reasons=reasons)
+    posterior = inference.posterior
+    best, block = posterior.best, inference.blocks[0]
     total = block.projected.left(nothing(len(block.causes)).coefficients)
-    error, noise = inference.relative
+    by_causes = bool(best.chosen) and kind in ("explained", "ambiguous")
     return Explanation(
         kind,
-        causes_of(inference, best),
-        1.0 - block.projected.left(best.coefficients) / total if best.chosen else 0.0,
-        tuple(causes_of(inference, fit) for fit in posterior.alternatives),
-        advice(run, inference) if posterior.alternatives else "",
+        causes_of(inference, best) if by_causes else (),
+        1.0 - block.projected.left(best.coefficients) / total if by_causes else 0.0,
+        tuple(causes_of(inference, fit) for fit in posterior.alternatives if by_causes),
+        advice(run, inference) if by_causes and posterior.alternatives else "",
         _unseen(inference),
         "steps" if len(block.nuisance) or inference.methods else "samples",
-        float(error.max()),
-        float(noise.max()),
+        residual,
+        float(inference.relative[1].max()),
         len(block.r),
+        reasons,
     )
 
 
@@ -220,7 +136,7 @@ def _unseen(inference: Inference) -> tuple[str, ...]:
     )
 
 
-def _with_gears(explanation: Explanation, gears: list[Gear]) -> Explanation:
+def with_gears(explanation: Explanation, gears: list[Gear]) -> Explanation:
     """Also the motors whose strengths differ: their logged forces close the equations all the same."""
     sets = (explanation.causes, *explanation.alternatives)
     named = {(c.kind, c.element) for causes in sets for c in causes}
@@ -232,13 +148,14 @@ def _with_gears(explanation: Explanation, gears: list[Gear]) -> Explanation:
         for gear in gears
         if gear.factor and ("actuator-gear", gear.channel) not in named
     )  # fmt: skip
-    if not also or explanation.kind == "unexplained":
+    if not also or explanation.kind in ("unexplained", "doubtful"):
         return explanation
-    first = explanation.kind == "nothing"
+    first = not explanation.causes
     return replace(
         explanation,
         kind="explained" if first else explanation.kind,
         causes=(*explanation.causes, *also),
         explained=1.0 if first else explanation.explained,
         alternatives=tuple((*other, *also) for other in explanation.alternatives),
+        reasons=tuple(f for f in explanation.reasons if f.kind != "actuator-gear"),
     )

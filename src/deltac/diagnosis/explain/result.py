@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -12,7 +13,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import KINDS, SLIPPED, Candidate, other_unit
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
-from deltac.results import Report, Section, Table
+from deltac.results import Report, Section, Table, fraction
 
 SHOWN = 12
 """Elements not seen in a log that a report names; `unseen` has all of them."""
@@ -84,7 +85,7 @@ def _error(value: float, error: float) -> str:
 
 # --- what an explanation holds -------------------------------------------------------------------
 
-Kind = Literal["nothing", "explained", "ambiguous", "unexplained"]
+Outcome = Literal["nothing", "explained", "ambiguous", "unexplained", "doubtful"]
 Form = Literal["samples", "steps"]
 
 
@@ -140,30 +141,34 @@ class Explanation(Report, also=("sentence",)):
     """What explains the residual F_r + F*_r of a log.
 
     Attributes:
-        kind: "nothing" to explain; "explained"; "ambiguous", where other causes do as well; or
-            "unexplained" by the causes that are known.
+        kind: "nothing" to explain; "explained"; "ambiguous", where other causes do as well; "unexplained" by
+            the causes that are known; or "doubtful", where the log is to be corrected first.
         causes: the fewest that explain it, largest first.
         explained: share of the squared residual that they explain, what is noise left out.
         alternatives: other sets of causes that the log does not tell from these.
         separating: the motion that would tell them apart, or that none does.
         unseen: elements whose masses, inertias or channels the log hardly shows.
         form: "samples", with measured accelerations; "steps", of each row from the one before.
-        residual: largest root mean square of an equation's residual, as a share of its terms.
-        noise: what of that the noise of the log accounts for.
+        residual: what integrator and causes leave of the changes of a speed from row to row, as a share of
+            them, the largest; NaN where nothing was inferred.
+        noise: what noise of the log accounts for, likewise.
         samples: how many were looked at.
+        reasons: findings of the audit in place of causes or beside them: doubts of the log, channels that
+            differ from the model's, forces that the log lacks.
         notes: what the log's forces hide: channels that the model does not have.
     """
 
-    kind: Kind
-    causes: tuple[Cause, ...]
-    explained: float
-    alternatives: tuple[tuple[Cause, ...], ...]
-    separating: str
-    unseen: tuple[str, ...]
-    form: Form
-    residual: float
-    noise: float
-    samples: int
+    kind: Outcome
+    causes: tuple[Cause, ...] = ()
+    explained: float = 0.0
+    alternatives: tuple[tuple[Cause, ...], ...] = ()
+    separating: str = ""
+    unseen: tuple[str, ...] = ()
+    form: Form = "steps"
+    residual: float = math.nan
+    noise: float = math.nan
+    samples: int = 0
+    reasons: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -173,31 +178,33 @@ class Explanation(Report, also=("sentence",)):
 
     @property
     def _outcome(self) -> str:
+        reasons = "; ".join(f"{f.what} ({f.evidence})" for f in self.reasons)
+        apart = reasons[:1].upper() + reasons[1:]
+        rows = f"{fraction(self.residual)} of the changes from row to row ({fraction(self.noise)} is noise)"
+        if self.kind == "doubtful":
+            return f"The log is to be corrected before its residual can be explained: {reasons}"
         if self.kind == "nothing":
-            return (
-                f"There is nothing to explain: the equations of motion hold to {self.residual:.1g} of their "
-                f"terms, and noise accounts for {self.noise:.1g}"
-            )
+            return f"There is nothing to explain: the equations of motion leave {rows}"
         if self.kind == "unexplained":
-            nearest = f"; the closest is {self.causes[0]}" if self.causes else ""
-            return (
-                f"No small set of known causes explains the residual ({self.residual:.2g} of the terms)"
-                f"{nearest}, which explains {percent(self.explained)}"
+            known = (
+                f"No small set of known causes explains what the equations of motion leave, {rows}"
             )
-        told = "; ".join(c.sentence for c in self.causes)
-        told = f"{told[:1].upper()}{told[1:]}"
+            return ". ".join(filter(None, (known, apart)))
+        if not self.causes:
+            return f"{apart}. With the forces as logged, the equations hold: they leave {rows}"
+        said = "; ".join(c.sentence for c in self.causes)
+        said = f"{said[:1].upper()}{said[1:]}"
         if not any(c.share for c in self.causes):
-            closed = f"the equations hold to {self.residual:.1g} of their terms"
-            return f"{told}. With the forces as logged, {closed}"
+            return f"{said}. With the forces as logged, the equations hold: they leave {rows}"
         that = "Together that" if len(self.causes) > 1 else "That"
-        said = f"{told}. {that} explains {percent(self.explained)} of the residual"
-        if self.kind == "ambiguous":
+        said = f"{said}. {that} explains {percent(self.explained)} of the residual"
+        if self.alternatives:
             others = "; or ".join(" and ".join(map(str, other)) for other in self.alternatives[:4])
             more = len(self.alternatives) - 4
             said += f". These explain the log equally well: {others}"
             said += f"; or {more} more" if more > 0 else ""
             said += f". {self.separating}" if self.separating else ""
-        return said
+        return f"{said}. Beside that: {reasons}" if reasons else said
 
     @property
     def exit_code(self) -> int:
@@ -210,7 +217,7 @@ class Explanation(Report, also=("sentence",)):
 
     def sections(self) -> Iterator[Section]:
         """The outcome, notes, what was not seen, and the causes with their numbers."""
-        told = "" if self.kind in ("nothing", "unexplained") else f"{self.kind}. "
+        told = "" if self.kind in ("nothing", "unexplained", "doubtful") else f"{self.kind}. "
         yield f"{told}{self._outcome}."
         yield from (f"Note: {note}." for note in self.notes)
         if self.unseen:

@@ -148,7 +148,7 @@ class Study(
         It takes about as long as an audit of each run. Raises InputError for runs of too few rows.
         """
         # Here, since a study alone must not load SciPy.
-        from deltac.diagnosis.explain.explain import explain_residual
+        from deltac.diagnosis.audit.audit import explain_residual
 
         return explain_residual(
             self.mechanism, [entry.run for entry in self.runs if isinstance(entry, BalancedRun)]
@@ -287,7 +287,7 @@ def studied(
         findings += noticed.of_impacts(mechanism, finest.run)
     findings += noticed.of_order(state, energy, nominal, solver)
     findings += noticed.of_growth(finest, function, ledger, solver, bar[-1])
-    findings += unresolved_works(ledger)
+    findings += unresolved_works(finest.run, ledger)
     findings += noticed.of_corrections(ledger, function, tolerance * ledger.reference_energy)
     findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)

@@ -14,7 +14,7 @@ from deltac.repair.tracing.source import Source
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Candidate:
+class EditCandidate:
     """An edit that may be the repair.
 
     source  the text that is edited
@@ -164,7 +164,7 @@ def functions_used(source: Source) -> dict[str, str]:
 # --- edits applied --------------------------------------------------------------------------------
 
 
-def apply(source: Source, edits: Sequence[Candidate]) -> Source | None:
+def apply(source: Source, edits: Sequence[EditCandidate]) -> Source | None:
     """The source with edits of different places applied; None where they overlap.
 
     An edit within what another one replaces is made in that one's text, if its own stands there once.
@@ -192,7 +192,7 @@ def apply(source: Source, edits: Sequence[Candidate]) -> Source | None:
     return source.replaced(text)
 
 
-def _nested(source: Source, outer: Candidate, inner: Candidate, own: str) -> Source | None:
+def _nested(source: Source, outer: EditCandidate, inner: EditCandidate, own: str) -> Source | None:
     """The source with one edit made, and another in its text where `own` stands there once."""
     matches = list(re.finditer(rf"(?<![\w.]){re.escape(own)}(?!\w)", outer.text))
     if len(matches) != 1:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.repair.edits.candidates import (
-    Candidate,
+    EditCandidate,
     functions_used,
     negated,
     number_cost,
@@ -30,7 +30,7 @@ from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot
 
-EXACT = 1e-9
+SAME_NUMBER = 1e-9
 """A required value that differs by less than this (relative) from state to state is one number."""
 
 SCOPES = 3
@@ -51,10 +51,10 @@ MOST_SUMMED, MOST_PAIRS = 3000, 40
 VECTORS = 5
 """Vectors in scope of which scalar products are taken."""
 
-FEWEST = 6
+FEWEST_STATES = 6
 """States that tell a sum of two products from chance."""
 
-MOST = 60
+MOST_EXPRESSIONS = 60
 """Expressions of the source that are taken as parts of what is missing."""
 
 
@@ -65,7 +65,7 @@ class Vocabulary:
     program: Program
     names: TracedNames
     _atoms: dict[tuple[object, ...], tuple[Atoms, Atoms]] = field(default_factory=dict)
-    _tables: dict[tuple[object, ...], Table] = field(default_factory=dict)
+    _tables: dict[tuple[object, ...], TermTable] = field(default_factory=dict)
 
     def atoms(self, requirement: Requirement) -> tuple[Atoms, Atoms]:
         """State-dependent and constant atoms that may stand where a node stands."""
@@ -115,7 +115,7 @@ class Vocabulary:
             for slots in (variables, expressions)
         ]
         names = len(chosen[0])
-        together = {**chosen[0], **dict(list(chosen[1].items())[:MOST]), **sines}
+        together = {**chosen[0], **dict(list(chosen[1].items())[:MOST_EXPRESSIONS]), **sines}
         calls = sum("(" in text and text[-1] == ")" for text in together)
         width = len(program.samples.t)
         rows = np.array(list(together.values())) if together else np.empty((0, width))
@@ -142,7 +142,7 @@ class Vocabulary:
         )
         return products(value, self.program.samples.group, *sides)
 
-    def table(self, atoms: Atoms, degree: int, quotients: bool, triple: int = TRIPLE) -> Table:
+    def table(self, atoms: Atoms, degree: int, quotients: bool, triple: int = TRIPLE) -> TermTable:
         """`powers_of`, kept; of three at a time, the first `triple` at most."""
         # Constants of the same texts have the same values; others may have been set again.
         constant = atoms.values.shape[1] < len(self.program.samples.t)
@@ -242,7 +242,7 @@ _RANKS: dict[type[ast.operator], int] = {ast.Add: 1, ast.Sub: 1, ast.Pow: 1, ast
 
 def insertions(
     program: Program, requirement: Requirement, vocabulary: Vocabulary
-) -> Iterator[Candidate]:
+) -> Iterator[EditCandidate]:
     """Edits that give a node the value it must have by a factor, a term or a number."""
     source, place = program.source, requirement.place
     node = source.nodes[place]
@@ -257,7 +257,7 @@ def insertions(
     outer = type(parent.op) if isinstance(parent, ast.BinOp) else None
     factor = outer not in (ast.Mult, ast.Div) and not isinstance(parent, ast.UnaryOp)
     term = outer not in (ast.Add, ast.Sub)
-    edit = partial(Candidate, source, place)
+    edit = partial(EditCandidate, source, place)
     if factor:
         with np.errstate(all="ignore"):
             ratio = requirement.required / requirement.value
@@ -274,7 +274,9 @@ def insertions(
             yield edit(f"{'-' if p.number < 0 else ''}{p.text}", "term", 2.0 + p.cost)
 
 
-def sums(program: Program, requirement: Requirement, vocabulary: Vocabulary) -> Iterator[Candidate]:
+def sums(
+    program: Program, requirement: Requirement, vocabulary: Vocabulary
+) -> Iterator[EditCandidate]:
     """Edits that give a node its value by two terms: both are missing, or should stand there alone."""
     source, place = program.source, requirement.place
     node = source.nodes[place]
@@ -295,7 +297,7 @@ def sums(program: Program, requirement: Requirement, vocabulary: Vocabulary) -> 
                 new = total(node, variable(p.text), p.number < 0)
                 new = total(new, variable(q.text), q.number < 0)
                 words = f"{_named(source, node)} lacks the terms {both}"
-            yield Candidate(source, place, new, "term", 2.0 + p.cost + q.cost, words)
+            yield EditCandidate(source, place, new, "term", 2.0 + p.cost + q.cost, words)
 
 
 def _named(source: Source, node: ast.expr) -> str:
@@ -308,7 +310,7 @@ def _named(source: Source, node: ast.expr) -> str:
 
 def scalings(
     program: Program, requirement: Requirement, vocabulary: Vocabulary
-) -> Iterator[Candidate]:
+) -> Iterator[EditCandidate]:
     """Edits that give a node, at all its evaluations or in all its entries, the factor that it must have."""
     node = program.source.nodes[requirement.place]
     if isinstance(node, ast.expr) and not isinstance(node, ast.Constant):
@@ -316,7 +318,7 @@ def scalings(
         yield from _factors(program, requirement.place, factors)
 
 
-def _factors(program: Program, place: int, factors: Iterable[Product]) -> Iterator[Candidate]:
+def _factors(program: Program, place: int, factors: Iterable[Product]) -> Iterator[EditCandidate]:
     """A node times products; what is a sign alone is no insertion."""
     node: Any = program.source.nodes[place]
     own = short(program.source.segment(node))
@@ -335,25 +337,25 @@ def _factors(program: Program, place: int, factors: Iterable[Product]) -> Iterat
         if negative:
             new, words = negated(new), f"{words}, and has the wrong sign"
         kind = "factor" if p.above or p.below else "number"
-        yield Candidate(program.source, place, new, kind, 1.25 + p.cost + 0.5 * negative, words)
+        yield EditCandidate(program.source, place, new, kind, 1.25 + p.cost + 0.5 * negative, words)
 
 
-def _number(program: Program, requirement: Requirement, node: ast.expr) -> Iterator[Candidate]:
+def _number(program: Program, requirement: Requirement, node: ast.expr) -> Iterator[EditCandidate]:
     """Another number, where one number serves at all states and parameters."""
     x = requirement.required
     mean = float(np.mean(x))
-    if not np.isfinite(mean) or np.ptp(x) > EXACT * abs(mean):
+    if not np.isfinite(mean) or np.ptp(x) > SAME_NUMBER * abs(mean):
         return
     digits = float(f"{mean:.6g}")
     simple = Fraction(mean).limit_denominator(60)
-    if abs(digits - mean) <= EXACT * abs(mean):
+    if abs(digits - mean) <= SAME_NUMBER * abs(mean):
         text = repr(int(digits) if digits.is_integer() else digits)
         cost = number_cost(digits)
-    elif abs(float(simple) - mean) <= EXACT * abs(mean):
+    elif abs(float(simple) - mean) <= SAME_NUMBER * abs(mean):
         text, cost = f"{simple.numerator} / {simple.denominator}", 1.6
     else:
         text, cost = repr(mean), 1.9
-    yield Candidate(program.source, requirement.place, text, "number", cost)
+    yield EditCandidate(program.source, requirement.place, text, "number", cost)
 
 
 CONSTANT = 1e-7
@@ -364,7 +366,7 @@ FRACTIONS = tuple(
 )
 """Numbers that occur as factors in equations of motion."""
 
-KEPT = 6
+PRODUCTS_EACH = 6
 """Products kept for one quantity, the simplest first."""
 
 Powers = tuple[tuple[int, int], ...]
@@ -409,7 +411,7 @@ class Product:
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class TermTable:
     """Products of atoms: values (K, ·), and blocks of (indices of atoms (k, degree), their powers)."""
 
     values: Array
@@ -424,7 +426,7 @@ class Table:
         raise IndexError(k)
 
 
-def powers_of(atoms: Atoms, degree: int, quotients: bool) -> Table:
+def powers_of(atoms: Atoms, degree: int, quotients: bool) -> TermTable:
     """Products of at most `degree` atoms, with quotients of names if wanted."""
     A, n, V = len(atoms), atoms.names, atoms.values
     blocks: list[tuple[NDArray[np.intp], tuple[int, ...]]] = [(np.empty((1, 0), dtype=np.intp), ())]
@@ -447,7 +449,7 @@ def powers_of(atoms: Atoms, degree: int, quotients: bool) -> Table:
             for column, power in zip(indices.T, powers):
                 product = product * V[column] if power > 0 else product / V[column]
             columns.append(product)
-    return Table(np.concatenate(columns), tuple(blocks))
+    return TermTable(np.concatenate(columns), tuple(blocks))
 
 
 @lru_cache(maxsize=64)
@@ -460,8 +462,8 @@ def _triples(count: int) -> NDArray[np.intp]:
 def products(
     value: Array,
     group: NDArray[np.intp],
-    state: tuple[Atoms, Table],
-    constant: tuple[Atoms, Table],
+    state: tuple[Atoms, TermTable],
+    constant: tuple[Atoms, TermTable],
 ) -> list[Product]:
     """Products that equal `wanted` (B,), the simplest first."""
     if not np.isfinite(value).all() or np.abs(value).max() == 0.0:
@@ -481,14 +483,14 @@ def products(
             for number, others in _numbers(coefficient, constant[1]):
                 matches.append(_product(number, powers, state[0], others, constant[0]))
     matches.sort(key=_plainness)
-    return matches[:KEPT]
+    return matches[:PRODUCTS_EACH]
 
 
 def two_products(
     value: Array,
     group: NDArray[np.intp],
-    state: tuple[Atoms, Table],
-    constant: tuple[Atoms, Table],
+    state: tuple[Atoms, TermTable],
+    constant: tuple[Atoms, TermTable],
     but: Array,
 ) -> list[tuple[Product, Product]]:
     """Pairs of products whose sum equals `wanted` (B,), the simplest first; none of them equal to `but` (B,).
@@ -498,7 +500,7 @@ def two_products(
     matrix; those that fit are tried at the others.
     """
     values, nominal = state[1].values, group == 0
-    if not np.isfinite(value).all() or nominal.sum() < FEWEST or len(values) > MOST_SUMMED:
+    if not np.isfinite(value).all() or nominal.sum() < FEWEST_STATES or len(values) > MOST_SUMMED:
         return []
     S, y = values[:, nominal], value[nominal]
     with np.errstate(all="ignore"):
@@ -539,10 +541,10 @@ def two_products(
         if first and second:
             matches.append((min(first, key=_plainness), min(second, key=_plainness)))
     matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
-    return matches[:KEPT]
+    return matches[:PRODUCTS_EACH]
 
 
-def _numbers(coefficient: Array, table: Table) -> list[tuple[Fraction, Powers]]:
+def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Powers]]:
     """Fractions times products of constants that equal a coefficient in every group."""
     with np.errstate(all="ignore"):
         ratio = coefficient / table.values

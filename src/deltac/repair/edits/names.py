@@ -11,11 +11,11 @@ from typing import Any, Protocol
 import numpy as np
 
 from deltac.errors import InputError
-from deltac.repair.edits.candidates import Candidate, parents
+from deltac.repair.edits.candidates import EditCandidate, parents
 from deltac.repair.tracing.library import FUNCTIONS, NotUnderstood, arrayed, flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import BINARY, Branch, Change, Slot, TapeError
+from deltac.repair.tracing.tape import BINARY, Slot, TapeBranch, TapeChange, TapeError
 from deltac.repair.tracing.tracer import OPERATORS, Instance, fields_of
 
 TEXT_NAMES = 24
@@ -184,11 +184,11 @@ class TracedNames:
 
     # --- what an edit does to the tape ------------------------------------------------------------
 
-    def changes(self, candidate: Candidate) -> dict[int, Change] | None:
+    def changes(self, candidate: EditCandidate) -> dict[int, TapeChange] | None:
         """What an edit does to the tape: empty if it cannot be made, None if it must be traced again."""
         program, place = self.program, candidate.place
         tape, instances = program.tape, program.trace.instances.get(place, [])
-        changes: dict[int, Change] = {}
+        changes: dict[int, TapeChange] = {}
         if isinstance(candidate.new, str | ast.stmt) or not instances:
             return None if not instances else self._updated(candidate)
         for k, instance in enumerate(instances):
@@ -208,7 +208,7 @@ class TracedNames:
                     }
                 except LookupError:
                     return None
-                except (Branch, InputError, TapeError, NotUnderstood, ArithmeticError, AttributeError,
+                except (TapeBranch, InputError, TapeError, NotUnderstood, ArithmeticError, AttributeError,
                         TypeError, ValueError):  # fmt: skip
                     return {}
             for index, change in replacements.items():
@@ -220,7 +220,7 @@ class TracedNames:
                     changes[index] = change
         return changes
 
-    def _updated(self, candidate: Candidate) -> dict[int, Change] | None:
+    def _updated(self, candidate: EditCandidate) -> dict[int, TapeChange] | None:
         """An update x += y by another operator, on the numbers that it had."""
         if not isinstance(candidate.new, ast.AugAssign):
             return None
@@ -230,7 +230,7 @@ class TracedNames:
             for instance in self.program.trace.instances[candidate.place]
             for slot in flatten(instance.value)
         ]
-        return {k: Change(operation, tape.inputs[k]) for k in slots if len(tape.inputs[k]) == 2}
+        return {k: TapeChange(operation, tape.inputs[k]) for k in slots if len(tape.inputs[k]) == 2}
 
     def _value(self, tree: ast.AST, k: int, count: int, instance: Instance) -> Any:
         """What a tree is worth at the evaluation k of `count`; LookupError where that is not known."""

@@ -22,9 +22,9 @@ from deltac.arrays import Array
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT
-from deltac.repair.tracing.tape import Change, Slot
+from deltac.repair.tracing.tape import Slot, TapeChange
 
-STEPS = 10
+NEWTON_STEPS = 10
 STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
 """Newton's method starts from these multiples of the value, where the earlier ones led nowhere."""
 
@@ -192,15 +192,15 @@ def _slots(program: Program, place: int) -> list[int]:
     ]
 
 
-def _scaled(program: Program, place: int, factor: Array) -> dict[int, Change]:
+def _scaled(program: Program, place: int, factor: Array) -> dict[int, TapeChange]:
     """All values of a node times a factor (B,)."""
     tape = program.tape
 
-    def times(k: int) -> Change:
+    def times(k: int) -> TapeChange:
         operation, value = tape.operations[k], tape.values[k]
         if operation is None:
-            return Change(lambda: value * factor, ())
-        return Change(lambda *inputs: operation(*inputs) * factor, tape.inputs[k])
+            return TapeChange(lambda: value * factor, ())
+        return TapeChange(lambda *inputs: operation(*inputs) * factor, tape.inputs[k])
 
     return {k: times(k) for k in _slots(program, place)}
 
@@ -220,7 +220,7 @@ def _newton(
     for multiple in STARTS:
         x = multiple * start
         r = residual(x)[rows]
-        for _ in range(STEPS):
+        for _ in range(NEWTON_STEPS):
             dx = nearest((residual(x + h)[rows] - r) / h, r)
             x = np.where(np.isfinite(dx), x + dx, x)
             r = residual(x)[rows]

@@ -9,26 +9,26 @@ from collections.abc import Iterable, Iterator
 
 from deltac.errors import InputError
 from deltac.repair import sandbox
-from deltac.repair.edits.candidates import Candidate, apply
+from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.names import TextNames, valued
 from deltac.repair.edits.single import additions, edits, structure
-from deltac.repair.tracing.samples import RIGHT, Samples
+from deltac.repair.tracing.samples import RIGHT, StateSamples
 from deltac.repair.tracing.source import Source
 
-MOST = 4000
+MOST_RUNS = 4000
 """Edits that are tried."""
 
-AT_ONCE = 200
+RUNS_EACH = 200
 """Edits that one process tries: what it imports is loaded once."""
 
-MARGIN = 0.25
+COST_MARGIN = 0.25
 """Edits that cost this much more than the least one that is right are not tried."""
 
 
-def text_edits(source: Source, statements: Iterable[ast.stmt]) -> list[Candidate]:
+def text_edits(source: Source, statements: Iterable[ast.stmt]) -> list[EditCandidate]:
     """All single edits of some statements, cheapest first."""
     names = TextNames(source)
-    candidates: list[Candidate] = []
+    candidates: list[EditCandidate] = []
     for statement in statements:
         if isinstance(statement, ast.Import | ast.ImportFrom):
             continue
@@ -44,18 +44,18 @@ def text_edits(source: Source, statements: Iterable[ast.stmt]) -> list[Candidate
 
 
 def right_edits(
-    source: Source, samples: Samples, deadline: float
-) -> list[tuple[tuple[Candidate, ...], Source]]:
+    source: Source, samples: StateSamples, deadline: float
+) -> list[tuple[tuple[EditCandidate, ...], Source]]:
     """Single edits that make the function right where it is run, cheapest first, with what they make."""
     statements = sandbox.module_for(source.module, source.qualified.partition(".")[0]).body
-    right: list[tuple[tuple[Candidate, ...], Source]] = []
+    right: list[tuple[tuple[EditCandidate, ...], Source]] = []
     tasks = _tasks(source, text_edits(source, statements))
-    while some := list(itertools.islice(tasks, AT_ONCE)):
+    while some := list(itertools.islice(tasks, RUNS_EACH)):
         limit = max(deadline - time.monotonic(), 1.0)
         answers = sandbox.stream([one for _, _, one in some], samples, limit)
         for (candidate, changed, _), answer in zip(some, answers):
             late = time.monotonic() > deadline
-            if late or (right and candidate.cost > right[0][0][0].cost + MARGIN):
+            if late or (right and candidate.cost > right[0][0][0].cost + COST_MARGIN):
                 answers.close()
                 return right
             if isinstance(answer, str) or not samples.fits(answer):
@@ -66,8 +66,8 @@ def right_edits(
 
 
 def _tasks(
-    source: Source, candidates: Iterable[Candidate]
-) -> Iterator[tuple[Candidate, Source, sandbox.Task]]:
+    source: Source, candidates: Iterable[EditCandidate]
+) -> Iterator[tuple[EditCandidate, Source, sandbox.SandboxTask]]:
     """Each candidate with the source that it makes and what is run; those of one text once."""
     texts = {source.text}
     for candidate in candidates:
@@ -79,5 +79,5 @@ def _tasks(
             one = sandbox.task(changed)
         except InputError:  # no Python any more
             continue
-        if one is not None and len(texts) <= MOST:
+        if one is not None and len(texts) <= MOST_RUNS:
             yield candidate, changed, one

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.repair.edits.candidates import Candidate, apply
+from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import Requirement, Requirements
@@ -24,21 +24,21 @@ from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.tracing.program import Program, at, reading
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Change
+from deltac.repair.tracing.tape import TapeChange
 
 TRACING_TIME = 12.0
 """Time of the processor for edits for which the text is traced again (s)."""
 
-STATES = 3
+FIRST_STATES = 3
 """States at which a text is traced again at first."""
 
 TRACED_EDITS = 1500
 """Edits for which the text is traced again, at most."""
 
-ENOUGH = 6
+ENOUGH_RIGHT_EDITS = 6
 """Edits that are right when traced again, after which no more are looked for."""
 
-FAIR = 1.7
+FAIR_COST = 1.7
 """With an edit as simple as this in hand, none is looked for by tracing the text again."""
 
 MODELLED = 0.5
@@ -47,11 +47,11 @@ MODELLED = 0.5
 SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
 
-Kind: TypeAlias = Callable[[Source, int, Names], Iterator[Candidate]]
+Kind: TypeAlias = Callable[[Source, int, Names], Iterator[EditCandidate]]
 
 
 @dataclass(eq=False, repr=False)
-class Search:
+class EditSearch:
     """One program, and what is known of its expressions.
 
     `residuals`: edits for which the text was traced again, and the residual (n, STATES) that they leave.
@@ -60,13 +60,13 @@ class Search:
     program: Program
     target: Target
     deadline: float = np.inf
-    residuals: list[tuple[Candidate, Array]] = field(default_factory=list)
+    residuals: list[tuple[EditCandidate, Array]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.names = TracedNames(self.program)
         self.vocabulary = Vocabulary(self.program, self.names)
         self.requirements = Requirements(self.program)
-        self.untraced: list[Candidate] = []
+        self.untraced: list[EditCandidate] = []
         """Edits whose effect the tape does not show."""
 
     def require(self) -> None:
@@ -86,7 +86,7 @@ class Search:
         """The expressions that could be the mistake in some of the equations that are wrong."""
         return [r for r in self.requirements.solved.values() if not r.whole]
 
-    def single(self) -> list[Candidate]:
+    def single(self) -> list[EditCandidate]:
         """Single edits that seem to make the function right, cheapest first."""
         right = [c for r in self.whole for c in self.edits(r)]
         numbers = self.program.numbers
@@ -99,13 +99,13 @@ class Search:
             right += self.passing([p for p in others if self.names.shape(p)], additions)
         if not right:
             right += [c for r in self.whole for c in sums(self.program, r, self.vocabulary)]
-        if not any(c.cost <= FAIR for c in right):
+        if not any(c.cost <= FAIR_COST for c in right):
             right += self.traced_again()
         if not right:
             right += self.passing(undecided, additions)
         return sorted(right, key=_plainness)
 
-    def edits(self, r: Requirement) -> Iterator[Candidate]:
+    def edits(self, r: Requirement) -> Iterator[EditCandidate]:
         """Edits of one expression that give it the value it must have."""
         dearer = MODELLED if self._as_modelled(r.place) else 0.0
         yield from (replace(c, cost=c.cost + dearer) for c in self._edits(r))
@@ -117,14 +117,14 @@ class Search:
         parameters = self.target.mechanism.parameters.values()
         return isinstance(value, float) and not value.is_integer() and value in parameters
 
-    def _edits(self, r: Requirement) -> Iterator[Candidate]:
+    def _edits(self, r: Requirement) -> Iterator[EditCandidate]:
         yield from (c for c, changes in self.tried([r.place], edits) if self._meets(r, changes))
         yield from insertions(self.program, r, self.vocabulary)
         if not r.unique:
             joined = self.tried([r.place], additions)
             yield from (c for c, changes in joined if self._meets(r, changes))
 
-    def _meets(self, r: Requirement, changes: Mapping[int, Change]) -> bool:
+    def _meets(self, r: Requirement, changes: Mapping[int, TapeChange]) -> bool:
         """Whether an edit gives an expression its required value; by running it where there may be others."""
         if not r.unique:
             residual = self.program.residual(changes)
@@ -139,7 +139,7 @@ class Search:
 
     def tried(
         self, places: Iterable[int], kind: Kind
-    ) -> Iterator[tuple[Candidate, Mapping[int, Change]]]:
+    ) -> Iterator[tuple[EditCandidate, Mapping[int, TapeChange]]]:
         """Edits of some nodes with what they do to the tape; those that it does not show are `untraced`."""
         for place in places:
             for candidate in kind(self.program.source, place, self.names):
@@ -151,13 +151,13 @@ class Search:
                 elif changes is None:
                     self.untraced.append(candidate)
 
-    def passing(self, places: Iterable[int], kind: Kind) -> list[Candidate]:
+    def passing(self, places: Iterable[int], kind: Kind) -> list[EditCandidate]:
         """The edits of some nodes with which all equations are right."""
         return [c for c, changes in self.tried(places, kind) if self.program.passes(changes)]
 
-    def scaled(self, places: Iterable[int]) -> list[Candidate]:
+    def scaled(self, places: Iterable[int]) -> list[EditCandidate]:
         """Factors of arrays, and of what is evaluated more than once."""
-        right: list[Candidate] = []
+        right: list[EditCandidate] = []
         for place in places:
             if time.monotonic() > self.deadline:
                 break
@@ -166,7 +166,7 @@ class Search:
                 right += scalings(self.program, requirement, self.vocabulary)
         return right
 
-    def traced_again(self) -> list[Candidate]:
+    def traced_again(self) -> list[EditCandidate]:
         """Edits that the tape does not show, of all statements that the function evaluates."""
         source = self.program.source
         statements = {id(source.statement(place)) for place in self.program.trace.instances}
@@ -178,12 +178,12 @@ class Search:
             inner = ast.walk(statement) if isinstance(statement, heads) else ()
             if id(statement) in statements or any(id(n) in statements for n in inner):
                 self.untraced += structure(source, place, self.names)
-        right: list[Candidate] = []
+        right: list[EditCandidate] = []
         end = time.process_time() + TRACING_TIME
         texts: set[tuple[int, str]] = set()
         for candidate in sorted(self.untraced, key=lambda c: c.cost):
             late = time.monotonic() > self.deadline or time.process_time() > end
-            if late or len(right) >= ENOUGH or len(texts) >= TRACED_EDITS:
+            if late or len(right) >= ENOUGH_RIGHT_EDITS or len(texts) >= TRACED_EDITS:
                 break
             key = candidate.place, candidate.text
             if key not in texts and self._right(candidate):
@@ -192,14 +192,14 @@ class Search:
         self.untraced.clear()
         return right
 
-    def _right(self, candidate: Candidate) -> bool:
+    def _right(self, candidate: EditCandidate) -> bool:
         """Whether a candidate that the tape cannot show is right: the text is traced again."""
         changed = apply(self.program.source, [candidate])
         if changed is None:
             return False
         samples = self.target.samples()
         try:
-            few = reading(changed, samples.at(np.arange(min(STATES, len(samples.t)))))
+            few = reading(changed, samples.at(np.arange(min(FIRST_STATES, len(samples.t)))))
             if few.wrong < RIGHT:
                 return reading(changed, samples).wrong < RIGHT
         except InputError:
@@ -210,7 +210,7 @@ class Search:
 
 
 def confirmed(
-    source: Source, target: Target, edits: Sequence[Candidate], varied: tuple[str, ...]
+    source: Source, target: Target, edits: Sequence[EditCandidate], varied: tuple[str, ...]
 ) -> Source | None:
     """The edited source if it is right at states that the search has not seen, else None.
 
@@ -229,7 +229,7 @@ def confirmed(
 COMBINED = 12
 """Edits of one set of equations that are combined with those of another."""
 
-MATCH = 1e-7
+VALUE_MATCH = 1e-7
 POOL = 20_000
 
 FOLLOWED_TIME = 20.0
@@ -243,12 +243,14 @@ ALONG = 1e-5
 class First:
     """An edit that may be one of two: what it does to the residual (n, B), by which changes of the tape."""
 
-    candidate: Candidate
+    candidate: EditCandidate
     effect: Array
-    changes: Mapping[int, Change]
+    changes: Mapping[int, TapeChange]
 
 
-def pairs(search: Search, plain: bool = False) -> Iterator[Iterator[tuple[Candidate, Candidate]]]:
+def pairs(
+    search: EditSearch, plain: bool = False
+) -> Iterator[Iterator[tuple[EditCandidate, EditCandidate]]]:
     """Pairs of edits that seem to make the function right, one kind after the other, cheapest first.
 
     `plain`: those only that are found without a second search.
@@ -256,7 +258,7 @@ def pairs(search: Search, plain: bool = False) -> Iterator[Iterator[tuple[Candid
     rows = unsolved_form(search.program)
     ways = [search]
     if rows is not None:
-        ways.insert(0, Search(rows, search.target, search.deadline))
+        ways.insert(0, EditSearch(rows, search.target, search.deadline))
         ways[0].require()
     pools = []
     for way in ways:
@@ -270,10 +272,10 @@ def pairs(search: Search, plain: bool = False) -> Iterator[Iterator[tuple[Candid
     yield _after_reading(search)
 
 
-def _in_different_equations(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
+def _in_different_equations(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
     """One edit that rights some of the equations, another that rights the rest."""
     wrong = _wrong(search.program)
-    by_rows: dict[tuple[bool, ...], list[Candidate]] = {}
+    by_rows: dict[tuple[bool, ...], list[EditCandidate]] = {}
     for r in search.partial:
         if time.monotonic() > search.deadline:
             return
@@ -290,7 +292,7 @@ def _in_different_equations(search: Search) -> Iterator[tuple[Candidate, Candida
     yield from matches
 
 
-def _pool(search: Search) -> list[First]:
+def _pool(search: EditSearch) -> list[First]:
     """All edits of one node that put something else in its place, or a name beside it."""
     program = search.program
     base = program.original_residual
@@ -306,7 +308,9 @@ def _pool(search: Search) -> list[First]:
     return pool
 
 
-def _adding_up(search: Search, pool: list[First]) -> Iterator[tuple[Candidate, Candidate]]:
+def _adding_up(
+    search: EditSearch, pool: list[First]
+) -> Iterator[tuple[EditCandidate, EditCandidate]]:
     """Two edits whose effects on the residual add up to what is needed.
 
     Where neither changes what the other acts on, R(both) = R(one) + R(other) − R(none), which must be zero;
@@ -322,14 +326,14 @@ def _adding_up(search: Search, pool: list[First]) -> Iterator[tuple[Candidate, C
     order = np.argsort(place_on_line)
     sorted_places = place_on_line[order]
     matches = []
-    width = MATCH * (np.abs(effect).sum() + 1e-3)
+    width = VALUE_MATCH * (np.abs(effect).sum() + 1e-3)
     for i in range(len(pool)):
         need = goal - place_on_line[i]
         lo, hi = np.searchsorted(sorted_places, (need - width, need + width))
         for j in order[lo:hi]:
             if j <= i or pool[i].candidate.place == pool[j].candidate.place:
                 continue
-            if np.abs(E[i] + E[j] - effect).max() < MATCH * np.abs(effect).max():
+            if np.abs(E[i] + E[j] - effect).max() < VALUE_MATCH * np.abs(effect).max():
                 matches.append((pool[i].candidate, pool[int(j)].candidate))
     matches.sort(key=lambda pair: pair[0].cost + pair[1].cost)
     yield from matches
@@ -340,7 +344,7 @@ def _wrong(program: Program) -> NDArray[np.bool_]:
     return np.asarray(~(np.abs(program.original_residual).max(axis=1) < RIGHT))
 
 
-def _closing(search: Search) -> list[First]:
+def _closing(search: EditSearch) -> list[First]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
     program = search.program
     firsts: list[First] = []
@@ -351,7 +355,7 @@ def _closing(search: Search) -> list[First]:
                 return firsts
             r = search.requirements.closing(place, int(row))
             if r is not None:
-                changes = {r.slot: Change(partial(np.asarray, r.required), ())}
+                changes = {r.slot: TapeChange(partial(np.asarray, r.required), ())}
                 effect = program.residual(changes) - program.original_residual
                 firsts += [
                     First(candidate, effect, changes)
@@ -360,7 +364,9 @@ def _closing(search: Search) -> list[First]:
     return firsts
 
 
-def _followed(search: Search, firsts: list[First]) -> Iterator[tuple[Candidate, Candidate]]:
+def _followed(
+    search: EditSearch, firsts: list[First]
+) -> Iterator[tuple[EditCandidate, EditCandidate]]:
     """A first edit, and a second one of an expression that may have caused all that the first leaves.
 
     At each state an expression moves the residual along one direction, whatever its value. So a first edit
@@ -379,7 +385,7 @@ def _followed(search: Search, firsts: list[First]) -> Iterator[tuple[Candidate, 
             yield first.candidate, second
 
 
-def _plainness(candidate: Candidate) -> tuple[float, int, int]:
+def _plainness(candidate: EditCandidate) -> tuple[float, int, int]:
     return candidate.cost, len(candidate.text), candidate.place
 
 
@@ -408,21 +414,21 @@ def _explained(along: Array, residual: Array) -> NDArray[np.bool_]:
     return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(residual).max())
 
 
-def _seconds(search: Search, program: Program) -> list[Candidate]:
+def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:
     """Edits of expressions that may have caused all that is wrong with a program after a first edit."""
-    then = Search(program, search.target, search.deadline)
+    then = EditSearch(program, search.target, search.deadline)
     places, along = _directions(program)
     for place in places[_explained(along, program.original_residual)]:
         then.requirements.find(int(place))
     return sorted((c for r in then.whole for c in then.edits(r)), key=_plainness)
 
 
-def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
+def _after_reading(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
     """An edit that is tried by reading the text again, and a second one, found in that text."""
     program, target = search.program, search.target
     end = time.process_time() + FOLLOWED_TIME
     samples = target.samples()
-    few = reading(program.source, samples.at(np.arange(min(STATES, len(samples.t))))).worst
+    few = reading(program.source, samples.at(np.arange(min(FIRST_STATES, len(samples.t))))).worst
     _, along = _directions(few)
     for first, residual in sorted(search.residuals, key=lambda x: x[0].cost):
         if time.monotonic() > search.deadline or time.process_time() > end:
@@ -445,7 +451,7 @@ def _after_reading(search: Search) -> Iterator[tuple[Candidate, Candidate]]:
                 yield first, replace(second, source=program.source, place=back, new=second.text)
 
 
-def _before(source: Source, first: Candidate, changed: Source, place: int) -> int | None:
+def _before(source: Source, first: EditCandidate, changed: Source, place: int) -> int | None:
     """The place in the source of a node of the edited one; None where it is part of the edit."""
     _, end = source.span(source.nodes[first.place])
     shift = len(changed.text) - len(source.text)

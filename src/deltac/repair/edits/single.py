@@ -15,7 +15,7 @@ from functools import partial
 from typing import TypeAlias
 
 from deltac.repair.edits.candidates import (
-    Candidate,
+    EditCandidate,
     called,
     family,
     functions_used,
@@ -53,19 +53,19 @@ SHOWN = {"+": "+", "-": "−"}
 ARGUMENTS = 6
 """Arguments of a call that are exchanged."""
 
-LONGEST = 400
+LONGEST_TEXT = 400
 """Characters of what is written anew."""
 
-NEAR = 3
+INDEX_DISTANCE = 3
 """How far from an index others are tried."""
 
-Edits: TypeAlias = Iterator[Candidate]
+Edits: TypeAlias = Iterator[EditCandidate]
 
 
 def edits(source: Source, place: int, names: Names) -> Edits:
     """Edits of a node that is evaluated: of an expression, or an update x += y."""
     node = source.nodes[place]
-    edit = partial(Candidate, source, place)
+    edit = partial(EditCandidate, source, place)
     own = short(source.segment(node))
     match node:
         case ast.UnaryOp(op=ast.USub()):
@@ -111,12 +111,12 @@ def structure(source: Source, place: int, names: Names) -> Edits:
                 new = ast.AugAssign(target, op, node.value)
                 name = source.segment(target)
                 words = f"{name} = should be {name} {_symbol(op)}="
-                yield Candidate(source, place, new, "operator", 1.1, words)
+                yield EditCandidate(source, place, new, "operator", 1.1, words)
         case ast.AugAssign():
             name, value = source.segment(node.target), source.segment(node.value)
             for text in (f"{name} = {value}", f"{name} = -({value})"):
                 words = f"{name} is added to, and should be set: {text}"
-                yield Candidate(source, place, text, "operator", 1.15, words)
+                yield EditCandidate(source, place, text, "operator", 1.15, words)
         case ast.Subscript():
             yield from _subscripts(source, place, node, names)
         case ast.Tuple() | ast.List():
@@ -128,7 +128,7 @@ def additions(source: Source, place: int, names: Names) -> Edits:
     node = source.nodes[place]
     if not isinstance(node, ast.expr) or isinstance(node, ast.Constant):
         return
-    edit = partial(Candidate, source, place)
+    edit = partial(EditCandidate, source, place)
     parent = source.nodes[source.parent[place]]
     outer = type(parent.op) if isinstance(parent, ast.BinOp) else None
     own, shape = short(source.segment(node)), names.shape(place)
@@ -164,7 +164,7 @@ def _oddity(source: Source, place: int, node: ast.expr, names: Names) -> float:
 
 def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
     """Another operator, operands exchanged, one of them left out, parentheses elsewhere."""
-    edit = partial(Candidate, source, place)
+    edit = partial(EditCandidate, source, place)
     left, right = (short(source.segment(part)) for part in (node.left, node.right))
     own, symbol = short(source.segment(node)), _symbol(node.op)
     if isinstance(node.op, ast.MatMult):
@@ -226,12 +226,12 @@ def _updates(source: Source, place: int, node: ast.AugAssign) -> Edits:
             if signs:
                 words = f"{value} enters with {SHOWN[symbol]}, should be {SHOWN[other]}"
             new = ast.AugAssign(node.target, kind(), node.value)
-            yield Candidate(source, place, new, "sign" if signs else "operator", 1.0, words)
+            yield EditCandidate(source, place, new, "sign" if signs else "operator", 1.0, words)
 
 
 def _functions(source: Source, place: int, node: ast.Call) -> Edits:
     """Another function of the same family, or none; arguments exchanged, or one of them twice."""
-    edit = partial(Candidate, source, place)
+    edit = partial(EditCandidate, source, place)
     name, arguments = called(node), node.args
     own = short(source.segment(node))
     if node.keywords or any(isinstance(a, ast.Starred) for a in arguments) or name == "range":
@@ -269,10 +269,10 @@ def _exchanges(source: Source, place: int, node: ast.Tuple | ast.List) -> Edits:
     for first, second in itertools.combinations(node.elts, 2):
         (a, b), (c, d) = source.span(first), source.span(second)
         one, other = source.text[a:b], source.text[c:d]
-        if one != other and len(one) + len(other) <= LONGEST:
+        if one != other and len(one) + len(other) <= LONGEST_TEXT:
             text = source.text[start:a] + other + source.text[b:c] + one + source.text[d:end]
             words = f"{short(one, 40)} and {short(other, 40)} should be exchanged"
-            yield Candidate(source, place, text, "order", 1.2, words)
+            yield EditCandidate(source, place, text, "order", 1.2, words)
 
 
 def _callee(source: Source, like: ast.expr, name: str) -> ast.expr | None:
@@ -291,7 +291,7 @@ def _applied(source: Source, place: int, node: ast.expr) -> Edits:
         like = ast.parse(functions.get(name) or next(iter(functions.values())), mode="eval").body
         callee = variable(functions[name]) if name in functions else _callee(source, like, name)
         if callee is not None:
-            yield Candidate(source, place, ast.Call(callee, [node], []), "function", 1.3)
+            yield EditCandidate(source, place, ast.Call(callee, [node], []), "function", 1.3)
 
 
 def _numbers(source: Source, place: int, node: ast.Constant, names: Names) -> Edits:
@@ -303,10 +303,10 @@ def _numbers(source: Source, place: int, node: ast.Constant, names: Names) -> Ed
         if other != own:
             cost = number_cost(float(other))
             new = ast.Constant(other) if other >= 0 else negated(ast.Constant(-other))
-            yield Candidate(source, place, new, "number", cost)
+            yield EditCandidate(source, place, new, "number", cost)
     if any(isinstance(around, ast.FunctionDef | ast.Lambda) for around in parents(source, place)):
         for text in names.numbers(place):
-            yield Candidate(source, place, variable(text), "name", 1.4)
+            yield EditCandidate(source, place, variable(text), "name", 1.4)
 
 
 # --- arrays ---------------------------------------------------------------------------------------
@@ -314,7 +314,7 @@ def _numbers(source: Source, place: int, node: ast.Constant, names: Names) -> Ed
 
 def _arrays(source: Source, place: int, node: ast.expr, names: Names) -> Edits:
     """What stands for an array: transposed, inverted, turned by a matrix or a function in scope."""
-    edit = partial(Candidate, source, place)
+    edit = partial(EditCandidate, source, place)
     shape, own = names.shape(place), short(source.segment(node))
     if not shape:
         return
@@ -346,7 +346,7 @@ def _inverse(source: Source) -> ast.expr | None:
 
 def _subscripts(source: Source, place: int, node: ast.Subscript, names: Names) -> Edits:
     """The same part of other arrays, other slices, other indices, other variables of loops in them."""
-    edit = partial(Candidate, source, place)
+    edit = partial(EditCandidate, source, place)
     base, own, counters = source.segment(node.value), source.segment(node), _counters(source, place)
     arrays = names.arrays(place)
     bases = [t for t, shape in arrays.items() if t != base and arrays.get(base) == shape]
@@ -384,7 +384,10 @@ def _other_indices(part: ast.expr, counters: Sequence[str]) -> Sequence[str]:
     own = ast.unparse(part)
     texts: list[str] = []
     if isinstance(part, ast.Constant) and isinstance(part.value, int):
-        texts += [str(k) for k in range(max(part.value - NEAR, 0), part.value + NEAR + 1)]
+        texts += [
+            str(k)
+            for k in range(max(part.value - INDEX_DISTANCE, 0), part.value + INDEX_DISTANCE + 1)
+        ]
     for name in counters:
         texts += [name, f"{name} + 1", f"{name} - 1"]
     if isinstance(part, ast.Name | ast.BinOp):

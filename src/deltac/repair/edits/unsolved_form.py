@@ -17,7 +17,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.repair.tracing.program import Program
-from deltac.repair.tracing.tape import Change, identity
+from deltac.repair.tracing.tape import TapeChange, identity
 
 LINEAR = 1e-8
 """Relative departure from linearity that is rounding."""
@@ -38,7 +38,9 @@ class UnsolvedForm(Program):
     forces: tuple[int, ...]
 
     def residual(
-        self, changes: Mapping[int, Change] | None = None, values: Mapping[int, Any] | None = None
+        self,
+        changes: Mapping[int, TapeChange] | None = None,
+        values: Mapping[int, Any] | None = None,
     ) -> Array:
         """M u̇ − f (n, B) at the model's accelerations, 1 being the size of a row's terms."""
         M, f = self._terms(changes, values)
@@ -49,7 +51,7 @@ class UnsolvedForm(Program):
         return np.concatenate([residual, (rates - self.samples.rates) / self.samples.rate_size])
 
     def _terms(
-        self, changes: Mapping[int, Change] | None, values: Mapping[int, Any] | None
+        self, changes: Mapping[int, TapeChange] | None, values: Mapping[int, Any] | None
     ) -> tuple[Array, Array]:
         """M (B, n, n), not a number where M⁻¹ is singular, and f (n, B)."""
         f = self.tape.run(self.forces, changes, values)
@@ -90,7 +92,7 @@ def unsolved_form(program: Program) -> UnsolvedForm | None:
 def _slopes(
     program: Program,
     forces: tuple[int, ...],
-    changes: Mapping[int, Change] | None = None,
+    changes: Mapping[int, TapeChange] | None = None,
     values: Mapping[int, Any] | None = None,
 ) -> Array:
     """What the results are (n, n, B) with one of the forces 1, the others 0, in turn."""

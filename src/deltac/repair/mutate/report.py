@@ -19,7 +19,7 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
 from deltac.repair.mutate.suite import copied
-from deltac.repair.tracing.program import Reading, at, named_parameters, read, spans
+from deltac.repair.tracing.program import ProgramReading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, source_of
 from deltac.results import Report, Section, Serialisable, Table
@@ -41,7 +41,7 @@ REASONS = {
 
 
 @dataclass(frozen=True)
-class Trial(Serialisable, also=("missed",)):
+class MutantTrial(Serialisable, also=("missed",)):
     """A mutant and the size of what each test sees of it: relative, 0 being right.
 
     `reason` says why some test, or every test, does not see it (see `REASONS`); empty if all do.
@@ -75,17 +75,17 @@ class MutationReport(Report, also=("counts",)):
     file: str
     function: str
     tests: tuple[str, ...]
-    trials: tuple[Trial, ...]
+    trials: tuple[MutantTrial, ...]
     residual: float
     varied: tuple[str, ...]
 
     @property
-    def survivors(self) -> tuple[Trial, ...]:
+    def survivors(self) -> tuple[MutantTrial, ...]:
         """Mutants that no test sees."""
         return tuple(t for t in self.trials if len(t.missed) == len(t.seen))
 
     @property
-    def escaped(self) -> tuple[Trial, ...]:
+    def escaped(self) -> tuple[MutantTrial, ...]:
         """The mistakes that the user's own tests do not see; empty where these were not run."""
         return tuple(t for t in self.trials if SUITE in t.seen and not t.detected(SUITE))
 
@@ -153,7 +153,7 @@ HEADS = {
 """Short heads of the table's columns."""
 
 
-def _examples(trials: Sequence[Trial]) -> str:
+def _examples(trials: Sequence[MutantTrial]) -> str:
     """Some mutants in words, of different kinds first."""
     by_kind = {t.mutant.kind: t.mutant for t in trials}
     some = [*by_kind.values(), *(t.mutant for t in trials)]
@@ -218,7 +218,7 @@ def mutate_equations(
     return report if tests is None else _with_suite(report, source, tests, most, seed, progress)
 
 
-def mutants_of(program: Reading, names: int, seed: int) -> list[Mutant]:
+def mutants_of(program: ProgramReading, names: int, seed: int) -> list[Mutant]:
     """The mutants of what is read: of one function of a module, or of all that it uses."""
     source = program.source
     definition = source.definition
@@ -267,7 +267,7 @@ def _blank(target: Target) -> dict[str, float]:
     return tests
 
 
-def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ...]) -> Trial:
+def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ...]) -> MutantTrial:
     """What the tests see of one mutant."""
     changed = source.replaced(mutant.text)
     samples, test = target.samples(), target.test()
@@ -275,11 +275,11 @@ def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ..
     try:
         again = read(changed, target, vary=False)
     except InputError:
-        return Trial(mutant, sizes)  # it cannot even be evaluated
+        return MutantTrial(mutant, sizes)  # it cannot even be evaluated
     result = again.run()
     udot = result[: len(samples.acceleration)]
     if not np.isfinite(udot).all():
-        return Trial(mutant, sizes)
+        return MutantTrial(mutant, sizes)
     residuals = test(udot)
     sizes |= {name: float(x.max()) for name, x in residuals.relative_power.items()}
     if MOMENTUM in sizes:
@@ -287,7 +287,7 @@ def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ..
     if CONSTRAINTS in sizes:
         sizes[CONSTRAINTS] = float(residuals.relative_violation.max(initial=0.0))
     sizes[RESIDUAL] = samples.wrong(result)
-    return Trial(
+    return MutantTrial(
         mutant, sizes, _reason(changed, sizes, target, varied, named_parameters(again, target))
     )
 

@@ -26,7 +26,7 @@ LEFT_OUT = tuple(
 MARKS = (".git", ".hg", "pyproject.toml", "setup.py", "setup.cfg", "tox.ini", "pytest.ini")
 """What stands in the root of a project."""
 
-PATIENCE = 10.0
+EXTRA_SECONDS = 10.0
 """A run may take three times as long as that of the right program, and this much more (s)."""
 
 
@@ -94,7 +94,7 @@ def copied(command: str, file: Path, function: str) -> Iterator[Suite]:
             raise SourceError(
                 f"tests {command!r}: they fail on {file.name} as it is; let them pass first"
             )
-        seconds = 3.0 * (time.monotonic() - start) + PATIENCE
+        seconds = 3.0 * (time.monotonic() - start) + EXTRA_SECONDS
         suite = Suite(words, folder, suite.file, suite.environment, seconds)
         if suite.passes("raise ImportError('not to be loaded')\n" + text):
             raise SourceError(

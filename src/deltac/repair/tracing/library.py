@@ -20,9 +20,9 @@ from deltac.repair.tracing.tape import (
     ELEMENTARY,
     NUMBERS,
     Operation,
-    Row,
     Slot,
     Solve,
+    TapeRow,
     identity,
 )
 
@@ -96,7 +96,7 @@ FILES = {
 """Functions of those packages that read or write files, and are not called."""
 
 
-class Entry(float):
+class LibraryNumber(float):
     """A number that a library made: no constant of the user's."""
 
 
@@ -244,7 +244,7 @@ def solve(A: Any, b: Any, *more: Any, **named: Any) -> Any:
     if tape is None:
         return np.linalg.solve(A.astype(float), b.astype(float)).astype(object)
     whole = tape.record(Solve(rows), *A.ravel(), *b)
-    return objects([tape.record(Row(k), whole) for k in range(rows)])
+    return objects([tape.record(TapeRow(k), whole) for k in range(rows)])
 
 
 def inverse_of(value: Any) -> np.ndarray[Any, Any] | None:
@@ -259,7 +259,7 @@ def inverse_of(value: Any) -> np.ndarray[Any, Any] | None:
         tape, k = entry.tape, entry.index
         while tape.operations[k] is identity:
             (k,) = tape.inputs[k]
-        if tape.operations[k] != Row(i) or tape.operations[tape.inputs[k][0]] != Solve(n):
+        if tape.operations[k] != TapeRow(i) or tape.operations[tape.inputs[k][0]] != Solve(n):
             return None
         if i == 0:
             wholes.append(tape.inputs[tape.inputs[k][0]])
@@ -403,7 +403,10 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "true_divide": Elementary("divide"), "float_power": Elementary("power"),
     **{
         f"{name}{like}": _made(fill, bool(like))
-        for name, fill in (("zeros", Entry(0.0)), ("ones", Entry(1.0)), ("empty", Entry(0.0)), ("full", None))
+        for name, fill in (
+            ("zeros", LibraryNumber(0.0)), ("ones", LibraryNumber(1.0)),
+            ("empty", LibraryNumber(0.0)), ("full", None),
+        )
         for like in ("", "_like")
     },
     "arange": lambda *ends, **named: np.arange(*map(plain, ends)),
@@ -487,7 +490,7 @@ class Int(int, metaclass=_Numeric):
 
 def entries(value: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     """An array of numbers that a library made as one that can hold slots."""
-    return np.frompyfunc(Entry, 1, 1)(value) if value.size else value.astype(object)
+    return np.frompyfunc(LibraryNumber, 1, 1)(value) if value.size else value.astype(object)
 
 
 def objects(entries: list[Any]) -> np.ndarray[Any, Any]:

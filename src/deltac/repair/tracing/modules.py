@@ -13,7 +13,7 @@ from typing import Any
 from deltac.errors import SourceError
 from deltac.repair.tracing.instrument import rewritten
 
-LARGEST = 2_000_000
+LARGEST_MODULE = 2_000_000
 """Characters of a module that is read."""
 
 
@@ -143,7 +143,7 @@ def read_module(file: Path) -> UserModule | None:
     """A file as a module; None where it is no Python, or very large."""
     try:
         text = file.read_text("utf-8")
-        if len(text) > LARGEST:
+        if len(text) > LARGEST_MODULE:
             return None
         return UserModule(file.name, ast.parse(text), file)
     except (OSError, ValueError, SyntaxError, RecursionError, MemoryError):

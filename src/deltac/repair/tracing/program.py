@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import InputError, SourceError
-from deltac.repair.tracing.samples import RIGHT, Samples, Target
+from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Change, Row, Slot, Solve, Tape, identity
+from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
 from deltac.repair.tracing.tracer import Failed, Instance, Trace, branches, form_of
 from deltac.simulation.state_form import StateForm, as_told, forms, likeliest, told_order
 
@@ -32,7 +32,7 @@ class Program:
     """A function read onto a tape at samples, the model's parameters that it names varied with them."""
 
     trace: Trace
-    samples: Samples
+    samples: StateSamples
 
     @property
     def source(self) -> Source:
@@ -45,7 +45,9 @@ class Program:
         return self.trace.tape
 
     def run(
-        self, changes: Mapping[int, Change] | None = None, values: Mapping[int, Any] | None = None
+        self,
+        changes: Mapping[int, TapeChange] | None = None,
+        values: Mapping[int, Any] | None = None,
     ) -> Array:
         """Accelerations (n, B) with some operations changed, or slots given other values.
 
@@ -59,7 +61,9 @@ class Program:
         return (*self.trace.outputs, *self.trace.rates)
 
     def residual(
-        self, changes: Mapping[int, Change] | None = None, values: Mapping[int, Any] | None = None
+        self,
+        changes: Mapping[int, TapeChange] | None = None,
+        values: Mapping[int, Any] | None = None,
     ) -> Array:
         """How far the equations are from the model (n, B), 1 being the size of an equation's terms.
 
@@ -87,7 +91,7 @@ class Program:
         for place, slot in enumerate(self.trace.outputs):
             while tape.operations[slot] is identity:
                 (slot,) = tape.inputs[slot]
-            if tape.operations[slot] != Row(place):
+            if tape.operations[slot] != TapeRow(place):
                 return None
             wholes.add(tape.inputs[slot][0])
         whole = wholes.pop()
@@ -119,11 +123,11 @@ class Program:
         """How wrong the function is as it stands."""
         return self.samples.wrong(self.run())
 
-    def changed(self, changes: Mapping[int, Change]) -> Program:
+    def changed(self, changes: Mapping[int, TapeChange]) -> Program:
         """The program with some operations changed for good."""
         return replace(self, trace=replace(self.trace, tape=self.tape.changed(changes)))
 
-    def passes(self, changes: Mapping[int, Change]) -> bool:
+    def passes(self, changes: Mapping[int, TapeChange]) -> bool:
         """Whether the function is right with these changes."""
         return self.samples.wrong(self.run(changes)) < RIGHT
 
@@ -162,7 +166,7 @@ class Program:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Reading:
+class ProgramReading:
     """A function read at samples: a program for each way through its branches, that of most states first.
 
     `places` are the states that take each way.
@@ -205,7 +209,9 @@ class Reading:
         return (*self.faulty, *self.pieces)[0]
 
 
-def read(source: Source, target: Target, *, vary: bool = True, fresh: bool = False) -> Reading:
+def read(
+    source: Source, target: Target, *, vary: bool = True, fresh: bool = False
+) -> ProgramReading:
     """The function at samples of a target; with `vary`, at other parameters too where it names them.
 
     Raises:
@@ -280,7 +286,7 @@ def formed(source: Source, target: Target) -> Source:
 
 
 def named_parameters(
-    reading: Reading | Trace, target: Target, by_value: bool = True
+    reading: ProgramReading | Trace, target: Target, by_value: bool = True
 ) -> dict[str, str]:
     """The mechanism's parameters that the function has, by the function's names for them.
 
@@ -320,7 +326,9 @@ def _bare(name: str) -> str:
     return re.sub(r"[\W_]", "", name)
 
 
-def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = False) -> Reading:
+def at(
+    source: Source, target: Target, varied: tuple[str, ...], fresh: bool = False
+) -> ProgramReading:
     """The function at samples in which the parameters `varied` take other values too.
 
     Raises InputError where the function does not have them all, with the model's values.
@@ -347,7 +355,7 @@ def at(source: Source, target: Target, varied: tuple[str, ...], fresh: bool = Fa
     )
 
 
-def spans(reading: Reading) -> set[tuple[int, int, int, int]]:
+def spans(reading: ProgramReading) -> set[tuple[int, int, int, int]]:
     """Where the expressions stand that the function evaluates: line, column, line, column of the end."""
     places = set()
     for piece in reading.pieces:
@@ -360,7 +368,7 @@ def spans(reading: Reading) -> set[tuple[int, int, int, int]]:
     return places
 
 
-def moved(source: Source, samples: Samples, factor: Callable[[str], float]) -> Array:
+def moved(source: Source, samples: StateSamples, factor: Callable[[str], float]) -> Array:
     """What a function returns with each of its named constants multiplied by a factor of its own."""
     traces = branches(source, samples.t, samples.q, samples.u)
     override = {}
@@ -373,11 +381,11 @@ def moved(source: Source, samples: Samples, factor: Callable[[str], float]) -> A
 
 
 def reading(
-    source: Source, samples: Samples, override: Mapping[Any, Array] | None = None
-) -> Reading:
+    source: Source, samples: StateSamples, override: Mapping[Any, Array] | None = None
+) -> ProgramReading:
     """The function at samples; `override` has values that constants take instead of their own."""
     parts = branches(source, samples.t, samples.q, samples.u, override)
-    return Reading(
+    return ProgramReading(
         tuple(Program(trace, samples.at(which)) for which, trace in parts),
         tuple(which for which, _ in parts),
     )

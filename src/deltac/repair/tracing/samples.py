@@ -25,7 +25,7 @@ NOMINAL, VARIED, SETS = 16, 8, 2
 SPREADS = ((0.6, 1.6), (0.6, 1.6), (0.85, 1.2), (0.85, 1.2), (0.96, 1.04), (0.99, 1.01))
 """Ranges of factors for other sets of values, tried in turn."""
 
-LEAST = 1e-3
+LEAST_SIZE = 1e-3
 
 RIGHT = 1e-8
 """Residuals below this share of the equation's typical terms are rounding (terms cancel, angles are of
@@ -33,7 +33,7 @@ size 1, matrices are solved: some hundreds of ulps at worst, 1e-13)."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Samples:
+class StateSamples:
     """B states of the model with its accelerations.
 
     t (B,), q (nq, B), u (n, B) in the user's coordinates; `acceleration` (n, B); `rates` q̇ (nq, B), of
@@ -54,9 +54,9 @@ class Samples:
     group: NDArray[np.intp]
     speeds: tuple[str, ...]
 
-    def at(self, which: NDArray[Any]) -> Samples:
+    def at(self, which: NDArray[Any]) -> StateSamples:
         """Some of the states; the sets of values among them are counted anew."""
-        return Samples(
+        return StateSamples(
             self.t[which],
             self.q[:, which],
             self.u[:, which],
@@ -106,9 +106,9 @@ class Target:
     seed: int = 0
     start: State | None = None
     _tests: dict[tuple[int, int, tuple[str, ...]], EquationTest] = field(default_factory=dict)
-    _samples: dict[tuple[tuple[str, ...], bool], Samples] = field(default_factory=dict)
+    _samples: dict[tuple[tuple[str, ...], bool], StateSamples] = field(default_factory=dict)
 
-    def samples(self, varied: tuple[str, ...] = (), fresh: bool = False) -> Samples:
+    def samples(self, varied: tuple[str, ...] = (), fresh: bool = False) -> StateSamples:
         """States at the mechanism's parameters, and at other values of those in `varied`.
 
         `fresh` ones are others than those that a search has seen.
@@ -155,7 +155,7 @@ class Target:
                 return values
         raise AssertionError
 
-    def _draw(self, varied: tuple[str, ...], fresh: bool) -> Samples:
+    def _draw(self, varied: tuple[str, ...], fresh: bool) -> StateSamples:
         groups = range(SETS + 1 if varied else 1)
         tests = [self.test(k, fresh, varied) for k in groups]
         sizes = [len(test.states) for test in tests]
@@ -164,7 +164,7 @@ class Target:
         def join(parts: list[Array]) -> Array:
             return np.concatenate(parts, axis=-1)
 
-        return Samples(
+        return StateSamples(
             t=join([test.states.t for test in tests]),
             q=join([told(test.kane, test.states).q for test in tests]),
             u=join([test.states.u for test in tests]),
@@ -192,7 +192,7 @@ class Target:
 def _rate_size(test: EquationTest) -> Array:
     """Size of each q̇ (nq,), at least a thousandth of the largest."""
     size = np.sqrt(np.mean(test.rates**2, axis=1))
-    return np.asarray(np.maximum(size, LEAST * size.max(initial=0.0)) + 1e-300)
+    return np.asarray(np.maximum(size, LEAST_SIZE * size.max(initial=0.0)) + 1e-300)
 
 
 def _typical(test: EquationTest) -> Array:
@@ -200,4 +200,4 @@ def _typical(test: EquationTest) -> Array:
 
     Where the terms of an equation cancel (two equal moments of inertia), what is left of them is rounding.
     """
-    return np.maximum(test.typical(test.acceleration), LEAST / FLOOR * test.floor)
+    return np.maximum(test.typical(test.acceleration), LEAST_SIZE / FLOOR * test.floor)

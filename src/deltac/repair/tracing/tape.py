@@ -27,7 +27,7 @@ class TapeError(Exception):
     """The function does something that cannot be put on a tape."""
 
 
-class Branch(BaseException):
+class TapeBranch(BaseException):
     """A condition that holds at some states only: `holds` (B,) says at which.
 
     No Exception, which the user's own handlers may catch.
@@ -39,7 +39,7 @@ class Branch(BaseException):
 
 
 @dataclass(frozen=True)
-class Change:
+class TapeChange:
     """What an operation of the tape is replaced by: another operation on other slots."""
 
     operation: Operation
@@ -65,7 +65,7 @@ class Solve:
 
 
 @dataclass(frozen=True)
-class Row:
+class TapeRow:
     """One row of a solution."""
 
     k: int
@@ -192,7 +192,7 @@ class Tape:
             ):  # fmt: skip
                 del entries[first:]
 
-    def spliced(self, slot: Slot, first: int, own: Container[int]) -> Change:
+    def spliced(self, slot: Slot, first: int, own: Container[int]) -> TapeChange:
         """What replaces one of the operations `own`: a number computed `aside`, of earlier slots."""
         steps: set[int] = set()
         outside: set[int] = set()
@@ -205,7 +205,7 @@ class Tape:
                 steps.add(k)
                 stack += self.inputs[k]
         if not steps:
-            return Change(identity, (slot.index,))
+            return TapeChange(identity, (slot.index,))
         inputs = tuple(sorted(outside))
         program = [(k, self.operations[k], self.inputs[k], self.values[k]) for k in sorted(steps)]
         last = slot.index
@@ -216,7 +216,7 @@ class Tape:
                 results[k] = value if step is None else step(*[results[i] for i in of])
             return results[last]
 
-        return Change(operation, inputs)
+        return TapeChange(operation, inputs)
 
     # --- running it again -------------------------------------------------------------------------
 
@@ -246,7 +246,7 @@ class Tape:
     def run(
         self,
         outputs: Sequence[int],
-        changes: Mapping[int, Change] | None = None,
+        changes: Mapping[int, TapeChange] | None = None,
         values: Mapping[int, Any] | None = None,
     ) -> Array:
         """The outputs (n, B) with some operations changed and some slots given other values."""
@@ -271,7 +271,7 @@ class Tape:
                 new[k] = operation(*[new[i] if i in new else old[i] for i in slots])
         return stacked([new[k] if k in new else old[k] for k in outputs], self.width)
 
-    def changed(self, changes: Mapping[int, Change]) -> Tape:
+    def changed(self, changes: Mapping[int, TapeChange]) -> Tape:
         """A tape on which some operations are changed."""
         values, operations, inputs = list(self.values), list(self.operations), list(self.inputs)
         again = set(changes)
@@ -323,12 +323,12 @@ class Slot:
         return int(number)
 
     def __bool__(self) -> bool:
-        """A condition: the same at all states; else `Branch` says where it holds."""
+        """A condition: the same at all states; else `TapeBranch` says where it holds."""
         answers = np.atleast_1d(np.asarray(self.value, dtype=bool))
         if answers.all():
             return True
         if answers.any():
-            raise Branch(answers)
+            raise TapeBranch(answers)
         return False
 
     def __int__(self) -> int:

@@ -29,10 +29,10 @@ from deltac.arrays import Array
 from deltac.errors import InputError, SourceError
 from deltac.repair.sandbox_worker import function_named
 from deltac.repair.tracing import instrument, library
-from deltac.repair.tracing.library import Entry, Float, Foreign, Int, objects, plain
+from deltac.repair.tracing.library import Float, Foreign, Int, LibraryNumber, objects, plain
 from deltac.repair.tracing.modules import UserModule, found_beside
 from deltac.repair.tracing.source import Source, innermost
-from deltac.repair.tracing.tape import COMPARISONS, Branch, Slot, Tape, TapeError, identity
+from deltac.repair.tracing.tape import COMPARISONS, Slot, Tape, TapeBranch, TapeError, identity
 from deltac.simulation.state_form import PLAIN
 
 STANDARD = Path(sysconfig.get_path("stdlib"))
@@ -82,11 +82,11 @@ DERIVING = {
 """What makes another function of a function: its derivatives, or the function of a batch."""
 
 
-class Refused(SourceError):
+class TracingRefused(SourceError):
     """The function does what cannot be traced; the message has file and line."""
 
 
-class Failed(Refused):
+class Failed(TracingRefused):
     """An error of Python's, and the `lines` of a file where it is raised in the forms that were tried."""
 
     def __init__(self, message: str, file: str, lines: tuple[int, ...]) -> None:
@@ -94,7 +94,7 @@ class Failed(Refused):
         self.file, self.lines = file, lines
 
 
-class Endless(Refused):
+class Endless(TracingRefused):
     """A loop that does not end."""
 
 
@@ -138,8 +138,8 @@ def trace(source: Source, t: Array, q: Array, u: Array, override: Override | Non
     """
     try:
         return _Tracer(source, override or {}).run(t, q, u)
-    except Branch:
-        raise Refused(f"{source.name}: a branch that depends on the state") from None
+    except TapeBranch:
+        raise TracingRefused(f"{source.name}: a branch that depends on the state") from None
 
 
 def branches(
@@ -157,13 +157,13 @@ def branches(
         which = open_sets.pop()
         count += 1
         if count > 3 * PATHS or len(traces) > PATHS:
-            raise Refused(
+            raise TracingRefused(
                 f"{source.name}: more than {PATHS} ways through branches that depend on the state"
             )
         some = {key: value[which] for key, value in override.items()}
         try:
             traces.append((which, _Tracer(source, some).run(t[which], q[:, which], u[:, which])))
-        except Branch as branch:
+        except TapeBranch as branch:
             holds = np.broadcast_to(branch.holds, which.shape)
             open_sets += [which[~holds], which[holds]]
     return sorted(traces, key=lambda part: -len(part[0]))
@@ -260,7 +260,11 @@ class _Tracer:
         self.result.inputs = tuple(slot.index for slot in slots)
         form = self.source.form or PLAIN
         arguments = form.given(
-            slots[0], objects(slots[1 : 1 + nq]), objects(slots[1 + nq :]), objects, Entry(0.0)
+            slots[0],
+            objects(slots[1 : 1 + nq]),
+            objects(slots[1 + nq :]),
+            objects,
+            LibraryNumber(0.0),
         )
         for a in arguments:
             if isinstance(a, np.ndarray):
@@ -283,7 +287,7 @@ class _Tracer:
             ) from None
         for entry in flat:
             if not isinstance(entry, Slot | int | float | np.generic):
-                raise Refused(f"{where}: returns {type(entry).__name__}")
+                raise TracingRefused(f"{where}: returns {type(entry).__name__}")
         self.result.rates = tuple(self.tape.slot(entry).index for entry in rates)
         self.result.outputs = tuple(self.tape.slot(entry).index for entry in accelerations)
         for default in self.defaults:
@@ -298,7 +302,7 @@ class _Tracer:
         else:
             function = function_named(self.main.names, self.source.qualified)
         if not callable(function) or isinstance(function, Foreign):
-            raise Refused(
+            raise TracingRefused(
                 f"{self.source.name}: {self.source.qualified} is no function that can be traced"
             )
         return function
@@ -308,24 +312,26 @@ class _Tracer:
         try:
             with np.errstate(all="ignore"):
                 return compute()
-        except (InputError, Branch):
+        except (InputError, TapeBranch):
             raise
         except Exception as error:
             place = self.place_of(error)
             name, line = place or (self.source.name, self.source.first_line)
             where = f"{name}:{line}"
             if isinstance(error, RecursionError):
-                raise Refused(f"{where}: calls itself without end") from None
+                raise TracingRefused(f"{where}: calls itself without end") from None
             message = str(error)
             if isinstance(error, TapeError | library.NotUnderstood):
-                raise Refused(f"{where}: {message}. The function is traced: {READABLE}") from None
+                raise TracingRefused(
+                    f"{where}: {message}. The function is traced: {READABLE}"
+                ) from None
             if "Slot" in message or "dtype('O')" in message:
-                raise Refused(
+                raise TracingRefused(
                     f"{where}: a computation that cannot be traced ({message}). Instead, {READABLE}"
                 ) from None
             message = f"{where}: {type(error).__name__}: {message}"
             if place is None or isinstance(error, NameError | ImportError):
-                raise Refused(message) from None
+                raise TracingRefused(message) from None
             raise Failed(
                 f"{message}. The function is traced: call it once, and if Python raises the same error at "
                 f"this line, mend that first; else {READABLE}",
@@ -585,7 +591,7 @@ class _Hooks:
 
     def refuse(self, place: int, what: str) -> NoReturn:
         line = getattr(self.of.nodes[place], "lineno", 1)
-        raise Refused(f"{self.of.name}:{line}: {what}. The function is traced: {READABLE}")
+        raise TracingRefused(f"{self.of.name}:{line}: {what}. The function is traced: {READABLE}")
 
     # --- scopes and loops -------------------------------------------------------------------------
 

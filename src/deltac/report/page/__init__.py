@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from deltac.report.files import check_page, write_text
 from deltac.report.page.content import Beside, page_of
@@ -11,7 +11,12 @@ from deltac.report.page.document import document, write_page
 from deltac.report.page.parts import Page
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from deltac.models import ModelLike
     from deltac.results import Report
+    from deltac.simulation.equations import Equations
+    from deltac.trajectories import Trajectory
 
 __all__ = [
     "Beside",
@@ -29,9 +34,9 @@ def write_report(
     report: Report,
     path: str | PurePath,
     *more: Report,
-    model: Any = None,
-    run: Any = None,
-    equations: Any = None,
+    model: ModelLike | None = None,
+    run: Trajectory | None = None,
+    equations: Equations | Callable[..., object] | None = None,
     command: str = "",
 ) -> None:
     """Write the page of a report, with what further ones have to add; see `Report.report`."""
@@ -43,9 +48,9 @@ def write_report(
 def html_of(
     report: Report,
     *more: Report,
-    model: Any = None,
-    run: Any = None,
-    equations: Any = None,
+    model: ModelLike | None = None,
+    run: Trajectory | None = None,
+    equations: Equations | Callable[..., object] | None = None,
     command: str = "",
 ) -> str:
     """The page of a report as HTML."""

@@ -57,8 +57,8 @@ from deltac.report.panels import (
 )
 from deltac.results import Finding, Report, Section, Table, Verbatim, fraction, number, percent
 from deltac.simulation.equations import Equations
-from deltac.simulation.simulate import simulate
 from deltac.trajectories import Trajectory
+from deltac.verbs import simulate
 
 TONES: dict[int, Tone] = {0: "good", 1: "bad", 3: "doubt"}
 """By exit code."""

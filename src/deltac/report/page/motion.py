@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,10 +13,10 @@ from deltac import problems
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import read_log
 from deltac.diagnosis.study.runs import before_blow_up
-from deltac.energy import Ledger, balance
+from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import StateLike, load_model
+from deltac.models import ModelLike, StateLike, load_model
 from deltac.report.files import output_folder
 from deltac.report.page.content import ROWS, made, moving
 from deltac.report.page.document import write_page
@@ -27,21 +26,22 @@ from deltac.report.panels import by_name, energy_plots, motions
 from deltac.report.still import sketch
 from deltac.results import number
 from deltac.simulation.arguments import positive
-from deltac.simulation.simulate import simulate
-from deltac.trajectories import Trajectory, read_trajectory
+from deltac.trajectories import Trajectory
+from deltac.trajectories.formats.mapping import MappingLike
+from deltac.verbs import balance, read_trajectory, simulate
 
 STEP, SOLVER, DURATION = 1e-3, "ode5", 5.0
 """Of a motion whose model says nothing of it."""
 
 
 def viewed(
-    model: Any,
+    model: ModelLike,
     log: str | Path | None = None,
     state: StateLike = None,
     duration: float | None = None,
     step: float | None = None,
     solver: str | None = None,
-    mapping: Any = None,
+    mapping: MappingLike = None,
 ) -> tuple[Mechanism, Trajectory, Ledger]:
     """A model, and its motion with its energies: as logged, else simulated from the model's start.
 
@@ -106,7 +106,7 @@ def motion_page(mechanism: Mechanism, run: Trajectory, ledger: Ledger, about: st
     )
 
 
-def log_page(path: Path, mapping: Any = None) -> Page:
+def log_page(path: Path, mapping: MappingLike = None) -> Page:
     """The page of a log whose model is not known: its curves.
 
     Raises InputError for a log that cannot be read.

@@ -10,13 +10,17 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.report.panels import Bars, Flows, HeatMap, LogPlot, Panel, TimePlot
 from deltac.results import Finding, Serialisable, Table, plain
+
+if TYPE_CHECKING:
+    from deltac.report.page.scene import Scene
 
 NUMBERS = 140_000
 """Numbers of time histories that a page holds, 0.75 MB; all plots together share them."""
@@ -32,7 +36,7 @@ Tone = Literal["good", "bad", "doubt", "plain"]
 class Numbers(Serialisable):
     """An array as the page holds it; float32 unless `exact`."""
 
-    values: Any
+    values: NDArray[np.number[Any]]
     exact: bool = False
 
     def contents(self) -> dict[str, Any]:
@@ -183,7 +187,7 @@ class Page:
     sentence: str
     numbers: tuple[tuple[str, str], ...] = ()
     chapters: tuple[Chapter, ...] = ()
-    scene: Any = None
+    scene: Scene | None = None
     limits: tuple[str, ...] = ()
     made: tuple[tuple[str, str], ...] = ()
     data: Mapping[str, Any] = field(default_factory=dict)

@@ -13,11 +13,11 @@ import casadi as ca
 
 from deltac.calls.caching import derived
 from deltac.dynamics.equations_of_motion import equations_of, quaternions
-from deltac.dynamics.kkt import DEPENDENT
+from deltac.dynamics.kkt import LEAST_PIVOT
 from deltac.dynamics.spatial import SX
 from deltac.simulation.flow import Flow
 
-SMALLEST_PIVOT = DEPENDENT
+SMALLEST_PIVOT = LEAST_PIVOT
 """Below this the compiled factorisation is not trusted, and the numeric least-squares path takes over."""
 
 

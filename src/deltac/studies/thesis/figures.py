@@ -15,7 +15,7 @@ import numpy as np
 
 from deltac.arrays import EPS, Array
 from deltac.report.picture import blank
-from deltac.report.style import BLACK, COLOURS, DASHED, DOTTED, POINTS, styled
+from deltac.report.style import COLOURS, DASHED, DOTTED, INK, POINTS, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -95,7 +95,7 @@ def thesis_figure(
         for panel, axis in zip(panels, angles, strict=False):
             last = curves[-1]
             for name, style in zip(last.angles, ("-", DASHED, DOTTED), strict=True):
-                _angle(panel, last, name, color=BLACK, linestyle=style, linewidth=1.0, label=name)
+                _angle(panel, last, name, color=INK, linestyle=style, linewidth=1.0, label=name)
             panel.set_title(f"Angles from the vertical: {last.label}")
             panel.set_ylabel("angle (deg)")
             panel.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.1)

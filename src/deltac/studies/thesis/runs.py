@@ -13,13 +13,13 @@ import numpy as np
 
 from deltac import problems
 from deltac.arrays import Array
-from deltac.energy import Ledger, balance, residuals
+from deltac.energy import Ledger
 from deltac.mechanism.state import State
 from deltac.problems import Problem
-from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import Scipy
 from deltac.simulation.step_size.energy_error import EnergyErrorWarning
 from deltac.trajectories import Trajectory
+from deltac.verbs import balance, residuals, simulate
 
 _TUMBLING: dict[str, Any] = {
     "start": (math.radians(30), math.radians(60), math.radians(15)),

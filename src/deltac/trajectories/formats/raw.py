@@ -97,7 +97,7 @@ class Budget:
             self._asked = self.taken + 2**24
 
 
-LONGEST = 500
+LONGEST_MESSAGE = 500
 """Characters of what a library says of a damaged file."""
 
 
@@ -113,7 +113,7 @@ def damage_named(what: str) -> Iterator[None]:
     except Exception as error:
         raise FileError(
             f"the {what} file is damaged, truncated, or not a {what} file; write it again. "
-            f"{str(error)[:LONGEST]}"
+            f"{str(error)[:LONGEST_MESSAGE]}"
         ) from error
 
 

@@ -31,7 +31,7 @@ from deltac.trajectories.formats.recognition import recognise
 from deltac.trajectories.formats.schema import from_columns, is_schema_name
 from deltac.trajectories.formats.units import column_unit, unit, without_unit
 from deltac.trajectories.formats.words import is_time
-from deltac.trajectories.rates import FEWEST, derived_speeds
+from deltac.trajectories.rates import FEWEST_ROWS, derived_speeds
 from deltac.trajectories.trajectory import (
     BY_LAW,
     FRAMES,
@@ -676,7 +676,7 @@ def _complete(
     if complete.all() or not complete.any() or not complete[-1]:
         return columns, {}
     first, count = int(np.argmin(complete)), int((~complete).sum())
-    if rows - count < FEWEST:
+    if rows - count < FEWEST_ROWS:
         worst = max(columns, key=lambda name: int(np.isnan(columns[name]).sum()))
         raise LogError(
             f"of {rows} rows only {rows - count} have all values: column {worst!r} is empty in most. Log "

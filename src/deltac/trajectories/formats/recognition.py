@@ -51,7 +51,13 @@ from deltac.trajectories.formats.words import (
     without,
     words_of,
 )
-from deltac.trajectories.motion import AGREES, CLEARLY, LEAST, Movement, preferred
+from deltac.trajectories.motion import (
+    AGREEING_MISS,
+    CLEAR_RATIO,
+    LEAST_MOVEMENT,
+    Movement,
+    preferred,
+)
 from deltac.trajectories.trajectory import FloatArray
 
 _LAYOUTS: tuple[tuple[str, frozenset[str]], ...] = tuple(
@@ -173,7 +179,7 @@ class _Search:
             w = table([f"u.{name}" for name in speeds[j : j + 3]])
             if p is None:
                 continue
-            if not np.nanmax(np.abs((p * p).sum(axis=1) - 1.0)) < AGREES:
+            if not np.nanmax(np.abs((p * p).sum(axis=1) - 1.0)) < AGREEING_MISS:
                 return np.inf
             if w is not None:
                 movements.append(Movement.turning(t[rows], p, w, "body"))
@@ -181,14 +187,14 @@ class _Search:
         size, difference = sizes.sum(axis=0)
         if not size > 0.0:
             return None
-        telling = sizes[sizes[:, 0] > LEAST * size]
+        telling = sizes[sizes[:, 0] > LEAST_MOVEMENT * size]
         worst = float(np.max(telling[:, 1] / telling[:, 0], initial=0.0))
-        return float(difference / size) if worst < CLEARLY else max(worst, CLEARLY)
+        return float(difference / size) if worst < CLEAR_RATIO else max(worst, CLEAR_RATIO)
 
     def agrees(self, t: FloatArray, columns: Mapping[str, str]) -> bool:
         """Whether coordinates move as their speeds say."""
         misfit = self.misfit(t, columns)
-        return misfit is not None and misfit < AGREES
+        return misfit is not None and misfit < AGREEING_MISS
 
 
 _LOOKED_AT = 4000
@@ -803,7 +809,7 @@ def _orders(
 
 
 @dataclass(frozen=True)
-class _State:
+class _StateVector:
     """An array read as a state vector: columns by target; how far they miss; whether it is called one."""
 
     columns: Mapping[str, str]
@@ -822,7 +828,7 @@ def _state_vectors(s: _Search) -> Iterator[Meaning]:
     if any(target.startswith(("q.", "u.")) for target in s.found):
         return
     states = [state for name in s.arrays for state in _states(s, name)]
-    agreeing = [one for one in states if one.miss is not None and one.miss < AGREES]
+    agreeing = [one for one in states if one.miss is not None and one.miss < AGREEING_MISS]
     still = [one for one in states if one.miss is None and one.usual and one.named]
     sure = [one for one in agreeing if one.named] or agreeing or (still if len(still) == 1 else [])
     tested = [one for one in states if one.miss is not None]
@@ -831,14 +837,16 @@ def _state_vectors(s: _Search) -> Iterator[Meaning]:
     for one in (sure or [one for one in states if one.usual and one.miss != np.inf])[:1]:
         # of two orders that fit, the first is usual; an array alone in its file is the table as well
         same = all(set(other.columns.values()) == set(one.columns.values()) for other in sure)
-        basis: Basis = "declared" if one.named and one.usual else "motion"
+        # An order that the motion confirms, and in which alone it moves so, is no guess.
+        confirmed = one in agreeing or (one.named and one.usual)
+        basis: Basis = "declared" if confirmed else "motion"
         if not (sure and same):
             basis = "guess" if one.miss is None or sure else "open"
         for target, column in one.columns.items():
             yield Meaning(target, column, one.because, basis)
 
 
-def _states(s: _Search, name: str) -> Iterator[_State]:
+def _states(s: _Search, name: str) -> Iterator[_StateVector]:
     """An array in each order that its width allows."""
     array = s.arrays[name]
     for order, targets in _orders(*(s.targets[kind] for kind in ("q", "u", "udot"))):
@@ -858,10 +866,10 @@ def _states(s: _Search, name: str) -> Iterator[_State]:
         what = "the table" if name == TABLE else repr(name)
         why = f"{what} has the width of {order} in the model's order"
         miss = min(misses, default=None)
-        if miss is not None and miss < AGREES:
+        if miss is not None and miss < AGREEING_MISS:
             why += ", and they move so"
         usual = order == "coordinates and speeds"
-        yield _State(columns, why, miss, key(name) in _STATES and not after, usual)
+        yield _StateVector(columns, why, miss, key(name) in _STATES and not after, usual)
 
 
 def _next(target: str) -> str:
@@ -891,7 +899,7 @@ def _moving(s: _Search) -> Iterator[Meaning]:
 
     def follows(a: str, b: str) -> bool:
         size, difference = Movement.of(time[rows], values[a], values[b]).sizes()
-        return a != b and difference < 0.5 * AGREES * size
+        return a != b and difference < 0.5 * AGREEING_MISS * size
 
     rates = {a: [b for b in free if follows(a, b)] for a in free}
     single = [(a, several[0]) for a, several in rates.items() if len(several) == 1]

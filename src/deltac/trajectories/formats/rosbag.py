@@ -38,7 +38,7 @@ _PARTS = ("position", "velocity", "effort")
 _LARGEST = 4096
 """Bytes of a message: larger ones are pictures and clouds of points."""
 
-_LONGEST = 32
+_MOST_ENTRIES = 32
 """Entries of an array in a message that are a column each; covariances have 36."""
 
 _COVERED = 0.9
@@ -303,7 +303,7 @@ def _numbers(message: Any, path: str) -> Iterator[tuple[str, float]]:
             continue
         if isinstance(value, bool | int | float | np.number):
             yield where, float(value)
-        elif isinstance(value, list | tuple | np.ndarray) and len(value) <= _LONGEST:
+        elif isinstance(value, list | tuple | np.ndarray) and len(value) <= _MOST_ENTRIES:
             for k, entry in enumerate(value):
                 if isinstance(entry, int | float | np.number):
                     yield f"{where}[{k}]", float(entry)

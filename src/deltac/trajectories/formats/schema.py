@@ -43,7 +43,7 @@ _PREFIXES = ("q.", "u.", "udot.", "force.", "work.", "integral.")
 
 
 @dataclass(frozen=True)
-class _Layout:
+class _ColumnLayout:
     """Which columns a log has."""
 
     coordinates: tuple[str, ...]
@@ -202,7 +202,7 @@ def _require(expected: list[str], columns: Mapping[str, Any], sparse: bool) -> N
 # -- without metadata: the names decide ----------------------------------------------------------
 
 
-def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
+def _derive_layout(columns: Mapping[str, Any]) -> _ColumnLayout:
     if "time" not in columns:
         raise UnknownName(
             f"no column 'time'{closest('time', columns)} (the column of times, in seconds, "
@@ -228,7 +228,7 @@ def _derive_layout(columns: Mapping[str, Any]) -> _Layout:
             )
     speed_order, lengths = dict.fromkeys(speeds), sorted({len(speed) for speed in speeds})
     channels = dict.fromkeys(_channel(n, speed_order, lengths) for n in _strip("force.", columns))
-    return _Layout(
+    return _ColumnLayout(
         coordinates,
         speeds,
         bool(accelerations),
@@ -287,7 +287,7 @@ def _channel(name: str, speeds: Mapping[str, None], lengths: list[int]) -> str:
 # -- with metadata -------------------------------------------------------------------------------
 
 
-def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
+def _read_layout(metadata: Mapping[str, Any]) -> _ColumnLayout:
     version = _entry(metadata, "schema_version", int)
     if version > SCHEMA_VERSION:
         raise LogError(
@@ -302,7 +302,7 @@ def _read_layout(metadata: Mapping[str, Any]) -> _Layout:
                 f"the log has {quantity} in {shown(unit)}, expected {UNITS[quantity]!r}. "
                 "Convert its columns."
             )
-    return _Layout(
+    return _ColumnLayout(
         _texts(metadata, "coordinates"),
         _texts(metadata, "speeds"),
         _entry(metadata, "accelerations", bool),

@@ -347,8 +347,11 @@ def departs(finding: Finding) -> bool:
 
 
 def unattributable(findings: Iterable[Finding]) -> bool:
-    """Whether joules cannot be said to be of the equations, for the log is in doubt or lacks what acted."""
-    return any(f.weight == "doubt" or (f.kind == "not-replayed" and departs(f)) for f in findings)
+    """Whether causes would only imitate what is known: a doubt of the log, an axis, forces that it lacks."""
+    return any(
+        f.weight == "doubt" or f.kind == "joint-axis" or (f.kind == "not-replayed" and departs(f))
+        for f in findings
+    )
 
 
 def of_model(finding: Finding) -> bool:

@@ -307,7 +307,9 @@ class Judgement:
             reasons.append(self.lacking)
         inference = None if self.doubts else self.inference
         residual = np.nan if inference is None else float(self.left.max())
-        return explanation_of(inference, self.rows, self.outcome, tuple(reasons), residual)
+        return explanation_of(
+            inference, self.rows, self.outcome, tuple(reasons), residual, bool(self.causes)
+        )
 
     @property
     def impacts(self) -> Finding | None:

@@ -108,9 +108,11 @@ class Experiment:
 
     @cached_property
     def start(self) -> State:
-        """The model's own start, its joints at speeds of `SPEED`."""
+        """The model's own start, its joints at speeds of `SPEED`, unless they are coupled."""
         start = self.model.first or self.model.mechanism.state()
         u = np.array(start.u)
+        if self.model.mechanism.constraints:
+            return start
         u[self.places[1]] += SPEED * np.cos(np.pi * np.arange(len(self.joints)))
         return State(start.t, start.q, u)
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.flow import FORCES, Intervals, predict
 from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.inference.integrators import Integrator
@@ -77,15 +78,20 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
     log, model = inference.log, inference.model
     every = max(1, len(log.intervals) // ROWS)
     some = slice(None, None, every)
-    start, t = log.intervals.start.take(some), log.intervals.start.t
+    start = log.intervals.start.take(some)
     duration = log.intervals.h[:, 0]
     weight = np.add.reduceat(duration, np.arange(len(duration))[some])
     own, order = inference.integrator.step, inference.integrator.order
-    a, b, _ = np.array([FORCES[kind] for kind in inference.forces]).reshape(-1, 3).T
+    a, b, c = np.array([FORCES[kind] for kind in inference.forces]).reshape(-1, 3).T
+    # What a cubic tells of smooth forces a straight line would turn into kinks, which no order foresees.
+    kinds: list[Callable[..., Callable[[Array], Array]]]
+    kinds = [CubicSpline if smooth > 0.0 else _straight for smooth in c]
+    rows, ends = log.intervals.start, log.intervals.end
+    times, forces = np.append(rows.t, ends.t[-1]), np.vstack([rows.F, ends.F[-1:]])
+    columns = [kind(times, column) for kind, column in zip(kinds, forces.T, strict=True)]
 
     def logged(at: Array) -> Array:
-        columns = [np.interp(at, t, column) for column in log.intervals.start.F.T]
-        return np.stack(columns, axis=1) if columns else np.zeros((len(at), 0))
+        return np.stack([f(at) for f in columns], axis=1) if columns else np.zeros((len(at), 0))
 
     @np.errstate(all="ignore")
     def joules(step: float) -> float:
@@ -98,12 +104,19 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
         intervals = Intervals(start, Rows(start.t + step, start.q, start.u, last))
         defects = np.abs(inference.w[some]) * min(step / own, 1.0) ** (order + 1)
         end = predict(model, intervals, force, SHARE * defects).end
+        end = Rows(end.t, end.q, end.u, last)  # not the force that was held till then
         after = _stepped(inference, method, intervals, end, force)
         slope = 0.5 * (model.energy_gradient(end) + model.energy_gradient(after))
         power = np.einsum("km,km->k", slope, model.difference(end, after)) / step
-        return float(np.abs(np.cumsum(power * weight)).max())
+        # Behind the last row no force is known.
+        inside = not columns or start.t + step <= times[-1] + EPS
+        return float(np.abs(np.cumsum(np.where(inside, power, 0.0) * weight)).max())
 
     return joules
+
+
+def _straight(t: Array, values: Array) -> Callable[[Array], Array]:
+    return lambda at: np.interp(at, t, values)
 
 
 def _stepped(

@@ -303,7 +303,9 @@ class Judgement:
             reasons.append(self.lacking)
         inference = None if self.doubts else self.inference
         residual = np.nan if inference is None else float(self.left.max())
-        return explanation_of(inference, self.rows, self.outcome, tuple(reasons), residual)
+        return explanation_of(
+            inference, self.rows, self.outcome, tuple(reasons), residual, bool(self.causes)
+        )
 
     @property
     def impacts(self) -> Finding | None:
@@ -343,8 +345,11 @@ def departs(finding: Finding) -> bool:
 
 
 def unattributable(findings: Iterable[Finding]) -> bool:
-    """Whether joules cannot be said to be of the equations, for the log is in doubt or lacks what acted."""
-    return any(f.weight == "doubt" or (f.kind == "not-replayed" and departs(f)) for f in findings)
+    """Whether causes would only imitate what is known: a doubt of the log, an axis, forces that it lacks."""
+    return any(
+        f.weight == "doubt" or f.kind == "joint-axis" or (f.kind == "not-replayed" and departs(f))
+        for f in findings
+    )
 
 
 def of_model(finding: Finding) -> bool:

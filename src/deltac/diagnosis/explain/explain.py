@@ -64,14 +64,14 @@ def explanation_of(
     kind: Outcome,
     reasons: tuple[Finding, ...],
     residual: float,
+    by_causes: bool,
 ) -> Explanation:
-    """The causes of an inference, in words; `reasons` are findings in their place or beside them."""
+    """The causes of an inference, if it is explained `by_causes`; `reasons` are findings beside them."""
     if inference is None:
         return Explanation(kind, reasons=reasons)
     posterior = inference.posterior
     best, block = posterior.best, inference.blocks[0]
     total = block.projected.left(nothing(len(block.causes)).coefficients)
-    by_causes = bool(best.chosen) and kind in ("explained", "ambiguous")
     return Explanation(
         kind,
         causes_of(inference, best) if by_causes else (),

@@ -174,15 +174,22 @@ class Projected:
     to: Array
     total: float
 
+    def _change(self, coefficients: Array) -> tuple[NDArray[np.intp], Array]:
+        """Places and sizes of what is other than at the origin: a few causes have few of many columns."""
+        change = coefficients - self.origin
+        some = np.flatnonzero(change)
+        return some, change[some]
+
     def left(self, coefficients: Array) -> float:
         """RSS with coefficients of causes."""
-        change = coefficients - self.origin
-        gain = 2.0 * float(self.b @ change) - float(change @ self.A @ change)
+        some, x = self._change(coefficients)
+        gain = 2.0 * float(self.b[some] @ x) - float(x @ self.A[np.ix_(some, some)] @ x)
         return max(self.rss - gain, CANCELLED * self.total)
 
     def slope(self, coefficients: Array) -> Array:
         """Dᵀr with coefficients of causes: half the derivative of the RSS, negative."""
-        return np.asarray(self.b - self.A @ (coefficients - self.origin))
+        some, x = self._change(coefficients)
+        return np.asarray(self.b - self.A[:, some] @ x)
 
     def nuisance_at(self, coefficients: Array) -> Array:
         """Coefficients of the nuisance columns beside those of causes."""

@@ -14,6 +14,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.audit.audit import Audit
 from deltac.diagnosis.check.check import EquationCheck
+from deltac.diagnosis.explain.result import Explanation
 from deltac.diagnosis.recommend.result import Recommendation, setting_of
 from deltac.diagnosis.recommend.work_precision import Trial
 from deltac.diagnosis.study.convergence import order_text
@@ -293,6 +294,39 @@ _CHECKED = {
     "consistent": "The equations are right",
     "equation-error": "The equations are wrong",
 }
+
+
+_EXPLAINED = {
+    "nothing": "Nothing to explain",
+    "explained": "Explained",
+    "ambiguous": "Several explanations",
+    "unexplained": "Unexplained",
+    "doubtful": "The log is in doubt",
+}
+
+
+@page_of.register
+def _(report: Explanation, context: Beside) -> Page:
+    numbers: tuple[tuple[str, str], ...] = (("samples", f"{report.samples:,}"),)
+    if report.causes:
+        numbers = (("explained", percent(report.explained)), *numbers)
+    grids = tuple(_tables(report.sections()))
+    return Page(
+        title="Explanation" if context.mechanism is None else context.mechanism.name,
+        asked="Which few changes of the model explain what its equations leave of the log?",
+        tone=TONES[report.exit_code],
+        word=_EXPLAINED[report.kind],
+        sentence=_sentence(f"{report.sentence}."),
+        numbers=numbers,
+        chapters=(
+            _findings((*report.findings, *report.reasons), None, None),
+            Chapter("In numbers", grids),
+            *_motion(context.run, context.mechanism),
+        ),
+        scene=moving(context.mechanism, [("run", context.run)]),
+        made=made(context.run, context.mechanism),
+        data=report.to_dict(),
+    )
 
 
 ROWS = 20_000

@@ -15,7 +15,7 @@ from scipy.stats import norm
 
 import deltac as dc
 from deltac.arrays import Array
-from deltac.diagnosis.audit.verdict import Evidence
+from deltac.diagnosis.audit.verdict import Judgement
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
@@ -497,8 +497,8 @@ def test_central_differences_are_no_measured_speeds() -> None:
 def test_the_probability_of_an_error_is_that_of_its_posterior(joules: float, error: float) -> None:
     """Spike and slab of equal weight, by quadrature of likelihood times prior."""
     ledger = SimpleNamespace(energy_exchanged=300.0, reference_energy=1000.0)
-    evidence = Evidence(cast(Any, None), cast(Any, ledger), "", None, None, None, (), 1e-3)
-    found = evidence._beyond(np.array([joules]), np.array([error]))[0]
+    judged = Judgement(cast(Any, None), cast(Any, ledger), "", None, None, None, (), 1e-3)
+    found = judged._beyond(np.array([joules]), np.array([error]))[0]
     size = max(0.01 * 300.0, abs(joules))
     J = np.linspace(-40.0, 40.0, 400_001)
     slab = norm.pdf(joules, J, error) * norm.pdf(J, 0.0, size)

@@ -586,7 +586,7 @@ def _judgement(
     run, ledger = log.run, log.ledger
     attribution = None
     if inference is not None and not unattributable(findings):
-        steps = _Departures.of(run, departures, findings)
+        steps = _Departures.of(run, departures, findings, ledger.t)
         attribution = _attributed(inference, ledger, function, in_loop, steps)
     if attribution is not None and not in_loop and len(attribution.t) == len(ledger.t):
         bar = NORMAL_95 * attribution.log.curve_error
@@ -639,7 +639,7 @@ def function_of(ledger: Ledger) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Departures:
-    """Energy (T,) that the rows of a replay have beyond the states at which it arrives, J, from the start.
+    """Energy that rows of a replay have beyond the states at which it arrives, J, at the ledger's times.
 
     It is of the equations where the model does not arrive, else of the digits of the log.
     """
@@ -648,11 +648,13 @@ class _Departures:
     log: Array
 
     @staticmethod
-    def of(run: Trajectory, joules: Array | None, findings: Sequence[Finding]) -> _Departures:
-        none = np.zeros(len(run))
+    def of(
+        run: Trajectory, joules: Array | None, findings: Sequence[Finding], t: Array
+    ) -> _Departures:
+        none = np.zeros(len(t))
         if joules is None or len(joules) != len(run):
             return _Departures(none, none)
-        curve = np.cumsum(joules)
+        curve = np.interp(t, run.t, np.cumsum(joules))
         departs = any(f.kind == "replay-departs" for f in findings)
         return _Departures(curve, none) if departs else _Departures(none, curve)
 

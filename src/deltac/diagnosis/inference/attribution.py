@@ -63,7 +63,6 @@ def joules(
     integrator: Share,
     equations: Share,
     of_log: Array,
-    variance: float,
     tau: float,
 ) -> tuple[Attribution, float]:
     """The attribution, and the joules that nothing explains.
@@ -76,12 +75,11 @@ def joules(
         integrator: its share.
         equations: theirs.
         of_log: joules (N,) of delays and zeros of the log.
-        variance: of what is left, whitened.
         tau: autocorrelation time of that, intervals.
     """
     of_rows = np.einsum("km,km->k", gradient**2, log.noise[1] ** 2)
     rows = np.sqrt(of_rows + of_rows[0])
-    unknown = np.einsum("km,kmn,kn->k", gradient, Q, gradient) * max(variance, 1.0)
+    unknown = np.einsum("km,kmn,kn->k", gradient, Q, gradient)
     rest = log.running(jump) - integrator.curve - equations.curve
     error = np.hypot(rows, np.sqrt(np.cumsum(unknown) * tau))
     unexplained = float(np.max(np.abs(rest - of_log) - UNEXPLAINED * error, initial=0.0))

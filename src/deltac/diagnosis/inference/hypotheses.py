@@ -388,36 +388,43 @@ PROMISING = 48
 def _ordered(
     blocks: Sequence[Block], best: Fit, candidates: Sequence[Candidate]
 ) -> list[tuple[float, Candidate]]:
-    """The most that each cause may add to the log odds beside the best set, the best first.
+    """The causes that alone explain most of what is left, by the most that each may add to the log odds.
 
-    By the columns that the chosen causes leave of its own: exact for a cause that is linear in its numbers.
+    That is by the columns that the chosen causes leave of its own: exact for a cause that is linear in its
+    numbers.
     """
-    parts, rows, least = [], 0.0, 0.0
+    alone, beside, rows, least = [], [], 0.0, 0.0
     for block in blocks:
         p, now = block.projected, best.coefficients
         variance = block.misfit(now) / block.count
-        A, b = p.A, p.slope(now)
+        A, b = p.A / variance, p.slope(now) / variance
+        alone.append((A, b))
         if best.chosen:
-            to = p.A @ best.tangent
+            to = A @ best.tangent
             inner = np.linalg.pinv(best.tangent.T @ to, rcond=SINGULAR, hermitian=True)
             A, b = A - to @ inner @ to.T, b - to @ (inner @ (best.tangent.T @ b))
-        parts.append((A / variance, b / variance))
+        beside.append((A, b))
         rows += block.count
         least += block.least / variance
-    bounds = []
-    for c in candidates:
-        if any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):
-            continue
+
+    def gain(parts: list[tuple[Array, Array]], c: Candidate, L: Array) -> float:
         columns = list(c.columns)
-        L = c.linear if c.quadratic is None else np.eye(len(columns))
-        A, b = np.zeros((L.shape[1], L.shape[1])), np.zeros(L.shape[1])
-        for gram, right in parts:
-            A += L.T @ gram[np.ix_(columns, columns)] @ L
-            b += L.T @ right[columns]
-        left = max(rows - float(b @ least_squares(A, b)), least, 1e-300)
-        bounds.append(
-            (0.5 * rows * float(np.log(rows / left)) - _price(c.size, rows, len(candidates)), c)
-        )
+        A = sum(L.T @ gram[np.ix_(columns, columns)] @ L for gram, _ in parts)
+        b = sum(L.T @ right[columns] for _, right in parts)
+        return float(b @ least_squares(np.asarray(A), np.asarray(b)))
+
+    free = [
+        c
+        for c in candidates
+        if not any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen)
+    ]
+    free.sort(key=lambda c: -gain(alone, c, c.linear))
+    bounds = []
+    for c in free[:PROMISING]:
+        L = c.linear if c.quadratic is None else np.eye(len(c.columns))
+        left = max(rows - gain(beside, c, L), least, 1e-300)
+        most = 0.5 * rows * float(np.log(rows / left))
+        bounds.append((most - _price(c.size, rows, len(candidates)), c))
     bounds.sort(key=lambda item: -item[0])
     return bounds
 
@@ -445,7 +452,7 @@ def search(
     for _ in range(most):
         fits: list[tuple[float, Fit]] = []
         top, wanted = CERTAIN, 0 if scores else SHORTLIST
-        for bound, c in _ordered(blocks, best, candidates)[:PROMISING]:
+        for bound, c in _ordered(blocks, best, candidates):
             if len(fits) >= wanted and bound < top - EQUAL:
                 break
             fit = fitted(blocks, (*best.chosen, c), best.theta)

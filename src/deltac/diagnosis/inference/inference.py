@@ -497,8 +497,10 @@ class _Inferring:
                 r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
                 return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
 
-            Q = Q + max(SHARES, key=likelihood) ** 2 * between
-        self.uncertain = Q
+            between = max(SHARES, key=likelihood) ** 2 * between
+        # What is left tells how large the unknown is; splines of forces have a doubt of their own.
+        self.uncertain = (Q + between, 0.0 * Q) if self.thinned else (Q, between)
+        Q = Q + between
         diagonal = np.arange(beyond.shape[1])
         across[:, diagonal, diagonal] += beyond**2
         return Q + across
@@ -918,8 +920,16 @@ class _Inferring:
         integrator = self._on_path(integrator, self.w - left - causes, left)
         mistake = self._share(best, power[:, ni:], tau)
         of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
+        own, doubt = self.uncertain
         attribution, unexplained = joules(
-            log, self.uncertain, self.gradient, jump, integrator, mistake, of_log, variance, tau
+            log,
+            own * max(variance, 1.0) + doubt,
+            self.gradient,
+            jump,
+            integrator,
+            mistake,
+            of_log,
+            tau,
         )
         exchanged, errors, energy = self._exchanged(best)
         odds, explained, coefficients = _generic(self.blocks[0], best)

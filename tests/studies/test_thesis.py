@@ -12,6 +12,7 @@ import math
 import re
 from pathlib import Path
 
+import matplotlib.colors
 import matplotlib.image
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ import deltac as dc
 from deltac import problems
 from deltac.errors import InputError
 from deltac.problems.triple_pendulum_equations import HandEquations
+from deltac.report.style import COLOURS
 from deltac.studies.thesis import EXPERIMENTS, Reproduction, Result, reproduce, write
 from deltac.studies.thesis.experiments import Experiment
 from deltac.studies.thesis.measures import euler_relation
@@ -375,7 +377,7 @@ def assert_is_a_picture(path: Path) -> None:
     pixels = matplotlib.image.imread(path)[..., :3]
     assert min(pixels.shape[:2]) > 500
     # Neither blank nor mere text: each of the colours of curves covers some pixels.
-    blue = np.abs(pixels - np.array([0x00, 0x72, 0xB2]) / 255).max(axis=-1) < 0.02
+    blue = np.abs(pixels - matplotlib.colors.to_rgb(COLOURS[0])).max(axis=-1) < 0.02
     assert blue.sum() > 300
 
 

@@ -198,7 +198,8 @@ class Projected:
 
 def _inverse_sizes(squares: Array) -> Array:
     """1/√ of sums of squares; 0 for columns in which nothing is."""
-    return np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=squares > 0.0)
+    sizes = np.sqrt(np.maximum(squares, 0.0))
+    return np.divide(1.0, sizes, out=np.zeros_like(squares), where=squares > 0.0)
 
 
 def least_squares(A: Array, b: Array) -> Array:

@@ -972,6 +972,8 @@ class _Inferring:
     def _share(self, best: Fit, power: Array, tau: float, of_log: bool = False) -> Share:
         """ΔC's share of the causes that are of the equations, or of the log: delays and zeros."""
         own = [(c.kind in OF_THE_LOG) == of_log for c in best.chosen]
+        if not any(own) and not (of_log and self.filter is not None):
+            return Share(np.zeros(len(self.w)), np.zeros(len(self.w)))
         some = np.repeat(own, [c.size for c in best.chosen]).astype(bool)
         T = self.log.running(power @ best.tangent)[:, some]
         C = best.covariance[np.ix_(some, some)] * tau

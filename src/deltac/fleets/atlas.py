@@ -254,11 +254,9 @@ class AtlasPlan(Plan):
 
     def piece_at(self, address: str) -> AtlasPiece:
         """The piece of one run, by its address or the beginning of it; InputError if there is none."""
-        places = [k for k, other in enumerate(self.addresses) if other.startswith(address)]
-        if not address or not places:
-            raise UnknownName(f"address {address}: the atlas has no such run; see its table")
-        setting, step = self.rows[places[0]]
-        return AtlasPiece((self.addresses[places[0]],), setting, (step,))
+        place = self.place(address)
+        setting, step = self.rows[place]
+        return AtlasPiece((self.addresses[place],), setting, (step,))
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one run, with the mechanism moving."""

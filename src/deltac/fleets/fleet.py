@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from deltac.calls.progress import Progress
-from deltac.errors import ArgumentsError, ProcessLost
+from deltac.errors import ArgumentsError, ProcessLost, UnknownName
 from deltac.fleets.execution import Crew, SchedulerLost, dask_crew, execute, local_crew
 from deltac.fleets.result import OUTSIDE, Fleet, summarise
 from deltac.fleets.rows import Piece
@@ -40,6 +40,13 @@ class Plan:
     def head(self) -> dict[str, Any]:
         """What the folder says of the plan, for `Store.make`."""
         raise NotImplementedError
+
+    def place(self, address: str) -> int:
+        """The place of the row with an address, or with the beginning of one; InputError if there is none."""
+        places = [k for k, other in enumerate(self.addresses) if other.startswith(address)]
+        if not address or not places:
+            raise UnknownName(f"address {address}: the {self.kind} has no such run; see its table")
+        return places[0]
 
     def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
         """The work for some rows (places in `addresses`), each once, cut for so many workers."""

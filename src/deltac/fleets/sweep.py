@@ -86,10 +86,7 @@ class SweepPlan(Plan):
 
     def piece_at(self, address: str) -> RunPiece:
         """The piece of one run, by its address or the beginning of it; InputError if there is none."""
-        places = [k for k, other in enumerate(self.addresses) if other.startswith(address)]
-        if not address or not places:
-            raise UnknownName(f"address {address}: the sweep has no such run; see its table")
-        return self.piece(places[:1])
+        return self.piece([self.place(address)])
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one run, with the mechanism moving."""

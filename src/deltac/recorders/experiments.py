@@ -8,10 +8,8 @@ nothing touches there: joints, inertias, dampers, and what drives the joints.
 from __future__ import annotations
 
 import math
-import os
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
@@ -284,8 +282,11 @@ def run_pybullet(experiment: Experiment, step: float, solver: str) -> Trajectory
     try:
         p.setGravity(0, 0, -GRAVITY, **of)
         p.setTimeStep(step, **of)
-        with _file(experiment.text) as path:
-            robot = p.loadURDF(path, useFixedBase=True, flags=p.URDF_USE_INERTIA_FROM_FILE, **of)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "model.urdf"
+            path.write_text(experiment.text, encoding="utf-8")
+            flags = p.URDF_USE_INERTIA_FROM_FILE
+            robot = p.loadURDF(str(path), useFixedBase=True, flags=flags, **of)
         names = {
             p.getJointInfo(robot, j, **of)[1].decode(): j
             for j in range(p.getNumJoints(robot, **of))
@@ -518,17 +519,6 @@ def _onto(axis: Array) -> Array:
     x = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
     x /= np.linalg.norm(x)
     return np.column_stack([x, np.cross(axis, x), axis])
-
-
-@contextmanager
-def _file(text: str) -> Iterator[str]:
-    handle, path = tempfile.mkstemp(".urdf")
-    with os.fdopen(handle, "w") as file:
-        file.write(text)
-    try:
-        yield path
-    finally:
-        os.unlink(path)
 
 
 @dataclass(frozen=True)

@@ -107,8 +107,8 @@ class Audit(
         attribution: ΔC in joules of `integrator`, `equations` and `log`: each has its `energy` with a
             standard `error` at the end, and `curve` and `curve_error` along `t`, J. None where there is no
             inference, or the log is in doubt.
-        condition: what the joules of `equations` hold under, as that forces which the log lacks did not act;
-            empty where under nothing.
+        condition: the assumption on which the joules of `equations` rest, such as that forces missing from
+            the log did not act; empty if there is none.
         explanation: the causes, or what stands in their place, with the same verdict behind it.
         causes: what is wrong with the equations or the log, by odds, each with its size and joules.
         odds: probabilities of the four verdicts.
@@ -403,8 +403,8 @@ def explain_residual(
 
     The log is judged as by `audit`, but springs and dampers are taken from the model, also where the log
     holds them, so that what model and run have differently is found; all other logged forces are taken as
-    they are, and channels among them that the model does not have are noted. Motors of which a recorded run
-    tells another strength than the model's are causes too, although their logged forces close the equations.
+    they are, and channels among them that the model does not have are noted. A motor whose strength in the
+    recorded run differs from the model's is a cause too, although its logged forces close the equations.
 
     Several logs of one machine share its causes, each with an integrator and noise of its own: what none of
     them shows alone may be certain from all.

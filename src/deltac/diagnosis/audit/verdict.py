@@ -250,7 +250,7 @@ class Judgement:
 
     @property
     def condition(self) -> str:
-        """What joules of mistakes in the equations hold under; empty where under nothing."""
+        """The assumption on which the joules of mistakes rest; empty if there is none."""
         if self.departing is not None and self.departing.kind == "replay-departs":
             return "or forces that the log lacks"
         if self.lacking is not None:

@@ -251,7 +251,7 @@ def infer(
                 sample = _Inferring(model, run, few, evaluator, energy)
                 sample.add(kernels)
                 known = sample.result()
-                if not known.finds_something:
+                if not (known.posterior.best.chosen or known.finds_something):
                     return _with_causes(alone, known)
             inferring.add(kernels)
             result = inferring.result()

@@ -16,7 +16,9 @@ from deltac.codes import FINDINGS
 from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.measurements.digits import scatter
 from deltac.diagnosis.measurements.kinematics import trusted
-from deltac.diagnosis.residuals.at_samples import equation_terms, stale_stage
+from deltac.diagnosis.residuals.at_samples import MOST_ROWS, run_residual, stale_stage
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import some_rows
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
@@ -283,17 +285,20 @@ def differing_channels(
     run, ledger = log.run, log.ledger
     if not run.forces or not len(mechanism.free.u) or len(run) < 3:
         return []
-    # Forces need no accelerations to be compared.
-    terms = equation_terms(mechanism, replace(run, udot=np.zeros_like(run.u), events=()))
+    rows, free, motion = some_rows(run, MOST_ROWS), mechanism.free, equations_of_motion(mechanism)
+    t, u = run.t[rows], run.u[np.ix_(rows, free.u)]
+    of_model = motion.terms(t, run.q[np.ix_(rows, free.q)].T, u.T).forces
+    lawless = {part.name for part in motion.channels if part.logged}
     found: list[Finding] = []
     left_to_log = " ".join(str(r) for r in report.ignored) if report else ""
-    for name, logged in terms.forces.items():
-        own = terms.own.get(name)
+    for name, force in run.forces.items():
+        logged = force[np.ix_(rows, free.u)]
+        own = None if name in lawless or name not in of_model else of_model[name].T
         passive = name.kind in PASSIVE and f"'{name}'" not in left_to_log
         if ledger.basis.get(name) != "measured" or (own is None and not passive):
             continue
-        power = np.einsum("ij,ij->i", terms.u, logged - (0.0 if own is None else own))
-        energy = float(np.trapezoid(np.abs(power), terms.t))
+        power = np.einsum("ij,ij->i", u, logged - (0.0 if own is None else own))
+        energy = float(np.trapezoid(np.abs(power), t))
         if energy > tolerance * ledger.energy_exchanged:
             found.append(_difference(name, own, logged, energy, ledger.energy_exchanged))
     return found
@@ -304,7 +309,7 @@ def stale_rows(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     measured = trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
     if not measured or not len(mechanism.free.u) or len(run) < 3:
         return []
-    return stale_stage(mechanism, run, equation_terms(mechanism, run))
+    return stale_stage(run, run_residual(Kane(mechanism), run))
 
 
 def _difference(

@@ -15,9 +15,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.causes.columns import STOPS, UNIT_MOMENTS, Column, What, stops
+from deltac.diagnosis.causes.columns import STOPS, UNIT_MOMENTS, Column, LogEquations, What, stops
 from deltac.diagnosis.causes.geometry import Number, displacements, geometry_numbers
-from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.system import Link
 from deltac.mechanism.constraints import perpendiculars
 from deltac.mechanism.coordinates import Entry
@@ -483,13 +482,13 @@ def _six(J: Array) -> list[float]:
     return [float(J[i, j]) for i, j in UNIT_MOMENTS]
 
 
-def of_bodies(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """Masses, moments of inertia and mass centres of each body, and all masses together."""
-    system = evaluator.symbols.system
+    system = equations.symbols.system
     whole = list[tuple[tuple[int, ...], Array]]()
     steady = list[int]()
     for link in system.links:
-        if evaluator.mechanism.body(link.joint.child).massless:
+        if equations.mechanism.body(link.joint.child).massless:
             continue
         b = _Mass.of(link)
         kept = [k for k in range(10) if Column("inertia", b.name, k) in places.of]
@@ -579,7 +578,7 @@ ON_A_SPEED: tuple[tuple[str, What], ...] = (
 """What may act on a joint's speed, or alike on all of them."""
 
 
-def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candidate, ...]:
+def candidates(equations: LogEquations, columns: Sequence[Column]) -> tuple[Candidate, ...]:
     """All causes of a mechanism whose columns there are."""
     places = Places({column: k for k, column in enumerate(columns)})
     found: list[Candidate] = []
@@ -587,13 +586,13 @@ def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candida
     if any(c.what in GEOMETRY for c in columns):
         parts += [_sizes, _places_of_joints, _numbers]
     for part in parts:
-        found.extend(part(evaluator, places))
+        found.extend(part(equations, places))
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
     return tuple(c for c in found if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
 
 
-def _gravity(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
-    g = np.array([evaluator.mechanism.number(x) for x in evaluator.mechanism.gravity])
+def _gravity(equations: LogEquations, places: Places) -> Iterator[Candidate]:
+    g = np.array([equations.mechanism.number(x) for x in equations.mechanism.gravity])
     active = [k for k in range(3) if Column("gravity", "", k) in places.of]
     columns = places(*(Column("gravity", "", k) for k in active))
     axes = tuple("xyz"[k] for k in active)
@@ -604,11 +603,11 @@ def _gravity(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
 # --- joints, channels, forces -----------------------------------------------------------------------
 
 
-def _joints(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+def _joints(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """What may act on a joint: damper, dry friction, drag, rotor inertia, spring, stop, constant force."""
-    mechanism = evaluator.mechanism
+    mechanism = equations.mechanism
     acting = {c.element for c in places.of if c.what == "channel"}
-    speeds = [mechanism.speeds[place] for place in evaluator.symbols.system.free_u]
+    speeds = [mechanism.speeds[place] for place in equations.symbols.system.free_u]
     for joint in mechanism.joints:
         lacking = [
             (kind, what)
@@ -624,14 +623,14 @@ def _joints(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
                 ones = [1.0] * len(some)
                 yield from cause(kind, joint.name, columns, ones, entry=some[0], origin=joint.kind)
     for entry in speeds:
-        yield from _on_a_speed(evaluator, places, entry, acting)
+        yield from _on_a_speed(equations, places, entry, acting)
 
 
 def _on_a_speed(
-    evaluator: Evaluator, places: Places, entry: Entry, acting: set[str]
+    equations: LogEquations, places: Places, entry: Entry, acting: set[str]
 ) -> Iterator[Candidate]:
     """What may act on one speed of a joint."""
-    mechanism, log = evaluator.mechanism, evaluator.log.places
+    mechanism, log = equations.mechanism, equations.log.places
     joint = mechanism.joint(entry.joint)
     row = entry.index - mechanism.speeds.of(joint.name).start
     of_joints = reversed(_of_joints(mechanism).items())
@@ -659,12 +658,12 @@ def _on_a_speed(
     yield from one("missing-drag", "drag")
     have = mechanism.number(joint.armature[row]) if joint.armature else 0.0
     yield from one("armature" if have else "missing-rotor-inertia", "armature", base=have)
-    yield from _stops(evaluator, places, entry, row)
+    yield from _stops(equations, places, entry, row)
     if spring is None and f"spring {joint.name}" not in acting:
         yield from one("missing-spring", "spring")
         both = places(Column("spring", entry.name), Column("constant", entry.name))
         at_q = mechanism.coordinates.of(entry.joint).start + row
-        reach = tuple(float(x[at_q]) for x in evaluator.reach)
+        reach = tuple(float(x[at_q]) for x in equations.reach)
         units = of_joint("{F}/{q}", entry), of_joint("{F}", entry)
         names = ("stiffness", "force at zero")
         for kind, words, touching in (
@@ -689,14 +688,14 @@ def _of_joints(mechanism: Mechanism) -> dict[str, JointDamper | JointSpring]:
     return {f"{of[type(e)]} {e.name}": e for e in found}
 
 
-def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iterator[Candidate]:
+def _stops(equations: LogEquations, places: Places, entry: Entry, row: int) -> Iterator[Candidate]:
     """A stop that pushes back above a place, or below it."""
-    at = evaluator.mechanism.coordinates.of(entry.joint).start + row
+    at = equations.mechanism.coordinates.of(entry.joint).start + row
     linear = places(Column("spring", entry.name), Column("constant", entry.name))
     hinge = places(*(Column("stop", entry.name, k) for k in range(len(STOPS))))
     if not linear or not hinge:
         return
-    c = stops(evaluator, at)
+    c = stops(equations, at)
     # −k max(q − c, 0), with c between two places, is the sum of such forces at both.
     above = np.eye(2)
     for k in range(len(c) - 1):
@@ -711,13 +710,13 @@ def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iter
             )  # fmt: skip
 
 
-def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
-    mechanism = evaluator.mechanism
+def _channels(equations: LogEquations, places: Places) -> Iterator[Candidate]:
+    mechanism = equations.mechanism
     of_joints = _of_joints(mechanism)
-    for part in evaluator.symbols.parts:
+    for part in equations.symbols.parts:
         name = part.name
         at = places(Column("channel", name))
-        logged = name in evaluator.log.places
+        logged = name in equations.log.places
         own = None if logged else of_joints.get(name)
         law = own.stiffness if isinstance(own, JointSpring) else own.damping if own else ()
         if own is not None and len(law) == 1 and isinstance(k := next(iter(law)), float):
@@ -738,8 +737,8 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         )
 
 
-def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
-    for link in evaluator.symbols.system.links:
+def _wrenches(equations: LogEquations, places: Places) -> Iterator[Candidate]:
+    for link in equations.symbols.system.links:
         body = link.joint.child
         drag = places(Column("drag of a body", body))
         unit = ("N·s²/m²",)
@@ -779,9 +778,9 @@ class _Moves:
     own: Array
 
     @staticmethod
-    def of(evaluator: Evaluator, joint: Joint) -> _Moves:
+    def of(equations: LogEquations, joint: Joint) -> _Moves:
         """Those of a joint."""
-        parent, child = displacements(evaluator.symbols.system, joint)
+        parent, child = displacements(equations.symbols.system, joint)
         return _Moves(
             joint, parent, child, np.array(joint.rotation), np.array(joint.child_rotation)
         )
@@ -831,11 +830,11 @@ def _directions(axis: Array | None) -> tuple[Array, tuple[str, ...]]:
     return made, tuple(f"({', '.join(f'{x:.3g}' for x in d.round(9) + 0.0)})" for d in made.T)
 
 
-def _places_of_joints(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
-    mechanism = evaluator.mechanism
+def _places_of_joints(equations: LogEquations, places: Places) -> Iterator[Candidate]:
+    mechanism = equations.mechanism
     carriers = {joint.child: joint for joint in mechanism.joints}
     for joint in mechanism.joints:
-        moves = _Moves.of(evaluator, joint)
+        moves = _Moves.of(equations, joint)
         frame, own, axis = moves.frame, moves.own, moves.axis
 
         def shifted(x: Array) -> Array:
@@ -917,9 +916,9 @@ def _bar(mechanism: Mechanism, joint: Joint) -> Array | None:
     return np.asarray(end - start)
 
 
-def _sizes(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+def _sizes(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """Each body stretched about its joint: with the joints on it, its mass centre and moments of inertia."""
-    mechanism, system = evaluator.mechanism, evaluator.symbols.system
+    mechanism, system = equations.mechanism, equations.symbols.system
     for link in system.links:
         name = link.joint.child
         if mechanism.body(name).massless or link.joint.kind == "free":
@@ -947,9 +946,9 @@ def _sizes(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         )
 
 
-def _numbers(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+def _numbers(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """Lengths, points, sizes and numbers in laws, of force elements and constraints; parameters."""
-    mechanism = evaluator.mechanism
+    mechanism = equations.mechanism
     points: dict[str, list[Number]] = {}
     for n in geometry_numbers(mechanism)[0]:
         if Column("number", n.address) not in places.of:

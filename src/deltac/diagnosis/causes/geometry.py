@@ -24,8 +24,13 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.causes.columns import Column, ColumnKernels, What, computes_weight
-from deltac.diagnosis.residuals.at_samples import Evaluator
+from deltac.diagnosis.causes.columns import (
+    Column,
+    ColumnKernels,
+    LogEquations,
+    What,
+    computes_weight,
+)
 from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.forces import channels
 from deltac.dynamics.laws import Varied
@@ -48,7 +53,7 @@ class Change:
     acceleration: SX
 
 
-def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
+def geometry_columns(equations: LogEquations) -> ColumnKernels:
     """The columns of all joints' places, of numbers of elements and constraints, and of parameters.
 
     They are called as other columns are. The first one is M (u̇ of the model − u̇), and the others are the
@@ -56,7 +61,7 @@ def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
     With constraints M ∂u̇/∂θ = x + Gᵀδλ and G ∂u̇/∂θ = −(δG u̇ + δγ), where x = δ(F_r + F*_r) + δGᵀ λ: exact
     where the equations close, else to first order in the residual.
     """
-    symbols = evaluator.symbols
+    symbols = equations.symbols
     s, bound = symbols.system, symbols.constrained
     if symbols.with_measured is not None:
         bound = None  # forces of constraints are those of the log
@@ -64,7 +69,7 @@ def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
     index = () if bound is None else bound.rows.index
     changes: dict[Column, Change] = {}
     for part in (_joints, _numbers, _parameters):
-        changes.update(part(evaluator, multipliers, index))
+        changes.update(part(equations, multipliers, index))
     force = sum((p.force for p in symbols.parts), start=ca.SX.zeros(s.u_all.shape[0]))
     first = Change(
         (force - rnea(s, symbols.udot))[s.free_u],
@@ -85,12 +90,12 @@ def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
     return ColumnKernels(tuple(changes), len(s.free_u), ca.horzcat(*columns), inputs)
 
 
-def _own(evaluator: Evaluator, parts: Sequence[Channel]) -> list[SX]:
+def _own(equations: LogEquations, parts: Sequence[Channel]) -> list[SX]:
     """Generalized forces of channels that neither the log holds nor gravity makes."""
     return [
         p.force
         for p in parts
-        if not p.logged and p.name not in evaluator.log.places and p.name != "gravity"
+        if not p.logged and p.name not in equations.log.places and p.name != "gravity"
     ]
 
 
@@ -98,16 +103,16 @@ def _own(evaluator: Evaluator, parts: Sequence[Channel]) -> list[SX]:
 
 
 def _joints(
-    evaluator: Evaluator, multipliers: SX, index: Sequence[int]
+    equations: LogEquations, multipliers: SX, index: Sequence[int]
 ) -> Iterator[tuple[Column, Change]]:
     """Displacements of each joint in its parent, and of each body on its joint: one sweep, tip to root."""
-    s = evaluator.symbols.system
+    s = equations.symbols.system
     nu = s.u_all.shape[0]
-    base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if computes_weight(evaluator) else None
+    base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if computes_weight(equations) else None
     V = velocities(s, s.u_all)
-    A = accelerations(s, V, evaluator.symbols.udot, base)
+    A = accelerations(s, V, equations.symbols.udot, base)
     J = _jacobians(s)
-    loose = _LooseBodies.of(evaluator, V, J, multipliers, index)
+    loose = _LooseBodies.of(equations, V, J, multipliers, index)
     still, ground = ca.SX(6, 1), ca.SX(6, 1) if base is None else base
     carried: list[_Carried] = []
     for k, link in enumerate(s.links):
@@ -281,14 +286,14 @@ class _LooseBodies:
 
     @staticmethod
     def of(
-        evaluator: Evaluator,
+        equations: LogEquations,
         V: Sequence[SX],
         jacobians: Sequence[SX],
         multipliers: SX,
         index: Sequence[int],
     ) -> _LooseBodies:
         """Those of a mechanism whose links have the velocities `V` and these Jacobians."""
-        s = evaluator.symbols.system
+        s = equations.symbols.system
         count, nu = len(s.links), s.u_all.shape[0]
         E = [ca.SX.sym("E", 3, 3) for _ in s.links]
         r = [ca.SX.sym("r", 3) for _ in s.links]
@@ -303,7 +308,7 @@ class _LooseBodies:
         scene = Scene(replace(s, links=links, u_all=ca.vertcat(s.u_all, v)))
         total = ca.SX.zeros(nu + 6 * count)
         for element in s.mechanism.elements:
-            total += sum(_own(evaluator, element.channels(scene)))
+            total += sum(_own(equations, element.channels(scene)))
         place = ca.vertcat(*(ca.vertcat(ca.vec(e), o) for e, o in zip(E, r)))
         turned = [_of_pose(e) for e in E]
         moving = ca.vertcat(*(ca.mtimes(T, v[6 * k : 6 * k + 6]) for k, T in enumerate(turned)))
@@ -488,16 +493,16 @@ def geometry_numbers(mechanism: Mechanism) -> tuple[tuple[Number, ...], Mechanis
 
 
 def _numbers(
-    evaluator: Evaluator, multipliers: SX, index: Sequence[int]
+    equations: LogEquations, multipliers: SX, index: Sequence[int]
 ) -> Iterator[tuple[Column, Change]]:
-    numbers, mechanism, values = geometry_numbers(evaluator.mechanism)
+    numbers, mechanism, values = geometry_numbers(equations.mechanism)
     if not numbers:
         return
-    s = evaluator.symbols.system
+    s = equations.symbols.system
     opened = replace(s, mechanism=mechanism, values={**s.values, **values})
     p = ca.vertcat(*(n.symbol for n in numbers))
     scene = Scene(opened)
-    forces = [f for e in mechanism.forces for f in _own(evaluator, e.channels(scene))]
+    forces = [f for e in mechanism.forces for f in _own(equations, e.channels(scene))]
     force = sum(forces, start=ca.SX.zeros(s.u_all.shape[0]))[s.free_u]
     names = [Column("number", n.address) for n in numbers]
     here = ca.DM([n.value for n in numbers])
@@ -505,17 +510,17 @@ def _numbers(
 
 
 def _parameters(
-    evaluator: Evaluator, multipliers: SX, index: Sequence[int]
+    equations: LogEquations, multipliers: SX, index: Sequence[int]
 ) -> Iterator[tuple[Column, Change]]:
-    mechanism, symbols = evaluator.mechanism, evaluator.symbols
+    mechanism, symbols = equations.mechanism, equations.symbols
     if not mechanism.parameters:
         return
     names = tuple(mechanism.parameters)
     s = trace(mechanism, names)
-    weight = computes_weight(evaluator)
+    weight = computes_weight(equations)
     base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if weight else None
     udot = ca.SX(s.udot_all)
-    force = sum(_own(evaluator, channels(s)), start=-rnea(s, udot, base))[s.free_u]
+    force = sum(_own(equations, channels(s)), start=-rnea(s, udot, base))[s.free_u]
     here = ca.DM([mechanism.parameters[name] for name in names])
     columns = [Column("parameter", name) for name in names]
     own = symbols.system

@@ -16,11 +16,10 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import Candidate, candidates
-from deltac.diagnosis.causes.columns import column_kernels
+from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.check.matching import EXACT
 from deltac.diagnosis.explain.result import sentence
 from deltac.diagnosis.inference.hypotheses import Block, Fit, search
-from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane, times
@@ -296,7 +295,7 @@ class _Regression:
             t=np.arange(float(count)), q=q, u=u, coordinates=mechanism.coordinates.names,
             speeds=mechanism.speeds.names, provenance=Provenance("states"),
         )  # fmt: skip
-        evaluator = Evaluator(mechanism, drawn)
+        evaluator = LogEquations(mechanism, drawn)
         kernels = column_kernels(evaluator)
         rates = np.zeros((count, 0))
         accelerations = (times(point.Y, udot) + point.rest).T

@@ -8,7 +8,7 @@ all its states is a handful of small products.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -32,6 +32,7 @@ from deltac.dynamics.terms import (
 )
 from deltac.dynamics.testing_functions import applicable, testing_functions
 from deltac.errors import InputError, StateError
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
@@ -112,10 +113,13 @@ class EquationTest:
         *,
         p: ArrayLike = (),
         strict: bool = True,
+        forces: Mapping[ChannelName, Array] | None = None,
     ) -> None:
         """Evaluate all coefficients at the states (`scales`: natural ones, found if not given).
 
-        `p` are the values of the parameters that `mechanism`, a `Kane`, keeps symbolic.
+        `p` are the values of the parameters that `mechanism`, a `Kane`, keeps symbolic. `forces` of a run on
+        the free speeds (nu, B), by channel, take the place of the model's own; those of prescribed joints and
+        of constraints are none of the active forces. The testing functions know the model's own forces only.
 
         Raises InputError, if `strict`, for states that do not meet the constraints or have no finite terms.
         """
@@ -124,6 +128,10 @@ class EquationTest:
         self.scales = natural_scales(kane) if scales is None else scales
         self.point: Point = kane.point(states.t, states.q, states.u, p)
         known: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u, p)
+        active = {
+            n: f for n, f in (forces or {}).items() if n.kind not in ("prescribed", "constraint")
+        }
+        known = replace(known, forces=known.forces | active)
         self.terms = known
         if strict:
             self._check(known)

@@ -106,23 +106,23 @@ def column_kernels(equations: LogEquations) -> ColumnKernels:
     symbols = equations.symbols
     s = symbols.system
     rate, curve = (ca.SX.sym(name, symbols.logged.shape[0]) for name in ("rate", "curve"))
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for part in (_inertia, _gravity, _joints, _wrenches):
-        found.update(part(equations))
-    found.update(_channels(equations, rate, curve))
-    kept = {column: x for column, x in found.items() if not ca.SX(x).is_zero()}
+        changes.update(part(equations))
+    changes.update(_channels(equations, rate, curve))
+    nonzero = {column: x for column, x in changes.items() if not ca.SX(x).is_zero()}
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
     bound = symbols.constrained
     if bound is None:  # else the constraints show it
         offsets = _offsets(equations, residual)
-        kept |= {column: x for column, x in offsets.items() if not ca.SX(x).is_zero()}
-    columns = [_projected(equations, x) for x in kept.values()]
+        nonzero |= {column: x for column, x in offsets.items() if not ca.SX(x).is_zero()}
+    columns = [_projected(equations, x) for x in nonzero.values()]
     if symbols.with_measured is not None and bound is not None:
         first = residual + ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
     else:
         first = _projected(equations, residual)
     inputs = (s.t, s.q, s.u, s.udot, symbols.logged, rate, curve)
-    return ColumnKernels(tuple(kept), len(s.free_u), ca.horzcat(first, *columns), inputs)
+    return ColumnKernels(tuple(nonzero), len(s.free_u), ca.horzcat(first, *columns), inputs)
 
 
 def _projected(equations: LogEquations, x: SX) -> SX:
@@ -157,25 +157,27 @@ def _inertia(equations: LogEquations) -> dict[Column, SX]:
     V = velocities(s, s.u_all)
     A = accelerations(s, V, equations.symbols.udot, base)
     steady = accelerations(s, V, ca.SX.zeros(s.u_all.shape[0]), None)
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for k, link in enumerate(s.links):
         if s.mechanism.body(link.joint.child).massless:
             continue
         turning = link.inertia @ steady[k] + cross_force(V[k], link.inertia @ V[k])
-        found[Column("velocity", link.joint.child)] = -gather(s, {k: turning})[s.free_u]
+        changes[Column("velocity", link.joint.child)] = -gather(s, {k: turning})[s.free_u]
         J = link.inertia.J - link.mass * (
             ca.sumsqr(link.centre) * ca.SX.eye(3) - ca.mtimes(link.centre, link.centre.T)
         )
         moment = ca.mtimes(J, steady[k][:3]) + cross(V[k][:3], ca.mtimes(J, V[k][:3]))
         own = gather(s, {k: ca.vertcat(moment, ca.SX.zeros(3))})
-        found[Column("gyroscopic", link.joint.child)] = -own[s.free_u]
+        changes[Column("gyroscopic", link.joint.child)] = -own[s.free_u]
         for index, inertia in enumerate(_unit_inertias()):
             F = inertia @ A[k] + cross_force(V[k], inertia @ V[k])
-            found[Column("inertia", link.joint.child, index)] = -gather(s, {k: F})[s.free_u]
+            changes[Column("inertia", link.joint.child, index)] = -gather(s, {k: F})[s.free_u]
             if base is not None and index < 4:
                 weight = inertia @ ca.vertcat(ca.SX.zeros(3), s.poses[k].E @ s.gravity)
-                found[Column("weight", link.joint.child, index)] = gather(s, {k: weight})[s.free_u]
-    return found
+                changes[Column("weight", link.joint.child, index)] = gather(s, {k: weight})[
+                    s.free_u
+                ]
+    return changes
 
 
 def computes_weight(equations: LogEquations) -> bool:
@@ -186,22 +188,22 @@ def computes_weight(equations: LogEquations) -> bool:
 
 def _gravity(equations: LogEquations) -> dict[Column, SX]:
     s = equations.symbols.system
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     if "gravity" in equations.log.places:
-        return found
+        return changes
     for axis in range(3):
         wrenches: dict[int, SX] = {}
         for k, (link, pose) in enumerate(zip(s.links, s.poses)):
             if not s.mechanism.body(link.joint.child).massless:
                 weight = link.mass * pose.E[:, axis]
                 wrenches[k] = ca.vertcat(cross(link.centre, weight), weight)
-        found[Column("gravity", "", axis)] = gather(s, wrenches)[s.free_u]
-    return found
+        changes[Column("gravity", "", axis)] = gather(s, wrenches)[s.free_u]
+    return changes
 
 
 def _joints(equations: LogEquations) -> dict[Column, SX]:
     s, mechanism = equations.symbols.system, equations.mechanism
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     n = len(s.free_u)
     for row, place in enumerate(s.free_u):
         entry = mechanism.speeds[place]
@@ -225,8 +227,8 @@ def _joints(equations: LogEquations) -> dict[Column, SX]:
         for column, value in force.items():
             x = ca.SX(n, 1)
             x[row] = value
-            found[column] = x
-    return found
+            changes[column] = x
+    return changes
 
 
 STOPS = (0.02, 0.06, 0.13, 0.23, 0.36, 0.5, 0.64, 0.77, 0.87, 0.94, 0.98)
@@ -243,7 +245,7 @@ def _offsets(equations: LogEquations, residual: SX) -> dict[Column, SX]:
     """Coordinates of hinges and sliders that are logged with another zero than the model's."""
     s, mechanism = equations.symbols.system, equations.mechanism
     free = {int(k): row for row, k in enumerate(mechanism.free.q)}
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for place in s.free_u:
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
@@ -253,16 +255,16 @@ def _offsets(equations: LogEquations, residual: SX) -> dict[Column, SX]:
             along = ca.SX.zeros(s.q.shape[0])
             along[row] = -1
             first_order = ca.jtimes(residual, s.q, along)
-            found[Column("offset", entry.name)] = first_order
-            found[Column("offset", entry.name, 1)] = 0.5 * ca.jtimes(first_order, s.q, along)
-    return found
+            changes[Column("offset", entry.name)] = first_order
+            changes[Column("offset", entry.name, 1)] = 0.5 * ca.jtimes(first_order, s.q, along)
+    return changes
 
 
 def _wrenches(equations: LogEquations) -> dict[Column, SX]:
     """Constant forces at mass centres, and constant moments; drag."""
     s = equations.symbols.system
     V = velocities(s, s.u_all)
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for k, (link, pose) in enumerate(zip(s.links, s.poses)):
         body = link.joint.child
         if s.mechanism.body(body).massless:
@@ -270,7 +272,7 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
         v = V[k][3:] + cross(V[k][:3], link.centre)
         drag = -ca.norm_2(v) * v
         wrench_of_drag = ca.vertcat(cross(link.centre, drag), drag)
-        found[Column("drag of a body", body)] = gather(s, {k: wrench_of_drag})[s.free_u]
+        changes[Column("drag of a body", body)] = gather(s, {k: wrench_of_drag})[s.free_u]
         for axis in range(3):
             world, own = pose.E[:, axis], link.to_body.E.T[:, axis]
             nothing = ca.SX(3, 1)
@@ -281,22 +283,22 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
                 "body-moment": ca.vertcat(own, nothing),
             }
             for what, wrench in wrenches.items():
-                found[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
-    return found
+                changes[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
+    return changes
 
 
 def _channels(equations: LogEquations, rate: SX, curve: SX) -> dict[Column, SX]:
     symbols = equations.symbols
     at = symbols.system.free_u
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for part in symbols.parts:
         kind = part.name.kind
         if part.name == "gravity" or kind == "correction":
             continue
-        found[Column("channel", part.name)] = part.force[at]
+        changes[Column("channel", part.name)] = part.force[at]
         if kind == "actuator" and part.name in equations.log.places:
             first = ca.jtimes(part.force, symbols.logged, rate)
             second = ca.jtimes(part.force, symbols.logged, curve)
-            found[Column("delay", part.name, 0)] = -first[at]
-            found[Column("delay", part.name, 1)] = 0.5 * second[at]
-    return found
+            changes[Column("delay", part.name, 0)] = -first[at]
+            changes[Column("delay", part.name, 1)] = 0.5 * second[at]
+    return changes

@@ -130,12 +130,12 @@ def _joints(
         carried.append(_Carried(rows, wrench))
     along, rates = ca.vertcat(s.q, s.u, s.t), ca.vertcat(s.qdot, s.udot, 1)
     for k in reversed(range(len(s.links))):
-        link, here = s.links[k], carried[k]
-        back = here.seen_through(link.X)
+        link, own_rows = s.links[k], carried[k]
+        back = own_rows.seen_through(link.X)
         before = link.parent
         v, a = (V[before], A[before]) if before >= 0 else (still, ground)
         moves: tuple[tuple[What, int, _Carried, SX, SX], ...] = (
-            ("body-place", k, here, V[k], A[k]),
+            ("body-place", k, own_rows, V[k], A[k]),
             ("joint-place", before, back, v, a),
         )
         for what, start, side, v, a in moves:
@@ -198,8 +198,8 @@ class _Carried:
             return _back(X, rows.T).T
 
         rows = self.rows
-        there = _Rows(back(rows.place), back(rows.velocity), back(rows.acceleration))
-        return _Carried(there, _back(X, self.wrench))
+        in_parent = _Rows(back(rows.place), back(rows.velocity), back(rows.acceleration))
+        return _Carried(in_parent, _back(X, self.wrench))
 
 
 def _back(X: Transform, F: SX) -> SX:
@@ -210,13 +210,13 @@ def _back(X: Transform, F: SX) -> SX:
 
 def _jacobians(s: System) -> list[SX]:
     """J (6, nu) of each link: its velocity is J u."""
-    made: list[SX] = []
+    jacobians: list[SX] = []
     for link in s.links:
-        J = ca.SX(6, s.u_all.shape[0]) if link.parent < 0 else link.X @ made[link.parent]
+        J = ca.SX(6, s.u_all.shape[0]) if link.parent < 0 else link.X @ jacobians[link.parent]
         if link.S.shape[1]:
             J[:, link.u] = link.S
-        made.append(ca.sparsify(J))
-    return made
+        jacobians.append(ca.sparsify(J))
+    return jacobians
 
 
 def _cross_motion(V: SX) -> SX:
@@ -260,13 +260,13 @@ def displacements(s: System, joint: Joint) -> tuple[Array, Array]:
 def _displacements(to_body: Transform, place: Array) -> Array:
     E, r = (np.array(ca.evalf(ca.densify(ca.SX(x)))) for x in (to_body.E, to_body.r))
     axes, at = E.T, r.ravel() + E.T @ place
-    made = np.zeros((6, 6))
-    made[3:, :3] = made[:3, 3:] = axes
-    made[3:, 3:] = np.cross(at, axes, axisa=0, axisb=0, axisc=0)
-    made[np.abs(made) < 4.0 * EPS] = (
+    motion = np.zeros((6, 6))
+    motion[3:, :3] = motion[:3, 3:] = axes
+    motion[3:, 3:] = np.cross(at, axes, axisa=0, axisb=0, axisc=0)
+    motion[np.abs(motion) < 4.0 * EPS] = (
         0.0  # turned frames leave rounding where planar motion has zeros
     )
-    return made
+    return motion
 
 
 # --- force elements and constraints, as laws of bodies that nothing joins -------------------------------
@@ -311,11 +311,11 @@ class _LooseBodies:
             total += sum(_own(equations, element.channels(scene)))
         place = ca.vertcat(*(ca.vertcat(ca.vec(e), o) for e, o in zip(E, r)))
         turned = [_of_pose(e) for e in E]
-        moving = ca.vertcat(*(ca.mtimes(T, v[6 * k : 6 * k + 6]) for k, T in enumerate(turned)))
+        directions = ca.vertcat(*(ca.mtimes(T, v[6 * k : 6 * k + 6]) for k, T in enumerate(turned)))
         rows = list[SX]()
         for constraint in s.mechanism.constraints if len(index) else ():
             for phi in constraint.positions(scene):
-                along, rates = ca.vertcat(place, s.q, s.t), ca.vertcat(moving, s.qdot, 1)
+                along, rates = ca.vertcat(place, s.q, s.t), ca.vertcat(directions, s.qdot, 1)
                 rows.append(ca.jtimes(phi, along, rates))
             rows += constraint.motions(scene)
         psi = ca.vertcat(ca.SX(0, 1), *rows)[list(index)]
@@ -324,26 +324,26 @@ class _LooseBodies:
         J = ca.jacobian(both, ca.vertcat(place, v))
         of_place = [ca.mtimes(J[:, 12 * k : 12 * k + 12], turned[k]) for k in range(count)]
         of_velocity = [J[:, 12 * count + 6 * k :][:, :6] for k in range(count)]
-        here = ca.vertcat(
+        zero = ca.vertcat(
             *(ca.vertcat(ca.vec(pose.E), pose.r) for pose in s.poses), *V, multipliers
         )
-        wrenches, *found = ca.substitute(
+        wrenches, *derivatives = ca.substitute(
             [total[nu:], *of_place, *of_velocity],
             [ca.vertcat(place, v, factor)],
-            [ca.densify(here)],
+            [ca.densify(zero)],
         )
 
         def generalized(part: SX) -> SX:
             """Rows of joints' speeds and of ψ, from those of joints, links and ψ."""
-            made = part[:nu, :]
+            forces = part[:nu, :]
             for k in range(count):
                 block = ca.sparsify(part[nu + 6 * k : nu + 6 * k + 6, :])
                 if block.nnz():
-                    made = made + ca.mtimes(jacobians[k].T, block)
-            return ca.vertcat(made, part[nu + 6 * count :, :])
+                    forces = forces + ca.mtimes(jacobians[k].T, block)
+            return ca.vertcat(forces, part[nu + 6 * count :, :])
 
-        made = [generalized(ca.sparsify(part)) for part in found]
-        return _LooseBodies(ca.vertsplit(wrenches, 6), made[:count], made[count:])
+        forces = [generalized(ca.sparsify(part)) for part in derivatives]
+        return _LooseBodies(ca.vertsplit(wrenches, 6), forces[:count], forces[count:])
 
 
 def _of_pose(E: SX) -> SX:
@@ -391,11 +391,11 @@ class _Opened:
 
     def part(self, part: Part, group: str) -> Any:
         """The same part with symbols."""
-        made = copy(part)
+        varied = copy(part)
         for field in fields(part):  # type: ignore[arg-type]
             at, value = f"{group}.{part.name}.{field.name}", getattr(part, field.name)
-            object.__setattr__(made, field.name, self._field(part, at, field.name, value))
-        return made
+            object.__setattr__(varied, field.name, self._field(part, at, field.name, value))
+        return varied
 
     def _field(self, part: Part, at: str, name: str, value: Any) -> Any:
         if name in POINTS:
@@ -437,25 +437,25 @@ class _Opened:
         return self._number(part, at, value, kind=kind, what=what) if value else value
 
     def _shape(self, part: Part, at: str, shape: Any) -> Any:
-        made = copy(shape)
+        varied = copy(shape)
         where = self._point(part, f"{at}.position", shape.position, shape.body, "contact-position")
-        object.__setattr__(made, "position", where)
+        object.__setattr__(varied, "position", where)
         for field in fields(shape):
             if field.name in SIZES:
                 what = f"the {field.name} of the {shape.where} in {part.where}"
                 value = getattr(shape, field.name)
                 size = self._size(part, f"{at}.{field.name}", value, "contact-size", what)
-                object.__setattr__(made, field.name, size)
-        return made
+                object.__setattr__(varied, field.name, size)
+        return varied
 
     def _branch(self, part: Part, at: str, branch: Any) -> Any:
-        made = copy(branch)
+        varied = copy(branch)
         points = tuple(
             (body, self._point(part, f"{at}.{k}", point, body, "attachment"))
             for k, (body, point) in enumerate(branch.points)
         )
-        object.__setattr__(made, "points", points)
-        return made
+        object.__setattr__(varied, "points", points)
+        return varied
 
     def _law(self, part: Part, at: str, law: Any) -> Any:
         if isinstance(law, tuple):
@@ -485,11 +485,11 @@ def geometry_numbers(mechanism: Mechanism) -> tuple[tuple[Number, ...], Mechanis
     opened = _Opened()
     forces = tuple(opened.part(e, "force") for e in mechanism.forces)
     constraints = tuple(opened.part(c, "constraint") for c in mechanism.constraints)
-    made = copy(mechanism)
-    made.__dict__.pop("elements", None)
-    object.__setattr__(made, "forces", forces)
-    object.__setattr__(made, "constraints", constraints)
-    return tuple(opened.numbers), made, opened.values
+    varied = copy(mechanism)
+    varied.__dict__.pop("elements", None)
+    object.__setattr__(varied, "forces", forces)
+    object.__setattr__(varied, "constraints", constraints)
+    return tuple(opened.numbers), varied, opened.values
 
 
 def _numbers(
@@ -505,8 +505,8 @@ def _numbers(
     forces = [f for e in mechanism.forces for f in _own(equations, e.channels(scene))]
     force = sum(forces, start=ca.SX.zeros(s.u_all.shape[0]))[s.free_u]
     names = [Column("number", n.address) for n in numbers]
-    here = ca.DM([n.value for n in numbers])
-    yield from _differentiated(opened, force, names, p, here, multipliers, index)
+    point = ca.DM([n.value for n in numbers])
+    yield from _differentiated(opened, force, names, p, point, multipliers, index)
 
 
 def _parameters(
@@ -521,10 +521,10 @@ def _parameters(
     base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if weight else None
     udot = ca.SX(s.udot_all)
     force = sum(_own(equations, channels(s)), start=-rnea(s, udot, base))[s.free_u]
-    here = ca.DM([mechanism.parameters[name] for name in names])
+    point = ca.DM([mechanism.parameters[name] for name in names])
     columns = [Column("parameter", name) for name in names]
     own = symbols.system
-    for column, change in _differentiated(s, force, columns, s.p, here, multipliers, index):
+    for column, change in _differentiated(s, force, columns, s.p, point, multipliers, index):
         x, rate = ca.substitute(
             [change.force, change.acceleration],
             [s.t, s.q, s.u, s.udot],
@@ -538,7 +538,7 @@ def _differentiated(
     force: SX,
     columns: Sequence[Column],
     p: SX,
-    here: SX,
+    point: SX,
     multipliers: SX,
     index: Sequence[int],
 ) -> Iterator[tuple[Column, Change]]:
@@ -552,7 +552,7 @@ def _differentiated(
     x, y = ca.substitute(
         [ca.jacobian(force, p), ca.jacobian(rate, p)],
         [p, factor],
-        [here, multipliers],
+        [point, multipliers],
     )
     for k, column in enumerate(columns):
         if not (ca.SX(x[:, k]).is_zero() and ca.SX(y[:, k]).is_zero()):

@@ -260,8 +260,8 @@ def causes_of_model(test: EquationTest, udot: Array) -> tuple[Finding, ...]:
     mechanism = test.kane.mechanism
 
     def words(fit: Fit, k: int) -> str:
-        told = sentence(mechanism, fit.chosen[k], fit.theta[k], fit.deviation(k))
-        return told.replace("the run", "the function")
+        text = sentence(mechanism, fit.chosen[k], fit.theta[k], fit.deviation(k))
+        return text.replace("the run", "the function")
 
     others = [
         " and ".join(words(f, k) for k in range(len(f.chosen))) for f in posterior.alternatives
@@ -304,8 +304,8 @@ class _Regression:
         places = np.arange(values.shape[2] - 1)
         empty = np.arange(0), np.zeros(0)
         block = Block(values[..., 0], -values[..., 1:], *empty, places, EXACT**2)
-        found = candidates(evaluator, kernels.columns)
-        return _Regression(block, tuple(c for c in found if c.kind not in OF_A_LOG))
+        every_cause = candidates(evaluator, kernels.columns)
+        return _Regression(block, tuple(c for c in every_cause if c.kind not in OF_A_LOG))
 
     def sizes(self, fit: Fit) -> Array:
         """How much each cause of a fit changes the equations."""

@@ -28,9 +28,9 @@ def advice(run: Trajectory, inference: Inference) -> str:
     most, motion = 0, ""
     for name, samples in _experiments(run, inference):
         first, *others = _effects(inference, samples, fits)
-        apart = sum(_difference(first, other) > APART for other in others)
-        if apart > most:
-            most, motion = apart, name
+        distinguished = sum(_difference(first, other) > APART for other in others)
+        if distinguished > most:
+            most, motion = distinguished, name
     if not motion:
         return (
             "No motion of this machine can tell them apart from joint coordinates and these forces: they "
@@ -82,21 +82,23 @@ def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampl
         return t, q, u, udot, forces * rng.standard_normal((STATES, logged))
 
     anywhere = _poses(mechanism, rng)
-    here = np.repeat(run.q[:1, free.q], STATES, axis=0)
+    pose = np.repeat(run.q[:1, free.q], STATES, axis=0)
     still = np.zeros((STATES, nu))
     fast, hard = speed * rng.standard_normal((STATES, nu)), bent * rng.standard_normal((STATES, nu))
     force = (
         max((float(np.abs(f).max(initial=0.0)) for f in run.forces.values()), default=0.0) or 1.0
     )
-    found = [
+    motions = [
         ("the machine at rest in several poses", states(anywhere, still, still, 0.0)),
         ("a motion with different motor forces", states(anywhere, fast, hard, force)),
     ]
     for k, alone in enumerate(np.eye(nu)):
         name = mechanism.speeds[int(free.u[k])].name
-        found.append((f"a motion of `{name}` alone", states(here, fast * alone, hard * alone, 0.0)))
+        motions.append(
+            (f"a motion of `{name}` alone", states(pose, fast * alone, hard * alone, 0.0))
+        )
     return [
-        *found,
+        *motions,
         ("fast motions at constant speeds", states(anywhere, 5 * fast, still, 0.0)),
         ("a motion of all joints through other poses", states(anywhere, fast, hard, 0.0)),
     ]

@@ -82,8 +82,8 @@ class RunResidual:
         decay = STIFFEST / (run.provenance.step or float(np.median(np.diff(run.t))))
         restoring = 2.0 * decay * np.abs(test.terms.psi) + decay**2 * np.abs(test.terms.phi)
         size = _rms(self.rates)
-        known = CLEAR * (self.rate_precision + 4.0 * EPS * scale) + _rms(restoring)
-        shares = np.where((size > known) & (size > LEAST * scale), size / scale, 0.0)
+        explained = CLEAR * (self.rate_precision + 4.0 * EPS * scale) + _rms(restoring)
+        shares = np.where((size > explained) & (size > LEAST * scale), size / scale, 0.0)
         names = test.kane.rows.names
         return {n: float(max(s for s, m in zip(shares, names) if m == n)) for n in names}
 
@@ -138,9 +138,9 @@ def _moved(run: Trajectory, rows: NDArray[np.intp], rng: np.random.Generator) ->
 
     def moved(values: Array, name: str, places: Mapping[str, list[int]] | None = None) -> Array:
         half = digits[name].half(rows)
-        off = rng.uniform(-1.0, 1.0, half.shape) * half
+        change = rng.uniform(-1.0, 1.0, half.shape) * half
         other = np.array(values)
-        other[:, slice(None) if places is None else places[name]] += off
+        other[:, slice(None) if places is None else places[name]] += change
         return other
 
     acting = {f"force {name}": places for name, places in LoggedForces.of(run).places.items()}
@@ -168,7 +168,7 @@ def stale_stage(run: Trajectory, original: RunResidual) -> list[Finding]:
     rows = original.rows[inner]
     if not original.relative.any() or len(rows) < 4:
         return []
-    here, after = run.take(rows), run.take(rows + 1)
+    current, after = run.take(rows), run.take(rows + 1)
 
     def size(residual: Array) -> float:
         return float(np.sqrt(np.mean((residual / original.scale[:, None]) ** 2)))
@@ -180,14 +180,14 @@ def stale_stage(run: Trajectory, original: RunResidual) -> list[Finding]:
         ("accelerations", {"udot": after.udot}),
         ("forces and accelerations", {"forces": after.forces, "udot": after.udot}),
     ):
-        test, udot = _tested(original.test.kane, replace(here, **shifted))
-        left = size(test.residual(udot))
-        if left < EXPLAINED * unshifted:
+        test, udot = _tested(original.test.kane, replace(current, **shifted))
+        remainder = size(test.residual(udot))
+        if remainder < EXPLAINED * unshifted:
             return [
                 Finding(
                     "stale-stage",
                     f"the log's {what} are one row old: each belongs to the state of the row before",
-                    f"shifted by one row, they leave {left / unshifted:.2g} of the residual of the equations",
+                    f"shifted by one row, they leave {remainder / unshifted:.2g} of the equations' residual",
                     "Log them with the state that they belong to: after a step most engines hold new "
                     "positions beside old forces. deltac.record_mujoco takes care of that",
                     "doubt",

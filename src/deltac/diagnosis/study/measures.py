@@ -111,16 +111,16 @@ def residuals_of(
     `own` are coordinates to express them in; `until` is when the runs part. `trusted`: the runs are our own
     solvers', and their u̇ is what the equations gave.
     """
-    known = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
-    if not known or not len(mechanism.free.u):
+    measured = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
+    if not measured or not len(mechanism.free.u):
         return None
-    finest, kane = known[-1][1], Kane(mechanism)
+    finest, kane = measured[-1][1], Kane(mechanism)
     of_finest = run_residual(kane, finest)
     blamed = _in_own(mechanism, finest, of_finest, own)
     worst = [of_finest.largest(finest)]
     findings: list[Finding] = []
     if worst[0] > 0.0:
-        coarser = [run_residual(kane, run).largest(run) for _, run in known[:-1]]
+        coarser = [run_residual(kane, run).largest(run) for _, run in measured[:-1]]
         worst = [*coarser, worst[0]]
         if not trusted:
             from deltac.diagnosis.audit import conventions
@@ -129,10 +129,10 @@ def residuals_of(
             if not findings and of_finest.relative.any():
                 findings = [f for f in [conventions.units(mechanism, finest)] if f is not None]
     else:
-        worst = [0.0] * len(known)
+        worst = [0.0] * len(measured)
     order = 0.0
-    if len(known) > 1 and not trusted and min(worst) > 0.0:
-        order = _falling(kane, known[-2:], until)
+    if len(measured) > 1 and not trusted and min(worst) > 0.0:
+        order = _falling(kane, measured[-2:], until)
     constraints = of_finest.constraints(finest)
     names, relative = blamed.test.speeds, blamed.relative
     return Residuals(names, relative, constraints, tuple(worst), order, tuple(findings))
@@ -256,8 +256,8 @@ class StudyMeasures:
     @property
     def resolved(self) -> bool:
         """Whether three runs or more are of one motion: differences of successive ones fall."""
-        seen = len(self.state.sizes) > 1 and self.state.trend == "does not settle"
-        return len(self.steps) > 2 and not seen
+        unsettled = len(self.state.sizes) > 1 and self.state.trend == "does not settle"
+        return len(self.steps) > 2 and not unsettled
 
     def has(self, *kinds: str) -> bool:
         """Whether one of these was found."""

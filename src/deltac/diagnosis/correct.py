@@ -81,10 +81,10 @@ class Correction(Report, omit=("run", "audit")):
 
     def summary(self) -> str:
         """How far the log was off, and the corrected motion may be."""
-        error, left = float(np.abs(self.log_error).max()), float(self.remaining.max())
+        error, remainder = float(np.abs(self.log_error).max()), float(self.remaining.max())
         return (
             f"the log is off by up to {number(error, digits=2)}, the corrected motion by about "
-            f"{number(left, digits=1)}; |ΔC| {number(self.log_delta_c, 'J', 2)} → "
+            f"{number(remainder, digits=1)}; |ΔC| {number(self.log_delta_c, 'J', 2)} → "
             f"{number(self.delta_c, 'J', 2)}"
         )
 

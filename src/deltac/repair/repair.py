@@ -63,11 +63,11 @@ ALIKE = 4
 DEARER = 1.6
 """Edits that cost this much more than the least one are not reported."""
 
-FAILING_TIME = 8.0
-"""Time of the processor for edits of a statement that raises an error (s)."""
+FAILING_EDITS = 400
+"""Edits that are tried of a statement that raises an error."""
 
-MORE_TIME = 3.0
-"""Time of the processor in which other ways are looked for when a repair is found (s)."""
+MORE = 40
+"""Edits that are tried for other ways when a repair is found."""
 
 SAME_RESULT = 1e-7
 """Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
@@ -291,10 +291,8 @@ def _failing(
         for line in failed.lines
     )
     right: list[tuple[tuple[EditCandidate, ...], Source]] = []
-    end = time.process_time() + FAILING_TIME
-    for candidate in text_edits(source, [nodes[-1] for nodes in covering if nodes]):
-        late = time.monotonic() > deadline or time.process_time() > end
-        if late or (right and candidate.cost > right[0][0][0].cost):
+    for candidate in text_edits(source, [nodes[-1] for nodes in covering if nodes])[:FAILING_EDITS]:
+        if time.monotonic() > deadline or (right and candidate.cost > right[0][0][0].cost):
             break
         changed = apply(source, [candidate])
         with contextlib.suppress(InputError):
@@ -365,11 +363,10 @@ def _confirm(
     right: list[tuple[tuple[EditCandidate, ...], Source]] = []
     texts: set[str] = set()
     places: Counter[tuple[int, ...]] = Counter()
-    cheapest, end = np.inf, np.inf
+    cheapest, most = np.inf, MOST_VALIDATED
     for count, edits in enumerate(candidates):
         cost = sum(e.cost for e in edits)
-        late = time.monotonic() > deadline or time.process_time() > end
-        if count >= MOST_VALIDATED or late or cost > cheapest + DEARER:
+        if count >= most or time.monotonic() > deadline or cost > cheapest + DEARER:
             break
         lines = tuple(reading.source.statement(e.place).lineno for e in edits)
         if places[lines] >= ALIKE:
@@ -379,7 +376,7 @@ def _confirm(
             texts.add(changed.text)
             places[lines] += 1
             cheapest = min(cheapest, cost)
-            end = min(end, time.process_time() + MORE_TIME)
+            most = min(most, count + MORE)
             right.append((edits, changed))
     return right
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, islice, permutations, takewhile
-from time import monotonic
+from itertools import combinations, islice, permutations
 
 import numpy as np
 
@@ -34,9 +33,6 @@ STATES = 12
 
 MOST = 600
 """Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
-
-PATIENCE = 20.0
-"""Seconds that the calls of a slow function in other coordinates may take; others are bounded by `MOST`."""
 
 FEW = 4
 """Coordinates of which all orders are tried."""
@@ -87,8 +83,7 @@ def _coordinates(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
     # One state refutes nearly every hypothesis, and functions may be slow.
     k = int(np.argmax(np.abs(right).max(axis=0)))
     one = some.take(np.array([k]))
-    until = monotonic() + PATIENCE
-    for frame in takewhile(lambda _: monotonic() < until, islice(_frames(test), MOST)):
+    for frame in islice(_frames(test), MOST):
         if _agree(_called(caller, frame.seen(one)), frame.B @ right[:, [k]]) and _agree(
             _called(caller, frame.seen(some)), frame.B @ right
         ):

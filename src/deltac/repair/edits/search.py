@@ -6,7 +6,7 @@ import ast
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -26,8 +26,8 @@ from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import TapeChange
 
-TRACING_TIME = 12.0
-"""Time of the processor for edits for which the text is traced again (s)."""
+TRACED_OPERATIONS = 2_000_000
+"""Operations of the function that are recorded where the text of edits is traced again, about."""
 
 FIRST_STATES = 3
 """States at which a text is traced again at first."""
@@ -52,15 +52,11 @@ Kind: TypeAlias = Callable[[Source, int, Names], Iterator[EditCandidate]]
 
 @dataclass(eq=False, repr=False)
 class EditSearch:
-    """One program, and what is known of its expressions.
-
-    `residuals`: edits for which the text was traced again, and the residual (n, STATES) that they leave.
-    """
+    """One program, and what is known of its expressions."""
 
     program: Program
     target: Target
     deadline: float = np.inf
-    residuals: list[tuple[EditCandidate, Array]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.names = TracedNames(self.program)
@@ -179,11 +175,11 @@ class EditSearch:
             if id(statement) in statements or any(id(n) in statements for n in inner):
                 self.untraced += structure(source, place, self.names)
         right: list[EditCandidate] = []
-        end = time.process_time() + TRACING_TIME
+        most = min(TRACED_EDITS, TRACED_OPERATIONS // len(self.program.tape))
         texts: set[tuple[int, str]] = set()
         for candidate in sorted(self.untraced, key=lambda c: c.cost):
-            late = time.monotonic() > self.deadline or time.process_time() > end
-            if late or len(right) >= ENOUGH_RIGHT_EDITS or len(texts) >= TRACED_EDITS:
+            late = time.monotonic() > self.deadline
+            if late or len(right) >= ENOUGH_RIGHT_EDITS or len(texts) > most:
                 break
             key = candidate.place, candidate.text
             if key not in texts and self._right(candidate):
@@ -199,14 +195,10 @@ class EditSearch:
             return False
         samples = self.target.samples()
         try:
-            few = reading(changed, samples.at(np.arange(min(FIRST_STATES, len(samples.t)))))
-            if few.wrong < RIGHT:
-                return reading(changed, samples).wrong < RIGHT
+            few = samples.at(np.arange(min(FIRST_STATES, len(samples.t))))
+            return all(reading(changed, some).wrong < RIGHT for some in (few, samples))
         except InputError:
             return False
-        if len(few.pieces) == 1:
-            self.residuals.append((candidate, few.worst.original_residual))
-        return False
 
 
 def confirmed(
@@ -232,8 +224,11 @@ COMBINED = 12
 VALUE_MATCH = 1e-7
 POOL = 20_000
 
-FOLLOWED_TIME = 20.0
-"""Time of the processor for second edits after a first one (s): nearly all that are found are found early."""
+FOLLOWED_OPERATIONS = 20_000_000
+"""Operations that are run to follow first edits, about: nearly all pairs that are found are found early."""
+
+ITERATIONS = 10
+"""Runs of a program that it takes to find what one of its expressions must be, about."""
 
 ALONG = 1e-5
 """A residual within this share of the direction in which an expression acts may be that expression's."""
@@ -269,7 +264,6 @@ def pairs(
         return
     for way, pool in zip(ways, pools):
         yield _followed(way, [*pool, *_closing(way)])
-    yield _after_reading(search)
 
 
 def _in_different_equations(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
@@ -348,20 +342,24 @@ def _closing(search: EditSearch) -> list[First]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
     program = search.program
     firsts: list[First] = []
-    end = time.process_time() + FOLLOWED_TIME
-    for place in program.numbers:
-        for row in np.flatnonzero(_wrong(program)):
-            if time.monotonic() > search.deadline or time.process_time() > end:
-                return firsts
-            r = search.requirements.closing(place, int(row))
-            if r is not None:
-                changes = {r.slot: TapeChange(partial(np.asarray, r.required), ())}
-                effect = program.residual(changes) - program.original_residual
-                firsts += [
-                    First(candidate, effect, changes)
-                    for candidate in insertions(program, r, search.vocabulary)
-                ]
+    closings = itertools.product(program.numbers, np.flatnonzero(_wrong(program)).tolist())
+    for place, row in itertools.islice(closings, _turns(program, ITERATIONS)):
+        if time.monotonic() > search.deadline:
+            break
+        r = search.requirements.closing(place, row)
+        if r is not None:
+            changes = {r.slot: TapeChange(partial(np.asarray, r.required), ())}
+            effect = program.residual(changes) - program.original_residual
+            firsts += [
+                First(candidate, effect, changes)
+                for candidate in insertions(program, r, search.vocabulary)
+            ]
     return firsts
+
+
+def _turns(program: Program, runs: int) -> int:
+    """How many of what runs a program so many times are within `FOLLOWED_OPERATIONS`."""
+    return 1 + FOLLOWED_OPERATIONS // (runs * len(program.tape))
 
 
 def _followed(
@@ -372,14 +370,17 @@ def _followed(
     At each state an expression moves the residual along one direction, whatever its value. So a first edit
     is followed only where it leaves a residual along the direction of some expression.
     """
-    program, end = search.program, time.process_time() + FOLLOWED_TIME
+    program = search.program
     if len(program.original_residual) < 2:
         return  # one direction is all there is
     _, along = _directions(program)
-    for first in sorted(firsts, key=lambda f: (f.candidate.cost, f.candidate.place)):
-        if not _explained(along, program.original_residual + first.effect).any():
-            continue
-        if time.monotonic() > search.deadline or time.process_time() > end:
+    likely = (
+        first
+        for first in sorted(firsts, key=lambda f: (f.candidate.cost, f.candidate.place))
+        if _explained(along, program.original_residual + first.effect).any()
+    )
+    for first in itertools.islice(likely, _turns(program, len(program.numbers))):
+        if time.monotonic() > search.deadline:
             return
         for second in _seconds(search, program.changed(first.changes)):
             yield first.candidate, second
@@ -421,48 +422,3 @@ def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:
     for place in places[_explained(along, program.original_residual)]:
         then.requirements.find(int(place))
     return sorted((c for r in then.whole for c in then.edits(r)), key=_plainness)
-
-
-def _after_reading(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
-    """An edit that is tried by reading the text again, and a second one, found in that text."""
-    program, target = search.program, search.target
-    end = time.process_time() + FOLLOWED_TIME
-    samples = target.samples()
-    few = reading(program.source, samples.at(np.arange(min(FIRST_STATES, len(samples.t))))).worst
-    _, along = _directions(few)
-    for first, residual in sorted(search.residuals, key=lambda x: x[0].cost):
-        if time.monotonic() > search.deadline or time.process_time() > end:
-            return
-        if (
-            len(residual) < 2
-            or residual.shape != along.shape[1:]
-            or not _explained(along, residual).any()
-        ):
-            continue
-        changed = apply(program.source, [first])
-        assert changed is not None  # it has been read
-        try:
-            again = at(changed, target, tuple(program.samples.parameters)).worst
-        except InputError:
-            continue
-        for second in _seconds(search, again):
-            back = _before(program.source, first, changed, second.place)
-            if back is not None:
-                yield first, replace(second, source=program.source, place=back, new=second.text)
-
-
-def _before(source: Source, first: EditCandidate, changed: Source, place: int) -> int | None:
-    """The place in the source of a node of the edited one; None where it is part of the edit."""
-    _, end = source.span(source.nodes[first.place])
-    shift = len(changed.text) - len(source.text)
-    edited = changed.nodes[place]
-    a, b = changed.span(edited)
-    start, _ = source.span(source.nodes[first.place])
-    if a >= end + shift:
-        a, b = a - shift, b - shift
-    elif b > start:
-        return None
-    for k, node in enumerate(source.nodes):
-        if type(node) is type(edited) and hasattr(node, "lineno") and source.span(node) == (a, b):
-            return k
-    return None

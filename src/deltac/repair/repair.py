@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.location import blame, blame_at
@@ -68,9 +68,6 @@ FAILING_EDITS = 400
 
 MORE = 40
 """Edits that are tried for other ways when a repair is found."""
-
-SAME_RESULT = 1e-7
-"""Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
 
 TWO = 2.5
 """Edits that cost more than this are compared with two plain ones."""
@@ -529,7 +526,7 @@ def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], boo
             )
         size = np.abs(result).max() + 1e-300
         same = (
-            k for k, other in enumerate(kinds) if np.abs(other - result).max() <= SAME_RESULT * size
+            k for k, other in enumerate(kinds) if np.abs(other - result).max() <= HALF_DIGITS * size
         )
         formulas.append(next(same, len(kinds)))
         if formulas[-1] == len(kinds):

@@ -13,7 +13,7 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.check.numbers import CLOSE, formula
 from deltac.diagnosis.check.terms import (
     Part,
@@ -26,9 +26,6 @@ from deltac.diagnosis.check.terms import (
 )
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.results import Serialisable
-
-EXACT = 1e-7
-"""Relative difference of what agrees to half of a double's digits: of a fit that is no coincidence."""
 
 MOST_TERMS = 3
 
@@ -232,7 +229,7 @@ def _alike(residual: Array, parts: Sequence[Part]) -> tuple[tuple[Part, float], 
     least = np.inf
     for factors in product((0.0, 1.0, 2.0), repeat=len(shaped)):
         total = sum(c * x for c, (_, x) in zip(factors, shaped))
-        if abs(total - 1.0) > EXACT:
+        if abs(total - 1.0) > HALF_DIGITS:
             continue
         chosen = tuple((p, c) for c, (p, _) in zip(factors, shaped) if c)
         odd = len(chosen) + 0.1 * sum(c == 2.0 for _, c in chosen)
@@ -243,7 +240,7 @@ def _alike(residual: Array, parts: Sequence[Part]) -> tuple[tuple[Part, float], 
 
 def _parallel(values: Array, residual: Array, size: float) -> bool:
     rest = residual - values * (float(values @ residual) / float(values @ values))
-    return float(np.linalg.norm(rest)) <= EXACT * size
+    return float(np.linalg.norm(rest)) <= HALF_DIGITS * size
 
 
 def _with_ratio(
@@ -261,7 +258,7 @@ def _with_ratio(
         with np.errstate(all="ignore"):
             c = (Z @ stands) / np.einsum("sb,sb->s", Z, Z)
             rest = np.linalg.norm(stands - c[:, None] * Z, axis=1)
-        fits = np.flatnonzero((rest <= EXACT * size) & (np.abs(c) > 1e-6))
+        fits = np.flatnonzero((rest <= HALF_DIGITS * size) & (np.abs(c) > 1e-6))
         term = _written(test, part) if len(fits) else ""
         for k in fits:
             number = float(c[k])
@@ -332,7 +329,7 @@ def explain_plainly(
 def explain_by(
     residual: Array,
     parts: Sequence[Part],
-    exact: float = EXACT,
+    exact: float = HALF_DIGITS,
     cost: Callable[[Part, float], float] | None = None,
 ) -> tuple[tuple[Part, float], ...]:
     """The fewest parts whose sum with constant coefficients is the residual (B,); empty if none is.

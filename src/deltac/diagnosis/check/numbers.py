@@ -11,10 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from deltac.arrays import Array
-
-NEAR = 2e-7
-"""Relative difference of a number and the formula that it is taken for."""
+from deltac.arrays import HALF_DIGITS, Array
 
 CLOSE = 1e-5
 """Differences that six digits do not show: of a factor from one, and by normal equations, which lose half of
@@ -53,7 +50,7 @@ def formula(
     named = tuple(
         (name, abs(value))
         for name, value in parameters.items()
-        if value != 0.0 and abs(abs(value) - 1.0) > NEAR
+        if value != 0.0 and abs(abs(value) - 1.0) > HALF_DIGITS
     )[:MOST]
     logs, powers = _products(named)
     sign = "-" if number < 0 else ""
@@ -61,7 +58,7 @@ def formula(
     best: tuple[float, int, Fraction, tuple[tuple[str, int], ...]] | None = None
     for place, fraction in enumerate(FRACTIONS):
         errors = np.abs(logs - np.log(abs(number) / float(fraction)))
-        for k in np.flatnonzero(errors < NEAR):
+        for k in np.flatnonzero(errors < 2.0 * HALF_DIGITS):
             parts = powers[int(k)]
             if len(parts) > 1 and fraction != 1:
                 continue

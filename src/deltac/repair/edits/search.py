@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
@@ -221,7 +221,6 @@ def confirmed(
 COMBINED = 12
 """Edits of one set of equations that are combined with those of another."""
 
-VALUE_MATCH = 1e-7
 POOL = 20_000
 
 FOLLOWED_OPERATIONS = 20_000_000
@@ -320,14 +319,14 @@ def _adding_up(
     order = np.argsort(place_on_line)
     sorted_places = place_on_line[order]
     matches = []
-    width = VALUE_MATCH * (np.abs(effect).sum() + 1e-3)
+    width = HALF_DIGITS * (np.abs(effect).sum() + 1e-3)
     for i in range(len(pool)):
         need = goal - place_on_line[i]
         lo, hi = np.searchsorted(sorted_places, (need - width, need + width))
         for j in order[lo:hi]:
             if j <= i or pool[i].candidate.place == pool[j].candidate.place:
                 continue
-            if np.abs(E[i] + E[j] - effect).max() < VALUE_MATCH * np.abs(effect).max():
+            if np.abs(E[i] + E[j] - effect).max() < HALF_DIGITS * np.abs(effect).max():
                 matches.append((pool[i].candidate, pool[int(j)].candidate))
     matches.sort(key=lambda pair: pair[0].cost + pair[1].cost)
     yield from matches

@@ -17,6 +17,7 @@ import numpy as np
 from deltac.arrays import EPS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
+from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
 from deltac.diagnosis.inference.model import Model, Rows
@@ -96,6 +97,7 @@ class Correction(Report, omit=("run", "audit")):
 
 @checked
 @interruptible()
+@one_thread_per_matrix()
 def correct_trajectory(
     model: ModelLike,
     log: LogLike,

@@ -12,6 +12,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
+from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
@@ -162,8 +163,12 @@ class Audit(
 
     @cached_property
     def _predicted(self) -> str:
-        """The step for the tolerance, or why none can be predicted; empty where the equations are wrong."""
-        if self.verdict.kind == "equation-error" or self.inference is None:
+        """The step for the tolerance, or why none can be predicted; empty where that says nothing.
+
+        Of wrong equations it would say nothing, nor where nothing moves.
+        """
+        wrong = self.verdict.kind == "equation-error"
+        if wrong or self.inference is None or self.ledger.at_rest:
             return ""
         if self._unpredictable:
             return f"No step can be predicted for the tolerance: {self._unpredictable}."
@@ -339,6 +344,7 @@ SHARES = {"read": 0.4, "evidence": 0.6}
 
 @checked
 @interruptible()
+@one_thread_per_matrix()
 def audit(
     model: ModelLike,
     log: LogLike,
@@ -389,6 +395,7 @@ def audit(
 
 @checked
 @interruptible()
+@one_thread_per_matrix()
 def explain_residual(
     model: ModelLike,
     log: LogLike | list[LogLike],

@@ -22,7 +22,7 @@ from deltac.diagnosis.inference.attribution import Attribution, Share
 from deltac.diagnosis.inference.flow import FORCES
 from deltac.diagnosis.inference.hypotheses import CERTAIN
 from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference
-from deltac.diagnosis.verdict import NOTHING, Confidence, Finding, Kind, Verdict, percent
+from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 from deltac.energy import Ledger
 from deltac.results import HEADINGS
 from deltac.trajectories import Trajectory
@@ -85,13 +85,6 @@ class Judgement:
         """Largest |ΔC|, corrections included, and its error bar, J."""
         error = np.abs(self.ledger.uncorrected(self.function))
         return float(error.max()), float(self.ledger.error_bar[self.function].max())
-
-    @property
-    def rests(self) -> bool:
-        """Whether the energy exchanged is rounding."""
-        ledger = self.ledger
-        size = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max(initial=0.0))
-        return ledger.energy_exchanged <= NOTHING * max(size, NOTHING)
 
     # --- probabilities ---
 
@@ -197,7 +190,7 @@ class Judgement:
     @cached_property
     def odds(self) -> dict[Kind, float]:
         """Probabilities of the four verdicts; they add up to one."""
-        if self.rests or self.doubts:
+        if self.ledger.at_rest or self.doubts:
             return {
                 "consistent": 0.0,
                 "integration-error": 0.0,
@@ -469,7 +462,7 @@ def _evidence(e: Judgement) -> Iterator[str]:
         named = ", ".join(dict.fromkeys(f.kind for f in e.doubts))
         yield f"The log contradicts itself ({named}); correct it first"
         return
-    if e.rests:
+    if e.ledger.at_rest:
         joules = e.ledger.energy_exchanged
         yield f"Almost nothing moves: the energy exchanged, {joules:.3g} J, is at rounding level"
         return
@@ -552,7 +545,7 @@ def _undecided(e: Judgement) -> Finding:
     if e.doubts:
         kinds = ", ".join(dict.fromkeys(f.kind for f in e.doubts))
         return finding("the log contradicts itself", kinds, "Correct the log as the doubts say")
-    if e.rests:
+    if e.ledger.at_rest:
         joules = e.ledger.energy_exchanged
         return finding(
             "almost nothing moves", f"{joules:.3g} J exchanged", "Log a run in which energy flows"

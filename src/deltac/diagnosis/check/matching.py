@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations, product
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -34,9 +34,6 @@ MOST_VARIABLES = 4
 
 FAIR = 1.0
 """An explanation that costs no more than this is not doubted: plain factors of one part or two."""
-
-MOST_ALIKE = 7
-"""Summands of one shape of which all combinations are tried."""
 
 RATIO_OF = 4
 """Coordinates, and speeds, of which a factor may be a function."""
@@ -188,10 +185,6 @@ def _told(
     matches = explain_by(residual, parts, cost=cost)
     price = sum(cost(p, c) for p, c in matches) + (len(matches) - 1)
     if not matches or price > FAIR:
-        alike = _alike(residual, parts)
-        if alike and len(alike) - 1 < price:
-            matches, price = alike, len(alike) - 1
-    if not matches or price > FAIR:
         varied = _with_ratio(test, residual, parts)
         if varied is not None and (not matches or varied[1] < price):
             match, _, part = varied
@@ -210,37 +203,6 @@ def _written(test: EquationTest, part: Part) -> str:
     if part.symbols or part.key is None or part.key[0] in ("whole", "force"):
         return part.symbols
     return written(test.kane, part.key, part.row)
-
-
-def _alike(residual: Array, parts: Sequence[Part]) -> tuple[tuple[Part, float], ...]:
-    """Summands of one shape that together are the residual, each missing or with the wrong sign; or none.
-
-    m1 g l sin(a) and m2 g l sin(a) are told apart by their sizes alone.
-    """
-    size = float(np.linalg.norm(residual))
-    shaped = [
-        (p, float(p.values @ residual) / size**2)
-        for p in parts
-        if p.symbols and _parallel(p.values, residual, size)
-    ]
-    if not 1 < len(shaped) <= MOST_ALIKE:
-        return ()
-    best: tuple[tuple[Part, float], ...] = ()
-    least = np.inf
-    for factors in product((0.0, 1.0, 2.0), repeat=len(shaped)):
-        total = sum(c * x for c, (_, x) in zip(factors, shaped))
-        if abs(total - 1.0) > HALF_DIGITS:
-            continue
-        chosen = tuple((p, c) for c, (p, _) in zip(factors, shaped) if c)
-        odd = len(chosen) + 0.1 * sum(c == 2.0 for _, c in chosen)
-        if odd < least:
-            best, least = chosen, odd
-    return best
-
-
-def _parallel(values: Array, residual: Array, size: float) -> bool:
-    rest = residual - values * (float(values @ residual) / float(values @ values))
-    return float(np.linalg.norm(rest)) <= HALF_DIGITS * size
 
 
 def _with_ratio(

@@ -17,7 +17,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.check import whole
-from deltac.diagnosis.check.numbers import formula
+from deltac.diagnosis.check.matching import formula
 from deltac.diagnosis.check.table import check_table
 from deltac.dynamics import system
 

@@ -180,7 +180,7 @@ def test_what_is_not_installed_is_skipped_by_name(
     (tmp_path / "plan.toml").write_text(text)
     plan = plan_atlas(tmp_path / "plan.toml")
     assert plan.skipped == ("package no-such", "simulator pybullet")
-    assert {setting.simulator for setting, _ in plan.rows} == {"deltac"}
+    assert {run.setting.simulator for run in plan.rows} == {"deltac"}
 
 
 @pytest.mark.parametrize(

@@ -90,24 +90,36 @@ def column_kernels(evaluator: Evaluator) -> ColumnKernels:
     """All columns of a mechanism whose forces are those of `evaluator`."""
     symbols = evaluator.symbols
     s = symbols.system
+    # Of logs of one mechanism only the places of stops differ: all else is written out once.
+    rates, residual, shared = symbols.once("columns", lambda: _written_out(evaluator))
+    columns = {**shared, **_columns(evaluator, _stops(evaluator))}
+    inputs = (s.t, s.q, s.u, s.udot, symbols.logged, *rates)
+    expression = ca.horzcat(residual, *columns.values())
+    return ColumnKernels(tuple(columns), len(s.free_u), expression, inputs)
+
+
+def _written_out(evaluator: Evaluator) -> tuple[tuple[SX, SX], SX, dict[Column, SX]]:
+    """Symbols of the rates of logged forces and of their rates, the residual, all columns but stops."""
+    symbols = evaluator.symbols
+    s, bound = symbols.system, symbols.constrained
     rate, curve = (ca.SX.sym(name, symbols.logged.shape[0]) for name in ("rate", "curve"))
     found: dict[Column, SX] = {}
     for part in (_inertia, _gravity, _joints, _wrenches):
         found.update(part(evaluator))
     found.update(_channels(evaluator, rate, curve))
-    kept = {column: x for column, x in found.items() if not ca.SX(x).is_zero()}
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
-    bound = symbols.constrained
     if bound is None:  # else the constraints show it
-        offsets = _offsets(evaluator, residual)
-        kept |= {column: x for column, x in offsets.items() if not ca.SX(x).is_zero()}
-    columns = [_projected(evaluator, x) for x in kept.values()]
+        found.update(_offsets(evaluator, residual))
     if symbols.with_measured is not None and bound is not None:
         first = residual + ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
     else:
         first = _projected(evaluator, residual)
-    inputs = (s.t, s.q, s.u, s.udot, symbols.logged, rate, curve)
-    return ColumnKernels(tuple(kept), len(s.free_u), ca.horzcat(first, *columns), inputs)
+    return (rate, curve), first, _columns(evaluator, found)
+
+
+def _columns(evaluator: Evaluator, found: dict[Column, SX]) -> dict[Column, SX]:
+    """Those that are not zero, as the constraints leave them."""
+    return {c: _projected(evaluator, x) for c, x in found.items() if not ca.SX(x).is_zero()}
 
 
 def _projected(evaluator: Evaluator, x: SX) -> SX:
@@ -199,17 +211,33 @@ def _joints(evaluator: Evaluator) -> dict[Column, SX]:
             Column("constant", entry.name): ca.SX(1),
         }
         if KINDS[joint.kind].rates:
-            first = mechanism.coordinates.of(joint.name).start
-            at = first + place - mechanism.speeds.of(joint.name).start
-            q = s.q_all[at]
-            force |= {Column("spring", entry.name): -q} | {
-                Column("stop", entry.name, k): -ca.fmax(q - c, 0)
-                for k, c in enumerate(stops(evaluator, int(at)))
-            }
+            force[Column("spring", entry.name)] = -s.q_all[_coordinate(evaluator, int(place))]
         for column, value in force.items():
             x = ca.SX(n, 1)
             x[row] = value
             found[column] = x
+    return found
+
+
+def _coordinate(evaluator: Evaluator, place: int) -> int:
+    """The place of the coordinate whose rate is the speed at a place."""
+    mechanism = evaluator.mechanism
+    joint = mechanism.joint(mechanism.speeds[place].joint).name
+    start = mechanism.coordinates.of(joint).start
+    return int(start + place - mechanism.speeds.of(joint).start)
+
+
+def _stops(evaluator: Evaluator) -> dict[Column, SX]:
+    s, mechanism = evaluator.symbols.system, evaluator.mechanism
+    found: dict[Column, SX] = {}
+    for row, place in enumerate(map(int, s.free_u)):
+        entry = mechanism.speeds[place]
+        if KINDS[mechanism.joint(entry.joint).kind].rates:
+            at = _coordinate(evaluator, place)
+            for k, c in enumerate(stops(evaluator, at)):
+                x = ca.SX(len(s.free_u), 1)
+                x[row] = -ca.fmax(s.q_all[at] - c, 0)
+                found[Column("stop", entry.name, k)] = x
     return found
 
 
@@ -231,8 +259,7 @@ def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
     for place in s.free_u:
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
-        first = mechanism.coordinates.of(joint.name).start
-        row = free.get(int(first + place - mechanism.speeds.of(joint.name).start))
+        row = free.get(_coordinate(evaluator, int(place)))
         if len(joint.speeds) == 1 and KINDS[joint.kind].rates and row is not None:
             along = ca.SX.zeros(s.q.shape[0])
             along[row] = -1

@@ -58,6 +58,7 @@ OUTCOME: dict[str, str] = {
     },
     "speeds": NUMBER,
     "samples": NUMBER,
+    "lasted": NUMBER,
     "exit_code": NUMBER,
     "integrator_name": TEXT,
     "causes": TEXT,
@@ -227,6 +228,7 @@ def judged(setting: Setting, step: float) -> dict[str, Any]:
         **shares,
         "speeds": float(len(experiment.model.mechanism.speeds.names)),
         "samples": float(report.samples),
+        "lasted": float(run.t[-1] - run.t[0]) + step,
         "exit_code": float(report.exit_code),
         "integrator_name": None
         if report.integrator is None

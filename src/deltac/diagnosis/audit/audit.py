@@ -25,6 +25,7 @@ from deltac.diagnosis.inference.inference import Inference, infer
 from deltac.diagnosis.inference.integrators import IntegratorEstimate
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs.logs import Log, LogLike, in_model_order, read_log, read_run
+from deltac.diagnosis.residuals.at_samples import equation_terms
 from deltac.diagnosis.verdict import (
     RUN_TOLERANCE,
     Finding,
@@ -564,7 +565,8 @@ def _judgement(
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     inference = None
     if doubts <= set(checks.OF_RATES):
-        inference = infer(mechanism, log.consecutive, ledger.energy_exchanged, limit)
+        rows = _without_own_laws(mechanism, log.consecutive)
+        inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
     if doubts and inference is not None and inference.closes:
         # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
         findings = [f for f in findings if f.kind not in doubts]
@@ -600,6 +602,32 @@ def _judgement(
     return Judgement(
         run, ledger, function, log.consecutive, inference, attribution, tuple(findings), tolerance
     )
+
+
+DIGITS = 1e-9
+"""Share of a force within which two programs compute the same law from the same doubles."""
+
+
+def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
+    """A run without the forces that are the model's own at its rows: they are so between rows.
+
+    A spline through their rows would only repeat them with an error. What is held over a step is not the
+    model's there.
+    """
+    held = set(map(str, run.provenance.held or ()))
+    if not len(mechanism.free.u) or set(map(str, run.forces)) <= held:
+        return run
+    terms = equation_terms(mechanism, replace(run, udot=np.zeros_like(run.u), events=()))
+    own = {
+        name
+        for name, law in terms.own.items()
+        if str(name) not in held
+        and np.abs(terms.forces[name] - law).max() <= DIGITS * np.abs(law).max()
+    }
+    if not own:
+        return run
+    forces = {name: values for name, values in run.forces.items() if name not in own}
+    return replace(run, forces=forces, integrals={}, works={})
 
 
 def _audit(reference: Reference, judged: Judgement, strict: bool) -> Audit:

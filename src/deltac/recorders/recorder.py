@@ -159,19 +159,23 @@ class TrajectoryBuilder:
 
         Its time, s, or None without one.
         """
-        for row, (t, q, u, udot) in enumerate(self._rows):
-            columns = [q, u, np.zeros(0) if udot is None else udot]
-            columns += [rows[row] for rows in self._forces.values() if row in rows]
-            if not (np.abs(np.concatenate(columns)) <= PHYSICAL).all():
-                break
-        else:
+        row = next((k for k in range(len(self._rows)) if not self._is_physical(k)), None)
+        if row is None:
             return None
+        t = self._rows[row][0]
         del self._rows[row:]
-        for columns in (*self._forces.values(), *self._works.values()):
-            for place in [k for k in columns if k >= row]:
-                del columns[place]
+        tables: list[dict[int, Any]] = [*self._forces.values(), *self._works.values()]
+        for of_rows in tables:
+            for place in [k for k in of_rows if k >= row]:
+                del of_rows[place]
         self._steps = {k for k in self._steps if k < row}
         return t
+
+    def _is_physical(self, row: int) -> bool:
+        _, q, u, udot = self._rows[row]
+        columns = [q, u, np.zeros(0) if udot is None else udot]
+        columns += [rows[row] for rows in self._forces.values() if row in rows]
+        return bool((np.abs(np.concatenate(columns)) <= PHYSICAL).all())
 
     def trajectory(self, provenance: Provenance) -> Trajectory:
         """The samples so far.

@@ -103,10 +103,8 @@ def _written_out(evaluator: Evaluator) -> tuple[tuple[SX, SX], SX, dict[Column, 
     symbols = evaluator.symbols
     s, bound = symbols.system, symbols.constrained
     rate, curve = (ca.SX.sym(name, symbols.logged.shape[0]) for name in ("rate", "curve"))
-    found: dict[Column, SX] = {}
-    for part in (_inertia, _gravity, _joints, _wrenches):
-        found.update(part(evaluator))
-    found.update(_channels(evaluator, rate, curve))
+    key = ("columns", computes_weight(evaluator), "gravity" in evaluator.log.places)
+    found = {**s.once(key, lambda: _of_mechanism(evaluator)), **_channels(evaluator, rate, curve)}
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
     if bound is None:  # else the constraints show it
         found.update(_offsets(evaluator, residual))
@@ -115,6 +113,12 @@ def _written_out(evaluator: Evaluator) -> tuple[tuple[SX, SX], SX, dict[Column, 
     else:
         first = _projected(evaluator, residual)
     return (rate, curve), first, _columns(evaluator, found)
+
+
+def _of_mechanism(evaluator: Evaluator) -> dict[Column, SX]:
+    """Columns that are the same whatever the log holds but gravity."""
+    parts = (_inertia, _gravity, _joints, _wrenches)
+    return {column: x for part in parts for column, x in part(evaluator).items()}
 
 
 def _columns(evaluator: Evaluator, found: dict[Column, SX]) -> dict[Column, SX]:

@@ -32,7 +32,8 @@ COLUMNS, SCALE = 14, 3
 def rendered(path: Path) -> Image.Image | None:
     """The model at its start as MuJoCo shows it; None where it shows nothing."""
     try:
-        model = compiled_model(path)
+        urdf = path.suffix.lower() == ".urdf"
+        model = compiled_model(path) if urdf else mujoco.MjModel.from_xml_path(str(path))
     except InputError:
         return None
     if not np.any(model.geom_bodyid > 0):
@@ -86,6 +87,7 @@ def main() -> None:
     for label in sorted(labels):
         picture = rendered(files[label]) or drawn(files[label])
         if picture is not None:
+            print(label, flush=True)
             pictures[label] = picture.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
     rows = -(-len(pictures) // COLUMNS)
     sheet = Image.new("RGB", (COLUMNS * WIDTH, rows * HEIGHT), "white")

@@ -72,7 +72,7 @@ OUTCOME: dict[str, str] = {
 }
 """What the table says of every run; energies in J, see docs/atlas.md."""
 
-CHUNK = 24
+CHUNK = 8
 """Runs of a model that a worker does in one go."""
 
 READING = 120.0
@@ -268,8 +268,15 @@ class AtlasPlan(Plan):
         }
 
     def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
-        """Runs of a model that follow each other, at most `chunk`."""
-        for _, own in groupby(missing, lambda k: self.rows[k].setting.label):
+        """Runs of a model in a simulator that follow each other, at most `chunk`.
+
+        One that hangs or crashes costs few others; the next piece finds the model's equations compiled.
+        """
+
+        def group(k: int) -> tuple[str, str | None]:
+            return self.rows[k].setting.label, self.rows[k].setting.simulator
+
+        for _, own in groupby(missing, group):
             for some in _batched(list(own), chunk or CHUNK):
                 yield AtlasPiece(
                     tuple(self.addresses[k] for k in some), tuple(self.rows[k] for k in some)

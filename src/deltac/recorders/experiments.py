@@ -50,6 +50,9 @@ SWAY = (2.0, 5.0)
 HOLD = (1.5, 0.7)
 """Of held joints: frequency, Hz, and damping ratio of one that is held alone."""
 
+DIVERGED = 1e6
+"""Coordinates and speeds beyond which a run blew up, in SI units."""
+
 MOTIONS = ("fall", "sway", "hold")
 """No motor acts; small controls that are functions of time; springs and dampers hold the joints."""
 
@@ -270,6 +273,8 @@ def run_drake(experiment: Experiment, step: float, solver: str) -> Trajectory:
             if k:
                 drive(k * step)
             simulation.AdvanceTo((k + 1) * step)
+            if not np.abs(plant.GetPositionsAndVelocities(context)).max() <= DIVERGED:
+                break  # Drake does not come back from states that are not finite
     return recorder.trajectory()
 
 

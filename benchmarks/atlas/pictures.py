@@ -42,13 +42,17 @@ def rendered(path: Path) -> Image.Image | None:
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, 0) if model.nkey else None
     mujoco.mj_forward(model, data)
-    moving = data.geom_xpos[(model.geom_bodyid > 0) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)]
+    moving = data.geom_xpos[
+        (model.geom_bodyid > 0) & (model.geom_type != mujoco.mjtGeom.mjGEOM_PLANE)
+    ]
     camera = mujoco.MjvCamera()
     mujoco.mjv_defaultFreeCamera(model, camera)
     if len(moving):
         low, high = moving.min(axis=0), moving.max(axis=0)
         camera.lookat[:] = 0.5 * (low + high)
-        reach = np.linalg.norm(high - low) + 2.0 * np.median(model.geom_rbound[model.geom_bodyid > 0])
+        reach = np.linalg.norm(high - low) + 2.0 * np.median(
+            model.geom_rbound[model.geom_bodyid > 0]
+        )
         camera.distance = 1.3 * max(float(reach), 0.02)
     camera.azimuth, camera.elevation = 135.0, -20.0
     option = mujoco.MjvOption()
@@ -56,8 +60,11 @@ def rendered(path: Path) -> Image.Image | None:
         renderer.update_scene(data, camera, option)
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = 0
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
-        image = renderer.render()
-    return None if image.std() < 3.0 else Image.fromarray(image)
+        image = np.array(renderer.render())
+    if image.std() < 3.0:
+        return None
+    image[(image == 0).all(axis=2)] = 240  # where there is nothing
+    return Image.fromarray(image)
 
 
 def drawn(path: Path) -> Image.Image | None:

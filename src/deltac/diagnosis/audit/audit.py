@@ -575,8 +575,11 @@ def _judgement(
     if doubts <= set(checks.OF_RATES):
         rows = _without_own_laws(mechanism, log.consecutive)
         inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
-    if doubts and inference is not None and inference.closes:
+    error = np.abs(ledger.uncorrected(function_of(ledger))).max()
+    balanced = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
+    if doubts and inference is not None and (inference.closes or balanced):
         # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
+        # Nor do works of the loop that balance with energies of these speeds and coordinates.
         findings = [f for f in findings if f.kind not in doubts]
     elif doubts:
         inference = None

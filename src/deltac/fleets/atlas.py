@@ -416,8 +416,9 @@ def _runs(
 ) -> Iterator[tuple[int, Run]]:
     """The runs of one model, each with its round; one that says why for a model that is not run.
 
-    An atlas that is not complete is a fair sample: the first round has every model, by every integrator at
-    the own step, in one motion, by turns; the second the other steps of these; then the other motions.
+    An atlas that is not complete is a fair sample: the first round has every model in every simulator, by
+    one of its integrators and in one motion, by turns, at the own step; the second the other steps of these;
+    then the other integrators, then the other motions.
     """
     if isinstance(size, Size) and size.speeds > spec.speeds:
         size = Failure(
@@ -429,19 +430,20 @@ def _runs(
     step = size.step or spec.step
     duration = max(spec.duration, spec.rows * step)
     urdf = Path(common.path).suffix.lower() == ".urdf"
+    turn = zlib.crc32(common.label.encode())
     integrators = [
-        (name, solver)
+        (name, solver, (k + turn) % len(solvers) > 0)
         for name, solvers in simulators.items()
         if SIMULATORS[name].mjcf or urdf
-        for solver in solvers
+        for k, solver in enumerate(solvers)
     ]
-    first = zlib.crc32(common.label.encode()) % len(spec.motions)
+    first = turn % len(spec.motions)
     middle = min(spec.steps, key=lambda factor: abs(math.log(factor)))
     for k, motion in enumerate(spec.motions[first:] + spec.motions[:first]):
-        for name, solver in integrators:
+        for name, solver, later in integrators:
             own = replace(common, simulator=name, solver=solver, motion=motion, duration=duration)
             for factor in spec.steps:
-                yield 2 * k + (factor != middle), Run(own, factor, step * factor)
+                yield 4 * k + 2 * later + (factor != middle), Run(own, factor, step * factor)
 
 
 # --- models -----------------------------------------------------------------------------------------

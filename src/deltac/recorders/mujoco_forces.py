@@ -140,7 +140,7 @@ def generalized_forces(model: Model, data: Data, elements: Elements, plastic: Ar
     total = np.sum([*forces.values(), np.zeros(model.nv)], axis=0)
     summed = data.qfrc_smooth + data.qfrc_constraint + data.qfrc_bias
     lost.check("applied", summed, total[None])
-    residual = _solver_residual(model, data)
+    residual = _solver_residual(model, data, summed - total)
     if residual is not None:
         forces[SOLVER] = residual
     return forces
@@ -336,15 +336,17 @@ def _geom(elements: Elements, index: int) -> str:
 # --- sums ----------------------------------------------------------------------------------------
 
 
-def _solver_residual(model: Model, data: Data) -> Array | None:
+def _solver_residual(model: Model, data: Data, rounding: Array) -> Array | None:
     """What the iterative constraint solver left of the equations of motion, if it is not rounding.
+
+    `rounding` is what MuJoCo's sum of forces has beyond that of the channels: much, where forces cancel.
 
     InputError where there is no constraint to be solved: then the data are not of one instant.
     """
     if discrete(model):
         return None  # its q̈ is that of the step: the implicit terms hold this one too
     summed = data.qfrc_smooth + data.qfrc_constraint
-    residual = mass_times(model, data, data.qacc) - summed
+    residual = mass_times(model, data, data.qacc) - summed + rounding
     size = np.abs(residual).max(initial=0.0)
     scale = sum(
         np.abs(f).max(initial=0.0) for f in (data.qfrc_smooth, data.qfrc_constraint, data.qfrc_bias)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -42,6 +42,7 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.results import Section, Table, number, percent
+from deltac.simulation.step_size.energy_error import CREDIBLE
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.mapping import MappingLike
 
@@ -148,13 +149,14 @@ class Audit(
 
         Predicted from this log, not run: a known method is tried at other steps from the rows of the log; of
         one that only its numbers tell, the joules grow with the power of the step that is its order. At most
-        ten times the step of the log: what longer ones would do its rows do not tell.
+        ten times the step of the log, and of no more than a tenth of that energy: the rows do not tell what
+        longer steps would do, or a motion that is another one.
 
         Raises InputError (E-SOLVER) where that is not known: wrong equations, constraints or impacts, whose
         errors have no such order, an integrator that is not identified, joules within their own error or
         beside others that nothing explains.
         """
-        accepted = check_tolerance(tolerance) * self.reference_energy
+        accepted = min(check_tolerance(tolerance), CREDIBLE) * self.reference_energy
         if self._unpredictable or self.inference is None or self.attribution is None:
             raise SolverError(
                 f"step_for: {self._unpredictable}. `deltac.recommend` finds a step by running the model"
@@ -615,10 +617,6 @@ def _judgement(
     )
 
 
-DIGITS = 1e-9
-"""Share of a force within which two programs compute the same law from the same doubles."""
-
-
 def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
     """A run of every step without the forces that are the model's own at its rows: they are so between rows.
 
@@ -634,7 +632,7 @@ def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
     for name, law in laws.items():
         if name in run.forces and str(name) not in held:
             difference = run.forces[name][np.ix_(rows, mechanism.free.u)] - law
-            if np.abs(difference).max() <= DIGITS * np.abs(law).max():
+            if np.abs(difference).max() <= SAME * np.abs(law).max():
                 own.add(name)
     if not own:
         return run

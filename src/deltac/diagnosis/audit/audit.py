@@ -767,7 +767,7 @@ def _held_between_rows(inference: Inference, run: Trajectory) -> Trajectory | No
         power = np.einsum("km,km->k", acting, moved[:, [place[k] for k in speeds]])
         works[name] = np.concatenate([[0.0], np.cumsum(power)])
         forces[name] = np.array(run.forces[name])
-        forces[name][np.ix_(np.arange(len(acting)), speeds)] = acting
+        forces[name][: len(acting), speeds] = acting
     provenance = replace(
         run.provenance, step=float(np.median(np.diff(run.t))), held=tuple(map(str, works))
     )

@@ -287,13 +287,13 @@ def differing_channels(
         return []
     rows, free, motion = some_rows(run, MOST_ROWS), mechanism.free, equations_of_motion(mechanism)
     t, u = run.t[rows], run.u[np.ix_(rows, free.u)]
-    of_model = motion.terms(t, run.q[np.ix_(rows, free.q)].T, u.T).forces
+    of_model = motion.forces(t, run.q[np.ix_(rows, free.q)], u)
     lawless = {part.name for part in motion.channels if part.logged}
     findings: list[Finding] = []
     left_to_log = " ".join(str(r) for r in report.ignored) if report else ""
     for name, force in run.forces.items():
         logged = force[np.ix_(rows, free.u)]
-        own = None if name in lawless or name not in of_model else of_model[name].T
+        own = None if name in lawless else of_model.get(name)
         passive = name.kind in PASSIVE and f"'{name}'" not in left_to_log
         if ledger.basis.get(name) != "measured" or (own is None and not passive):
             continue

@@ -29,6 +29,9 @@ SUM_OF_FORCES = 1e-9
 Some hundred products lose 10⁻¹³; the rest is room for what cancels inside a simulator's own sums.
 """
 
+PHYSICAL = 1e50
+"""No coordinate, speed or force is larger in SI units; squares of squares of these do not overflow."""
+
 SAME = 1e-9
 """Relative difference of numbers that are the same but for rounding.
 

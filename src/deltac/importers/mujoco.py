@@ -18,6 +18,7 @@ from deltac.calls.arguments import checked
 from deltac.constraints import holonomic, loop_spherical, loop_weld
 from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType, shown
 from deltac.foreign.files import read_bytes
+from deltac.foreign.isolation import INSIDE
 from deltac.foreign.limits import Limits, free_memory
 from deltac.importers.files import BASES, with_base
 from deltac.importers.names import (
@@ -141,8 +142,11 @@ def _try_apart(path: Path) -> None:
 
     A few lines can ask for millions of bodies (<replicate>), and nothing stops MuJoCo once it compiles.
 
-    Raises LimitError for a file that takes too long, ModelError for one that brings MuJoCo down.
+    A worker process is bounded already. Raises LimitError for a file that takes too long, ModelError for
+    one that brings MuJoCo down.
     """
+    if INSIDE:
+        return
     limits = Limits.current()
     text = read_bytes(path, "model").decode("utf-8", "replace")
     for name in _FILES.findall(text):

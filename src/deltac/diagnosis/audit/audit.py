@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -575,9 +575,13 @@ def _judgement(
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     inference = None
     if doubts <= set(checks.OF_RATES):
-        inference = infer(mechanism, log.consecutive, ledger.energy_exchanged, limit)
-    if doubts and inference is not None and inference.closes:
+        rows = _without_own_laws(mechanism, log.consecutive)
+        inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
+    error = np.abs(ledger.uncorrected(function_of(ledger))).max()
+    balanced = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
+    if doubts and inference is not None and (inference.closes or balanced):
         # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
+        # Nor do works of the loop that balance with energies of these speeds and coordinates.
         findings = [f for f in findings if f.kind not in doubts]
     elif doubts:
         inference = None
@@ -611,6 +615,29 @@ def _judgement(
     return Judgement(
         run, ledger, function, log.consecutive, inference, attribution, tuple(findings), tolerance
     )
+
+
+def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
+    """A run of every step without the forces that are the model's own at its rows: they are so between rows.
+
+    A spline through their rows would only repeat them with an error. What is held over a step is not the
+    model's there.
+    """
+    held, step = set(map(str, run.provenance.held or ())), run.provenance.step
+    every = step is not None and len(run) > 1 and np.median(np.diff(run.t)) < 1.01 * step
+    if not len(mechanism.free.u) or not every or set(map(str, run.forces)) <= held:
+        return run
+    rows, laws = checks.own_laws(mechanism, run)
+    own = set[ChannelName]()
+    for name, law in laws.items():
+        if name in run.forces and str(name) not in held:
+            difference = run.forces[name][np.ix_(rows, mechanism.free.u)] - law
+            if np.abs(difference).max() <= SAME * np.abs(law).max():
+                own.add(name)
+    if not own:
+        return run
+    forces = {name: values for name, values in run.forces.items() if name not in own}
+    return replace(run, forces=forces, integrals={}, works={})
 
 
 def _audit(reference: Reference, judged: Judgement, strict: bool) -> Audit:

@@ -16,7 +16,7 @@ import pytest
 
 import deltac as dc
 from deltac.errors import InputError
-from deltac.fleets.atlas import atlas, plan_atlas
+from deltac.fleets.atlas import atlas, model_files, plan_atlas
 from deltac.recorders import experiments
 from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
 from deltac.recorders.mujoco_recorder import compiled_model
@@ -371,3 +371,24 @@ def test_a_recording_ends_where_the_run_blew_up() -> None:
         recorder = Own(("j",), ("j",))
         recorder.row(0.0, np.inf)
         recorder.trajectory()
+
+
+def test_differences_in_the_last_digits_are_no_mistake() -> None:
+    """PyBullet's masses differ from the file's by 10⁻¹⁰; Pinocchio's inverse dynamics finds its motion right."""
+    pin = pytest.importorskip("pinocchio")
+    pytest.importorskip("pybullet")
+    files, missing = model_files({"example-robot-data": ["*/go1.urdf"]}, Path())
+    if missing:
+        pytest.skip("example-robot-data is not installed")
+    experiment = Experiment.of(*files.values(), "sway", 0.3)
+    run = SIMULATORS["pybullet"].run(experiment, 0.004, "semi-implicit euler")
+    model = pin.buildModelFromXML(experiment.text)
+    data = model.createData()
+    places = [model.joints[model.getJointId(name)].idx_v for name in run.speeds]
+    total, rows = sum(run.forces.values()), (run.q, run.u, run.udot)
+    for k in range(len(run)):
+        state = [np.zeros(model.nv) for _ in rows]
+        for column, values in zip(state, rows):
+            column[places] = values[k]
+        assert np.abs(pin.rnea(model, data, *state)[places] - total[k]).max() < 1e-6
+    assert dc.audit(experiment.model, run).verdict.kind == "integration-error"

@@ -374,7 +374,7 @@ def test_a_recording_ends_where_the_run_blew_up() -> None:
 
 
 def test_differences_in_the_last_digits_are_no_mistake() -> None:
-    """PyBullet's masses differ from the file's by 10⁻¹⁰; Pinocchio's inverse dynamics finds its motion right."""
+    """PyBullet's masses differ from the file's by 10⁻¹⁰; by Pinocchio's inverse dynamics it moves right."""
     pin = pytest.importorskip("pinocchio")
     pytest.importorskip("pybullet")
     files, missing = model_files({"example-robot-data": ["*/go1.urdf"]}, Path())

@@ -16,7 +16,9 @@ import pytest
 
 import deltac as dc
 from deltac.errors import InputError
-from deltac.fleets.atlas import atlas, model_files, plan_atlas
+from deltac.fleets.atlas import Size, atlas, model_files, model_sizes, plan_atlas
+from deltac.fleets.spec import Execution
+from deltac.foreign.isolation import Failure
 from deltac.recorders import experiments
 from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
 from deltac.recorders.mujoco_recorder import compiled_model
@@ -238,6 +240,22 @@ def test_models_that_cannot_be_run_are_rows_with_their_reason(tmp_path: Path) ->
     assert len(stiff) == 12 and stiff["message"].null_count() == 0
     assert set(stiff["verdict"]) <= {"failed", "unresolved", "integration-error"}
     assert all(build.startswith(dc.__version__) for build in frame["build"])
+
+
+def test_a_model_that_brings_mujoco_down_is_a_row(tmp_path: Path) -> None:
+    """A few lines that ask for more bodies than there is memory for."""
+    grid = '<replicate count="4000" offset="1 0 0">' * 3 + "{}" + "</replicate>" * 3
+    text = grid.format('<body><joint/><geom size=".1"/></body>')
+    (tmp_path / "bomb.xml").write_text(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
+    (tmp_path / "good.xml").write_text(
+        '<mujoco><worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    (tmp_path / "plan.toml").write_text(PLAN.replace("*.urdf", "*.xml"))
+    sizes = model_sizes(
+        {name: tmp_path / name for name in ("bomb.xml", "good.xml")}, Execution(workers=1), 10.0
+    )
+    assert isinstance(sizes["bomb.xml"], Failure) and sizes["bomb.xml"].message
+    assert sizes["good.xml"] == Size(1, 0.002)
 
 
 def test_an_atlas_that_was_stopped_is_a_sample_of_all(tmp_path: Path, arm: Path) -> None:

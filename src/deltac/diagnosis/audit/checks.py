@@ -287,10 +287,10 @@ def own_laws(
 ) -> tuple[NDArray[np.intp], dict[ChannelName, Array]]:
     """Some rows of a run, and there the generalized forces (T, n) of the channels that the model computes."""
     rows, free, motion = some_rows(run, MOST_ROWS), mechanism.free, equations_of_motion(mechanism)
-    columns = (run.q[np.ix_(rows, free.q)].T, run.u[np.ix_(rows, free.u)].T)
+    columns = (run.q[np.ix_(rows, free.q)], run.u[np.ix_(rows, free.u)])
     lawless = {part.name for part in motion.channels if part.logged}
-    forces = motion.terms(run.t[rows], *columns).forces
-    return rows, {name: force.T for name, force in forces.items() if name not in lawless}
+    forces = motion.forces(run.t[rows], *columns)
+    return rows, {name: force for name, force in forces.items() if name not in lawless}
 
 
 def differing_channels(

@@ -249,6 +249,9 @@ def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
 OF_RATES = ("clock-scale", "gear-between-q-and-u", "speed-not-rate", "late-rows")
 """Findings of the kinematic test that a wrong unit or order makes too."""
 
+OF_UNITS = ("degrees", "turns", "rpm")
+"""Doubts of units: rows that follow from each other by a known step contradict them too."""
+
 
 def with_conventions(
     mechanism: Mechanism, run: Trajectory, known: Sequence[Finding]

@@ -577,12 +577,13 @@ def _judgement(
     progress(0.2)
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     inference = None
-    if doubts <= set(checks.OF_RATES):
+    if doubts <= {*checks.OF_RATES, *checks.OF_UNITS}:
         rows = _without_own_laws(mechanism, log.consecutive)
         inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
     error = np.abs(ledger.uncorrected(function_of(ledger))).max()
     balanced = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
-    if doubts and inference is not None and (inference.closes or balanced):
+    rates = doubts <= set(checks.OF_RATES)
+    if doubts and inference is not None and (inference.closes or (balanced and rates)):
         # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
         # Nor do works of the loop that balance with energies of these speeds and coordinates.
         findings = [f for f in findings if f.kind not in doubts]

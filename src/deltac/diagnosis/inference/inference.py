@@ -32,6 +32,7 @@ from deltac.diagnosis.inference.fields import (
 from deltac.diagnosis.inference.flow import (
     FORCES,
     ForceBetween,
+    Intervals,
     LoggedForce,
     Prediction,
     predict,
@@ -75,7 +76,7 @@ from deltac.diagnosis.inference.observations import (
     unit_responses,
     unknown,
 )
-from deltac.diagnosis.inference.whitening import robust_weights, whitened
+from deltac.diagnosis.inference.whitening import robust_weights
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.residuals.at_samples import Evaluator
@@ -112,6 +113,15 @@ there."""
 
 RELINEARISATIONS = 3
 """Times at most that flow and columns are taken anew with the causes in the equations (Gauss–Newton)."""
+
+SMOOTHINGS = 2
+"""Times that the likeliest states are taken anew: twice the digits of the speeds each."""
+
+STILL = 1e-6
+"""Share of the errors of the rows below which states that move by it are the likeliest."""
+
+FAR = 1e4
+"""Ratio of sums of squares beyond which a method at its likeliest states is not tried any further."""
 
 ENOUGH = 300
 """Intervals of which the energy that a cause exchanges is summed."""
@@ -319,6 +329,7 @@ class _Inferring:
         self.shortlist: tuple[Integrator, ...] = ()
         self.by_rates: tuple[Block, Posterior] | None = None
         self.mapped: tuple[Prediction, list[Map]] | None = None
+        self.alike: list[tuple[Map, Observations]] = []
         self.refining = False
         self._predict()
         self.fields, self.J = self._integrator_columns()
@@ -390,9 +401,9 @@ class _Inferring:
         if self.filter is None:
             self.unfiltered, self.intervals = self.force(self.kinds), self.log.intervals
         self.filter = delay, spread
-        intervals = LoggedForce.filtered(
-            self.intervals, self.log.pieces, self.unfiltered, delay, spread
-        )
+        late = LoggedForce.filtered(self.intervals, self.log.pieces, self.unfiltered, delay, spread)
+        start, end = self.log.intervals.start, self.log.intervals.end
+        intervals = Intervals(replace(start, F=late.start.F), replace(end, F=late.end.F))
         self.log = replace(self.log, intervals=intervals)
         self.force = LoggedForce.of(intervals, self.log.pieces)
         self.kinds = ("smooth",) * len(self.kinds)
@@ -487,12 +498,11 @@ class _Inferring:
         self.beyond = beyond
         if between.any():
             Phi, B = transported(self.log.intervals.h, self.J, self.fields)
-            columns = np.concatenate([self.w[:, :, None], B], axis=2)
+            columns = np.concatenate([self._errors(self.flow.end, Phi)[:, :, None], B], axis=2)
 
             def likelihood(share: float) -> float:
-                white, spread = whitened(
-                    self.log.pieces, Phi, self.log.noise, Q + share**2 * between + across, columns
-                )
+                innovations = self.log.innovations(Phi, Q + share**2 * between + across)
+                white, spread = innovations(columns)
                 r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, B.shape[2])
                 r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
                 return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
@@ -529,11 +539,18 @@ class _Inferring:
     def _held(self) -> bool:
         """Hold forces of which the method takes the row's own; whether that is otherwise than before.
 
-        Between rows they are not seen then; whoever computes them once a step holds them.
+        Between rows they are not seen then; whoever computes them once a step holds them. Who takes those
+        of the next row does not: they are functions of time.
         """
+        implicit = self.methods[0].defect is not None
+
+        def acting(kind: str) -> str:
+            if implicit:
+                return "ramp" if kind == "end" else kind
+            return "start" if FORCES[kind][0] == 0.0 else kind
+
         kinds = tuple(
-            own or ("start" if FORCES[kind][0] == 0.0 else kind)
-            for own, kind in zip(self.declared, self.kinds, strict=True)
+            own or acting(kind) for own, kind in zip(self.declared, self.kinds, strict=True)
         )
         another = kinds != self.kinds and self.filter is None
         if another:
@@ -601,7 +618,64 @@ class _Inferring:
             self.__dict__.update(state)
         return self._made(self.posterior)
 
+    def _errors(self, end: Rows, Phi: Array, log: Observations | None = None) -> Array:
+        """Prediction errors (N, 2n) of the rows, of the flow or of a method's map with its derivatives."""
+        log = log or self.log
+        return self.model.difference(end, log.intervals.end) + log.shift(Phi)
+
     def _compare(self) -> Posterior:
+        """The posterior of causes, linearised at the likeliest states where the log has no speeds.
+
+        The iterated smoother is the method of Gauss and Newton for states and numbers together (Bell, The
+        iterated Kalman smoother as a Gauss–Newton method, SIAM J. Optim. 1994).
+        """
+        posterior = self._compare_once()
+        for _ in range(SMOOTHINGS if self.log.unknown.any() else 0):
+            before, self.log = self.log.beyond[1], self._states(posterior.best)
+            moved = np.linalg.norm(self.log.beyond[1] - before)
+            if moved <= STILL * np.linalg.norm(before):
+                break
+            self._predict()
+            self.fields, self.J = self._integrator_columns()
+            self.causes = self._cause_columns()
+            posterior = self._compare_once()
+        return posterior
+
+    def _states(self, best: Fit) -> Observations:
+        """The log with the flow at the likeliest states, beside causes, a method or the integrator's fields."""
+        ni, rows = self.fields[0].shape[2], self.of_rows
+        causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
+
+        def at(left: Array) -> Observations:
+            return self.log.at(self.model, self.innovations.errors(left - causes))
+
+        Phi = self.innovations.Phi
+        w = self._errors(self.flow.end, Phi)
+        if self.methods:
+            return at(w - self.defects[0])
+        # Each method has states of its own, at which it closes the rows or does not.
+        own = [(of, self.log) for of in self._maps() if of.method is not EXACT]
+        for _ in range(SMOOTHINGS + 1):
+            own = [self._moved(of, at(self._errors(of.end, Phi, log))) for of, log in own]
+            closest = self._closest(own)
+            if closest is not None:
+                near, pairs = closest.floors <= FAR * closest.floor, own
+                own = [pair for pair, close in zip(own, near, strict=True) if close]
+        if closest is not None and closest.may_close(rows, best):
+            # The last step that each took is of its own size: what is below the digits is alike.
+            digits = max(self.log.rounding * rows.r.size, ROUNDED * closest.floor)
+            order = np.argsort(closest.floors)
+            floors = [(pairs[k], closest.floors[k]) for k in order]
+            self.alike = [pair for pair, floor in floors if floor <= digits]
+            return self.alike[0][1]
+        return at(w - self.B[:, :, :ni] @ rows.projected.nuisance_at(best.coefficients))
+
+    def _moved(self, of: Map, log: Observations) -> tuple[Map, Observations]:
+        """A method's map at other states."""
+        force = self.force(self.kinds)
+        return next(maps(self.plant, log.intervals, force, self.counts, 1, [of.method])), log
+
+    def _compare_once(self) -> Posterior:
         """The posterior of causes, beside an unknown integrator or one whose map closes the rows."""
         log, model = self.log, self.plant
         both = [
@@ -610,18 +684,21 @@ class _Inferring:
         self.Phi, self.B = transported(log.intervals.h, self.J, both)
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
         places = ni + np.arange(P)
-        columns, Phi = np.concatenate([self.w[:, :, None], self.B], axis=2), self.Phi
+        Phi, w = self.Phi, self._errors(self.flow.end, self.Phi)
+        columns = np.concatenate([w[:, :, None], self.B], axis=2)
         if log.rounding < 1.0:
             # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
             # order.
-            white, _ = whitened(log.pieces, Phi, log.noise, self.Q, columns[:, :, : 1 + ni])
+            white, _ = log.innovations(Phi, self.Q)(columns[:, :, : 1 + ni])
             alone = self._block(white[:, :, 0], white[:, :, 1:], ni, places[:0])
             c = np.clip(alone.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
             change = first_order_jacobian(model, log.intervals.start, self._h, c)
             Phi = Phi + log.intervals.h[:, :, None] * change @ Phi
-        white, _ = whitened(log.pieces, Phi, log.noise, self.Q, columns)
+            columns[:, :, 0] = self._errors(self.flow.end, Phi)
+        self.innovations = log.innovations(Phi, self.Q)
+        white, _ = self.innovations(columns)
         series = self._block(white[:, :, 0], white[:, :, 1:], ni, places)
-        D = np.ascontiguousarray(white[:, :, places + 1])
+        self.D = np.ascontiguousarray(white[:, :, places + 1])
         self.gradient, self.slack = self._weights()
         self.least = max(NEGLIGIBLE * self.energy, self._remainder(series), self._attenuation())
         measured = self._of_rates() if self._knows_accelerations else None
@@ -629,7 +706,7 @@ class _Inferring:
         self.methods: tuple[Integrator, ...] = ()
         self.defects, self.of_rows = list[Array](), series
         for ends in (self._maps(), self._maps_by_parts(series, posterior.best)):
-            methods = self._closest(list(ends), Phi, D)
+            methods = self._closest([(of, self.log) for of in ends])
             if methods is None or not methods.may_close(series, posterior.best):
                 continue
             closing = self._of_method(methods.ends[0], places)
@@ -668,14 +745,15 @@ class _Inferring:
         tau = autocorrelation_time(series.residual(best.coefficients))
         return p.nuisance_at(best.coefficients)[some], (p.inverse * variance * tau)[some, some]
 
-    def _closest(self, ends: list[Map], Phi: Array, D: Array) -> _Methods | None:
-        """Those by which rows follow from each other most closely, beside whitened causes D."""
+    def _closest(self, ends: Sequence[tuple[Map, Observations]]) -> _Methods | None:
+        """Those by which rows follow from each other most closely beside causes, each at states of its own."""
         if not ends:
             return None
-        log = self.log
-        own = np.stack([self.model.difference(of.end, log.intervals.end) for of in ends], axis=2)
-        white, _ = whitened(log.pieces, Phi, log.noise, self.Q, own)
-        return _Methods.of(ends, white, D, log.rounding)
+        Phi = self.innovations.Phi
+        white, _ = self.innovations(
+            np.stack([self._errors(of.end, Phi, log) for of, log in ends], axis=2)
+        )
+        return _Methods.of([of for of, _ in ends], white, self.D, self.log.rounding)
 
     def _weights(self) -> tuple[Array, Array]:
         """What a defect of an interval adds to ΔC, (N, 2n): ∂E/∂x at its end and, by the flow, at its start.
@@ -728,12 +806,10 @@ class _Inferring:
     def _of_method(self, of: Map, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
         log = self.log
-        w = self.model.difference(of.end, log.intervals.end)
-        Phi = transition(self.plant, of, log.intervals, self.force(self.kinds))
-        columns = np.concatenate([w[:, :, None], self.B], axis=2)
-        white, _ = whitened(
-            log.pieces, self.Phi if Phi is None else Phi, log.noise, self.Q, columns
-        )
+        own = transition(self.plant, of, log.intervals, self.force(self.kinds))
+        Phi = self.Phi if own is None else own
+        columns = np.concatenate([self._errors(of.end, Phi)[:, :, None], self.B], axis=2)
+        white, _ = log.innovations(Phi, self.Q)(columns)
         return self._block(white[:, :, 0], white[:, :, 1:], 0, places)
 
     def _block(self, r: Array, D: Array, nuisance: int, places: NDArray[np.intp]) -> Block:
@@ -872,11 +948,10 @@ class _Inferring:
             for a, b in zip(self.fields, self.causes, strict=True)
         ]
         Phi, B = transported(h, self.J, own)
-        w, B = self.w[:, :, None] + B[:, :, -1:], B[:, :, :-1]
+        w = self._errors(self.flow.end, Phi)[:, :, None]
+        w, B = w + B[:, :, -1:], B[:, :, :-1]
         everything = [w, B, np.stack(columns, axis=2)]
-        white, _ = whitened(
-            self.log.pieces, Phi, self.log.noise, self.Q, np.concatenate(everything, axis=2)
-        )
+        white, _ = self.log.innovations(Phi, self.Q)(np.concatenate(everything, axis=2))
         count = B.shape[2]
         prior = np.concatenate([self.prior, np.full(count - len(self.prior), 1e6)])
         places = count + np.arange(len(columns))
@@ -899,16 +974,15 @@ class _Inferring:
         causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
         if self.methods:
             work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]
+            work += [np.einsum("km,km->k", self.gradient, x) for x in self._other_defects()]
             curves = log.running(np.stack(work, axis=1)).T
-            # Methods that close the rows alike do not make the same joules; nor do forces between rows of
-            # which a method takes one alone.
-            others = np.stack([*curves, *(curves[0] + x for x in self._other_forces())])
+            # Methods that close the rows alike do not make the same joules.
             left = self.w - self.defects[0] - causes
             # Where they leave more than the rows' noise, the rest may be the integrator's.
             known = np.where(log.unknown, 0.0, self.gradient)
             rest = np.cumsum(np.einsum("km,km->k", known**2, left**2))
             beyond = np.sqrt(max(1.0 - 1.0 / max(variance, 1.0), 0.0) * tau * rest)
-            integrator = Share(curves[0], np.hypot(np.abs(others - curves[0]).max(axis=0), beyond))
+            integrator = Share(curves[0], np.hypot(np.abs(curves - curves[0]).max(axis=0), beyond))
         else:
             curves = log.running(power[:, :ni])
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
@@ -918,7 +992,18 @@ class _Inferring:
             integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
             left = self.w - self.B[:, :, :ni] @ c - causes
         integrator = self._on_path(integrator, self.w - left - causes, left)
-        mistake = self._share(best, power[:, ni:], tau)
+        unseen = self._unseen(best, tau)
+        moved = causes + self.model.difference(self.nominal.end, self.flow.end)
+        mistake = self._on_path(self._share(best, power[:, ni:], tau), moved, left)
+        # Sets of causes that explain as much do other joules, and one that is not seen may do some.
+        others = [self._share(fit, power[:, ni:], tau).curve for fit in posterior.alternatives]
+        spread = np.abs([x - mistake.curve for x in others] or [0.0 * mistake.curve]).max(axis=0)
+        sizes = np.minimum(list(unseen.values()), self.energy)
+        hidden = float(np.sqrt(np.mean(sizes**2))) if len(sizes) else 0.0
+        grown = np.linspace(0.0, hidden, len(spread))
+        mistake = replace(
+            mistake, curve_error=np.sqrt(mistake.curve_error**2 + spread**2 + grown**2)
+        )
         of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
         own, doubt = self.uncertain
         attribution, unexplained = joules(
@@ -946,7 +1031,10 @@ class _Inferring:
             posterior=posterior,
             candidates=self.candidates,
             integrator=(
-                identified(self.methods, float(np.median(log.intervals.h[:, 0] / self.between)))
+                identified(
+                    (*self.methods, *(of.method for of, _ in self._others)),
+                    float(np.median(log.intervals.h[:, 0] / self.between)),
+                )
                 if self.methods
                 else estimate(
                     c[: len(FIELDS)], covariance[: len(FIELDS), : len(FIELDS)], damped, self.step
@@ -962,7 +1050,7 @@ class _Inferring:
             generic=Generic(odds, float(unnamed), explained),
             unexplained=unexplained,
             intermittent=_intermittent(rows, best),
-            unseen=self._unseen(best, tau),
+            unseen=unseen,
             residual=left,
             acceleration=self.model.at(self.nominal.nodes[0]),
             w=w,
@@ -990,21 +1078,18 @@ class _Inferring:
         curve = self.log.running(work)
         return Share(curve, np.sqrt(spread))
 
-    def _other_forces(self) -> Iterator[Array]:
-        """What forces that the closing method cannot tell from those assumed add to its joules, running."""
-        step, force = self.methods[0].step, self.force(self.kinds)
-        if step is None or self.methods[0].order > 1 or self.filter or not self.kinds:
-            return
-        for kind in ("start", "ramp"):
-            other = self.force(tuple(own or kind for own in self.declared))
-            if np.array_equal(other(0.0), force(0.0)) and not np.array_equal(
-                other(1.0), force(1.0)
-            ):
-                change = np.stack([other(s) - force(s) for s in np.linspace(0.0, 1.0, 5)])
-                moved = np.zeros_like(self.w)
-                for k, response in enumerate(self._force_responses):
-                    moved += _impulse(response, change[:, :, k], self.log)
-                yield -self.log.running(np.einsum("km,km->k", self.gradient, moved))
+    @property
+    def _others(self) -> Sequence[tuple[Map, Observations]]:
+        """Methods that close coordinates alone as well as the one found, each with speeds of its own."""
+        found = self.methods and self.alike and self.alike[0][0].method in self.methods
+        return self.alike[1:] if found else []
+
+    def _other_defects(self) -> Iterator[Array]:
+        """What these do in each interval beside the flow."""
+        for of, log in self._others:
+            force, noise = self.force(self.kinds), log.noise[1]
+            flow = predict(self.plant, log.intervals, force, noise, self.steps)
+            yield self.model.difference(flow.end, of.end)
 
     def _on_path(self, share: Share, defects: Array, left: Array) -> Share:
         """The integrator's share with the errors of its weights, and of the path.
@@ -1041,11 +1126,13 @@ class _Methods:
 
     ends: list[Map]
     floor: float
+    floors: Array
 
     @staticmethod
     def of(ends: list[Map], r: Array, D: Array, rounding: float) -> _Methods | None:
         """The best by what all causes leave of their prediction errors r (N, m, methods), whitened."""
         finite = [k for k in range(len(ends)) if np.isfinite(r[:, :, k]).all()]
+        every = np.full(len(ends), np.inf)
         if not finite:
             return None
         y = r[:, :, finite].reshape(-1, len(finite))
@@ -1053,6 +1140,7 @@ class _Methods:
         x = least_squares(X.T @ X, X.T @ y)
         residual = y - X @ x
         floors = np.maximum((residual**2).sum(axis=0), 1e-300)
+        every[finite] = floors
         best = int(np.argmin(floors))
         tau = autocorrelation_time(residual[:, best].reshape(len(r), -1))
         odds = 0.5 * len(y) / tau * np.log(floors / floors[best])
@@ -1060,7 +1148,7 @@ class _Methods:
         low = min(rounding * len(y), ROUNDED * floors[best])
         alike = np.flatnonzero((odds < EQUAL) | (floors <= low))
         order = [finite[k] for k in (best, *alike[alike != best])]
-        return _Methods([ends[k] for k in order], float(floors[best]))
+        return _Methods([ends[k] for k in order], float(floors[best]), every)
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""

@@ -218,10 +218,20 @@ def maps(
         if method.defect is not None and counts.max() == 1:
             at, end = intervals.start, intervals.end
             q, u = method.defect(model, at, end, intervals.h)
-            yield Map(method, counts, Rows(end.t, q, u, end.F))
+            yield Map(
+                method, counts, _solved(model, method, end, Rows(end.t, q, u, end.F), intervals.h)
+            )
         elif method.step is not None:
             end = _repeated(model, method.step, intervals, force, counts)
             yield Map(method, counts, end)
+
+
+def _solved(model: Model, method: Integrator, end: Rows, right: Rows, h: Array) -> Rows:
+    """The end of an implicit step by one of Newton's, from the row and the right-hand side there."""
+    share = 1.0 if method.order == 1 else 0.5
+    A = np.eye(2 * model.n) - share * h[:, :, None] * model.jacobian(end)
+    gap = model.difference(end, right)
+    return model.displaced(end, np.linalg.solve(A, gap[:, :, None])[:, :, 0])
 
 
 def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween) -> Array | None:

@@ -64,6 +64,7 @@ from deltac.diagnosis.inference.integrators import (
     estimate,
     identified,
     maps,
+    numbers_of,
     parted,
     steps_between,
     transition,
@@ -116,6 +117,9 @@ RELINEARISATIONS = 3
 
 SMOOTHINGS = 2
 """Times that the likeliest states are taken anew: twice the digits of the speeds each."""
+
+LESS = 2.0
+"""Ratio of standard deviations from which on noise is known better than before."""
 
 STILL = 1e-6
 """Share of the errors of the rows below which states that move by it are the likeliest."""
@@ -352,6 +356,9 @@ class _Inferring:
             self._predict()
             self.fields, self.J = self._integrator_columns()
         self.log = self.log.with_noise(self.w)
+        self.Phi = np.zeros_like(
+            self.J[0]
+        )  # until columns are compared: the flow starts at the rows
         count = self.fields[0].shape[2] - len(FIELDS)
         self.prior = np.array([PRIOR[f.order] for f in FIELDS] + [PRIOR[3]] * count)
         self.Q = self._unknown()
@@ -574,6 +581,8 @@ class _Inferring:
         if another:
             self.kinds = kinds
             self._predict()
+            # What forces do otherwise between rows looked like noise of the rows.
+            self.log = self.log.with_noise(self._errors(self.flow.end, self.Phi))
             self.Q = self._unknown()
         filtering = self._filter_of_forces(best) if filters else None
         if filtering is not None:
@@ -642,9 +651,9 @@ class _Inferring:
         return posterior
 
     def _states(self, best: Fit) -> Observations:
-        """The log with the flow at the likeliest states, beside causes, a method or the integrator's fields."""
+        """The log at the likeliest states beside causes, of a method or of the integrator's fields."""
         ni, rows = self.fields[0].shape[2], self.of_rows
-        causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
+        causes = self._moved_by(self.numbers, self._h) @ (best.coefficients - self.coefficients)
 
         def at(left: Array) -> Observations:
             return self.log.at(self.model, self.innovations.errors(left - causes))
@@ -686,12 +695,14 @@ class _Inferring:
         places = ni + np.arange(P)
         Phi, w = self.Phi, self._errors(self.flow.end, self.Phi)
         columns = np.concatenate([w[:, :, None], self.B], axis=2)
+        # The integrator moves the noise of a row and what causes do otherwise than the flow does, by its
+        # fields of first order.
+        white, _ = log.innovations(Phi, self.Q)(columns[:, :, : 1 + ni])
+        alone = self._block(white[:, :, 0], white[:, :, 1:], ni, places[:0])
+        c = np.clip(alone.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
+        self.numbers = c
+        columns[:, :, places + 1] = self._moved_by(c, self._h)
         if log.rounding < 1.0:
-            # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
-            # order.
-            white, _ = log.innovations(Phi, self.Q)(columns[:, :, : 1 + ni])
-            alone = self._block(white[:, :, 0], white[:, :, 1:], ni, places[:0])
-            c = np.clip(alone.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
             change = first_order_jacobian(model, log.intervals.start, self._h, c)
             Phi = Phi + log.intervals.h[:, :, None] * change @ Phi
             columns[:, :, 0] = self._errors(self.flow.end, Phi)
@@ -717,9 +728,45 @@ class _Inferring:
                 self.methods = tuple(of.method for of in methods.ends)
                 self.between = methods.ends[0].counts
                 self.defects = [model.difference(self.flow.end, of.end) for of in methods.ends]
+                if measured is None:
+                    posterior = self._with_noise_left(posterior, methods.ends[0], places)
                 break
         self.blocks: tuple[Block, ...] = (measured[0] if measured else self.of_rows,)
         return posterior
+
+    def _moved_by(self, c: Array, step: Array) -> Array:
+        """What causes do to the rows (N, 2n, P) by an integrator of numbers c of first order, steps (N, 1).
+
+        Its fields are those of the field with the causes in it: (G, 0), (0, G_q u) and (0, G_u a + a_u G).
+        """
+        n, h = self.model.n, self.log.intervals.h
+        moves = self.B[:, :, self.fields[0].shape[2] :].copy()
+        first, last = self.causes[0][:, n:], self.causes[-1][:, n:]
+        mean, size = 0.5 * (first + last), step[:, :, None]
+        moves[:, :n] += c[0] * size * h[:, :, None] * mean
+        moves[:, n:] += 0.5 * (c[1] + c[2]) * size * (last - first)
+        moves[:, n:] += c[2] * size * h[:, :, None] * (self.J[0][:, n:, n:] @ mean)
+        return moves
+
+    def _with_noise_left(
+        self, posterior: Posterior, of: Map, places: NDArray[np.intp]
+    ) -> Posterior:
+        """The posterior with the noise that a method that closes the rows leaves of them, if that is less.
+
+        What another integrator does looked like noise.
+        """
+        log, optimum = self.log, self.of_rows.optimum - self.coefficients
+        w = self._errors(of.end, self.innovations.Phi)
+        w = (
+            w
+            - self._moved_by(numbers_of(of.method), log.intervals.h / of.counts[:, None]) @ optimum
+        )
+        known, noise = ~log.unknown, log.with_noise(w)
+        if not np.any(LESS * noise.noise[1][:, known] < log.noise[1][:, known]):
+            return posterior
+        self.log = noise
+        self.of_rows = self._of_method(of, places)
+        return self._search(self.of_rows)
 
     def _maps(self) -> Sequence[Map]:
         """Maps of methods by which rows may follow from each other: the same until the flow is another."""
@@ -746,7 +793,7 @@ class _Inferring:
         return p.nuisance_at(best.coefficients)[some], (p.inverse * variance * tau)[some, some]
 
     def _closest(self, ends: Sequence[tuple[Map, Observations]]) -> _Methods | None:
-        """Those by which rows follow from each other most closely beside causes, each at states of its own."""
+        """Those by which rows follow most closely beside causes, each at states of its own."""
         if not ends:
             return None
         Phi = self.innovations.Phi
@@ -809,6 +856,8 @@ class _Inferring:
         own = transition(self.plant, of, log.intervals, self.force(self.kinds))
         Phi = self.Phi if own is None else own
         columns = np.concatenate([self._errors(of.end, Phi)[:, :, None], self.B], axis=2)
+        step = log.intervals.h / of.counts[:, None]
+        columns[:, :, places + 1] = self._moved_by(numbers_of(of.method), step)
         white, _ = log.innovations(Phi, self.Q)(columns)
         return self._block(white[:, :, 0], white[:, :, 1:], 0, places)
 
@@ -976,13 +1025,15 @@ class _Inferring:
             work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]
             work += [np.einsum("km,km->k", self.gradient, x) for x in self._other_defects()]
             curves = log.running(np.stack(work, axis=1)).T
-            # Methods that close the rows alike do not make the same joules.
+            # Methods that close the rows alike do not make the same joules; nor do forces between rows of
+            # which a method takes one alone.
+            others = np.stack([*curves, *(curves[0] + x for x in self._other_forces())])
             left = self.w - self.defects[0] - causes
             # Where they leave more than the rows' noise, the rest may be the integrator's.
             known = np.where(log.unknown, 0.0, self.gradient)
             rest = np.cumsum(np.einsum("km,km->k", known**2, left**2))
             beyond = np.sqrt(max(1.0 - 1.0 / max(variance, 1.0), 0.0) * tau * rest)
-            integrator = Share(curves[0], np.hypot(np.abs(curves - curves[0]).max(axis=0), beyond))
+            integrator = Share(curves[0], np.hypot(np.abs(others - curves[0]).max(axis=0), beyond))
         else:
             curves = log.running(power[:, :ni])
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
@@ -1077,6 +1128,22 @@ class _Inferring:
         work = power @ (coefficients - known) + np.einsum("km,km->k", self.gradient, moved)
         curve = self.log.running(work)
         return Share(curve, np.sqrt(spread))
+
+    def _other_forces(self) -> Iterator[Array]:
+        """What forces that the closing method cannot tell from those assumed add to its joules, running."""
+        step, force = self.methods[0].step, self.force(self.kinds)
+        if step is None or self.methods[0].order > 1 or self.filter or not self.kinds:
+            return
+        for kind in ("start", "ramp"):
+            other = self.force(tuple(own or kind for own in self.declared))
+            if np.array_equal(other(0.0), force(0.0)) and not np.array_equal(
+                other(1.0), force(1.0)
+            ):
+                change = np.stack([other(s) - force(s) for s in np.linspace(0.0, 1.0, 5)])
+                moved = np.zeros_like(self.w)
+                for k, response in enumerate(self._force_responses):
+                    moved += _impulse(response, change[:, :, k], self.log)
+                yield -self.log.running(np.einsum("km,km->k", self.gradient, moved))
 
     @property
     def _others(self) -> Sequence[tuple[Map, Observations]]:

@@ -98,14 +98,14 @@ class Innovations:
         return np.array([last - 1 for _, last in self.pieces], dtype=np.intp)
 
     def _after(self, x: Array) -> Array:
-        """x of the next interval of the piece, zero in the last."""
+        """Values of the next interval of the piece, zero in the last."""
         y = np.zeros_like(x)
         y[:-1] = x[1:]
         y[self._last] = 0.0
         return y
 
     def _before(self, x: Array) -> Array:
-        """x of the interval before, zero in the first of a piece."""
+        """Values of the interval before, zero in the first of a piece."""
         y = np.zeros_like(x)
         y[1:] = x[:-1]
         y[[first for first, _ in self.pieces]] = 0.0

@@ -153,6 +153,12 @@ KINDS = {
         "delay",
         "s",
     ),
+    "late-laws": Kind(
+        "the laws of time act {numbers[0]} s later than in the model: the log is late or filtered, or they are",
+        "Subtract the delay from the times of the log, or give the model's laws that phase",
+        "delay",
+        "s",
+    ),
     "constant-force": Kind(
         "a constant force of {shown} {unit} acts on joint {element}", ADD, "force", "{F}"
     ),
@@ -583,7 +589,7 @@ def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candida
     """All causes of a mechanism whose columns there are."""
     places = Places({column: k for k, column in enumerate(columns)})
     found: list[Candidate] = []
-    parts = [_gravity, of_bodies, _joints, _channels, _wrenches]
+    parts = [_gravity, of_bodies, _joints, _channels, _laws, _wrenches]
     if any(c.what in GEOMETRY for c in columns):
         parts += [_sizes, _places_of_joints, _numbers]
     for part in parts:
@@ -735,6 +741,17 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         both = np.array([[1.0 - c.index, c.index] for c in places.of if c.what == "delay"])
         yield from cause(
             "late-forces", "", tuple(late), both, names=("delay", "smoothing"), units=("s", "s²")
+        )
+
+
+def _laws(_: Evaluator, places: Places) -> Iterator[Candidate]:
+    """Laws of time that are late, or a log that is: as many moments of its filter as the laws tell apart."""
+    moments = [places.of[c] for c in places.of if c.what == "law"]
+    names = ("delay", "smoothing", "third moment", "fourth moment")
+    units = ("s", "s²", "s³", "s⁴")
+    for k in range(1, len(moments) + 1):
+        yield from cause(
+            "late-laws", "", tuple(moments[:k]), np.eye(k), names=names[:k], units=units[:k]
         )
 
 

@@ -118,6 +118,9 @@ RELINEARISATIONS = 3
 SMOOTHINGS = 2
 """Times that the likeliest states are taken anew: twice the digits of the speeds each."""
 
+ALIKE = 3
+"""Methods of which the causes are looked for, where several close the rows alike beside all causes."""
+
 LESS = 2.0
 """Ratio of standard deviations from which on noise is known better than before."""
 
@@ -145,10 +148,10 @@ PARTS = (2, 3, 4, 5, 8, 10)
 NARROW = 0.3
 """Least deviation of such a filter, steps."""
 
-OF_THE_LOG = ("actuator-delay", "late-forces", "zero-offset")
+OF_THE_LOG = ("actuator-delay", "late-forces", "late-laws", "zero-offset")
 """Causes that leave the equations as they are."""
 
-COLUMNS_OF_THE_LOG = ("delay", "offset")
+COLUMNS_OF_THE_LOG = ("delay", "law", "offset")
 """Columns of these."""
 
 
@@ -720,19 +723,40 @@ class _Inferring:
             methods = self._closest([(of, self.log) for of in ends])
             if methods is None or not methods.may_close(series, posterior.best):
                 continue
-            closing = self._of_method(methods.ends[0], places)
-            other = posterior if measured is not None else self._search(closing)
+            ends, closing, other = self._best_of(methods.ends, places, measured)
             gain = _log_evidence(closing, other.best, series, posterior.best)
             if gain - np.log(len(INTEGRATORS)) > CERTAIN:
                 posterior, self.of_rows = other, closing
-                self.methods = tuple(of.method for of in methods.ends)
-                self.between = methods.ends[0].counts
-                self.defects = [model.difference(self.flow.end, of.end) for of in methods.ends]
+                self.methods = tuple(of.method for of in ends)
+                self.between = ends[0].counts
+                self.defects = [model.difference(self.flow.end, of.end) for of in ends]
                 if measured is None:
-                    posterior = self._with_noise_left(posterior, methods.ends[0], places)
+                    posterior = self._with_noise_left(posterior, ends[0], places)
                 break
         self.blocks: tuple[Block, ...] = (measured[0] if measured else self.of_rows,)
         return posterior
+
+    def _best_of(
+        self, ends: list[Map], places: NDArray[np.intp], measured: tuple[Block, Posterior] | None
+    ) -> tuple[list[Map], Block, Posterior]:
+        """The best of methods that are alike beside all causes, and those that are so beside its own."""
+        trials = list[tuple[Block, Posterior]]()
+        for of in ends[:ALIKE]:
+            block = self._of_method(of, places)
+            trials.append((block, measured[1] if measured else self._search(block)))
+            if not trials[-1][1].best.chosen:
+                break
+        k, (best, own) = 0, trials[0]
+        for i, (block, posterior) in enumerate(trials[1:], 1):
+            if _log_evidence(block, posterior.best, best, own.best) > 0.0:
+                k, (best, own) = i, (block, posterior)
+        moved = self._moved_by(self.numbers, self._h) @ (own.best.coefficients - self.coefficients)
+        Phi = self.innovations.Phi
+        white, _ = self.innovations(
+            np.stack([self._errors(of.end, Phi) - moved for of in ends], axis=2)
+        )
+        alike = _alike(white, k, self.log.rounding)
+        return [ends[k], *(ends[i] for i in alike if i != k)], best, own
 
     def _moved_by(self, c: Array, step: Array) -> Array:
         """What causes do to the rows (N, 2n, P) by an integrator of numbers c of first order, steps (N, 1).
@@ -1132,7 +1156,7 @@ class _Inferring:
     def _other_forces(self) -> Iterator[Array]:
         """What forces that the closing method cannot tell from those assumed add to its joules, running."""
         step, force = self.methods[0].step, self.force(self.kinds)
-        if step is None or self.methods[0].order > 1 or self.filter or not self.kinds:
+        if step is None or self.methods[0].order > 1 or not self.kinds:
             return
         for kind in ("start", "ramp"):
             other = self.force(tuple(own or kind for own in self.declared))
@@ -1209,17 +1233,25 @@ class _Methods:
         floors = np.maximum((residual**2).sum(axis=0), 1e-300)
         every[finite] = floors
         best = int(np.argmin(floors))
-        tau = autocorrelation_time(residual[:, best].reshape(len(r), -1))
-        odds = 0.5 * len(y) / tau * np.log(floors / floors[best])
-        # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
-        low = min(rounding * len(y), ROUNDED * floors[best])
-        alike = np.flatnonzero((odds < EQUAL) | (floors <= low))
-        order = [finite[k] for k in (best, *alike[alike != best])]
+        alike = _alike(residual.reshape(*r.shape[:2], -1), best, rounding)
+        # Those that need no causes come first.
+        alike = alike[np.argsort((y[:, alike] ** 2).sum(axis=0), kind="stable")]
+        order = [finite[k] for k in alike]
         return _Methods([ends[k] for k in order], float(floors[best]), every)
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""
         return self.floor < SERIES * series.misfit(best.coefficients)
+
+
+def _alike(r: Array, best: int, rounding: float) -> NDArray[np.intp]:
+    """Which of several residuals (N, m, k) are as likely as the best."""
+    floors = np.maximum((r**2).sum(axis=(0, 1)), 1e-300)
+    count = r.shape[0] * r.shape[1]
+    odds = 0.5 * count / autocorrelation_time(r[:, :, best]) * np.log(floors / floors[best])
+    # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
+    low = min(rounding * count, ROUNDED * floors[best])
+    return np.flatnonzero((odds < EQUAL) | (floors <= low))
 
 
 ROUNDED = 4.0

@@ -154,7 +154,7 @@ KINDS = {
         "s",
     ),
     "late-laws": Kind(
-        "the laws of time act {numbers[0]} s later than in the model: the log is late or filtered, or they are",
+        "laws of time act {numbers[0]} s later than in the model: they are late, or the log, as by a filter",
         "Subtract the delay from the times of the log, or give the model's laws that phase",
         "delay",
         "s",

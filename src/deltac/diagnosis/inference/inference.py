@@ -121,6 +121,10 @@ SMOOTHINGS = 2
 ALIKE = 3
 """Methods of which the causes are looked for, where several close the rows alike beside all causes."""
 
+HALF = 0.5
+"""Standard deviation of what forces do between rows that a method does not see, in units of the difference
+between held and ramped ones: the latter are those of one in four."""
+
 LESS = 2.0
 """Ratio of standard deviations from which on noise is known better than before."""
 
@@ -1094,6 +1098,8 @@ class _Inferring:
         exchanged, errors, energy = self._exchanged(best)
         odds, explained, coefficients = _generic(self.blocks[0], best)
         unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
+        if unnamed < self.least:  # as little as what the series leaves out
+            odds = -np.inf
         damped = self.plant.damped
         return Inference(
             model=self.model,
@@ -1167,7 +1173,7 @@ class _Inferring:
                 moved = np.zeros_like(self.w)
                 for k, response in enumerate(self._force_responses):
                     moved += _impulse(response, change[:, :, k], self.log)
-                yield -self.log.running(np.einsum("km,km->k", self.gradient, moved))
+                yield -HALF * self.log.running(np.einsum("km,km->k", self.gradient, moved))
 
     @property
     def _others(self) -> Sequence[tuple[Map, Observations]]:

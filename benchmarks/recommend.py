@@ -1,62 +1,156 @@
 """How long `recommend` takes on every problem of the library, what it names, and whether that is true.
 
-The recommended run is made again and compared with one of another solver at a sixteenth of the step, which
-`recommend` does not see: `measured` is to be `motion`. One line of JSON for each problem.
+The recommended run is made again and measured against the two that agree best among runs which `recommend`
+does not see: another solver at a fraction of the step, DOP853 and Radau near rounding. `measured` is to be
+`motion` less `doubt`, or between both; `unsure` is how far those two are apart. With `--full`, every solver
+is searched alone as well, to its own coarsest setting that keeps the tolerance: `dearer` is the CPU time of
+the recommended run over that of the cheapest. One line of JSON for each problem.
 
-    python benchmarks/recommend.py [--only NAME] [--tolerance 1e-6] [--seconds 2]
+    python benchmarks/recommend.py [--only NAME] [--tolerance 1e-6] [--seconds 2] [--full]
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import time
+import warnings
+
+import numpy as np
 
 import deltac as dc
-from deltac.diagnosis.recommend.work_precision import distance
+from deltac.diagnosis.recommend.families import SUITED
+from deltac.diagnosis.recommend.work_precision import Trial, distance
+from deltac.simulation.solvers import SOLVERS
+
+LIMIT = 10.0
+"""Seconds that the search of one solver may take; one that needs longer is not the cheapest."""
 
 
-def measured(name: str, tolerance: float, longest: float) -> dict[str, object]:
+def searched(
+    problem: dc.Problem, duration: float, tolerance: float, *, full: bool
+) -> dict[str, object]:
     """CPU seconds of the search, its answer, and the work of the answer's run."""
-    problem = dc.problems.load(name)
-    duration = min(problem.duration, longest)
     start = time.process_time()
     advice = dc.recommend(problem, duration=duration, tolerance=tolerance)
     seconds = time.process_time() - start
     best = advice.best
     row: dict[str, object] = {
-        "problem": name,
+        "problem": problem.name,
         "cpu_s": round(seconds, 2),
         "runs": len(advice.trials),
         "exit_code": advice.exit_code,
     }
     if best is None:
         return row
-    return row | {
+    measured, unsure = error(problem, duration, best)
+    row |= {
         "solver": best.solver,
         "setting": best.setting,
         "energy": best.energy,
-        "motion": best.motion,
         "run_ms": 1e3 * best.seconds,
         "evaluations": best.evaluations,
-        "measured": error(problem, duration, advice),
+        "motion": best.motion,
+        "doubt": best.doubt,
+        "measured": measured,
+        "unsure": unsure,
     }
+    return row | (cheapest(problem, duration, tolerance, best) if full else {})
 
 
-def error(problem: dc.Problem, duration: float, advice: dc.Recommendation) -> float:
-    """Of the recommended run, its largest error of q and u as a share of their ranges."""
-    assert advice.best is not None
-    step = advice.step or duration / 1000
-    every = dc.Record(("wang",), every=16)
-    other = "ode5" if advice.solver == "ode8" else "ode8"
-    exact = (
-        dc.simulate(problem, None, duration, step / 16, other, every)
-        if advice.step
-        else dc.simulate(problem, None, duration, step, dc.solvers.by_name("RK45", 1e-12))
-    )
-    chosen = dc.solvers.by_name(advice.best.solver, advice.setting_tolerance)
-    run = dc.simulate(problem, None, duration, step, chosen)
-    return distance(problem.mechanism, run, exact)
+def run(
+    problem: dc.Problem, duration: float, trial: Trial, rows: int | None = None
+) -> dc.Trajectory:
+    """The recommended run: all of its steps, or at least so many rows of them."""
+    if trial.knob == "tolerance":
+        chosen = dc.solvers.by_name(trial.solver, trial.setting)
+        return dc.simulate(problem, None, duration, duration / (rows or 1000), chosen, ("wang",))
+    steps = round(duration / trial.setting)
+    every = max((n for n in range(1, steps // (rows or steps) + 1) if steps % n == 0), default=1)
+    record = dc.Record(("wang",), every)
+    return dc.simulate(problem, None, duration, duration / steps, trial.solver, record)
+
+
+def error(problem: dc.Problem, duration: float, trial: Trial) -> tuple[float, float]:
+    """The largest error of q and u as a share of their ranges, and how far two references are apart."""
+    found = run(problem, duration, trial)
+    steps = len(found.t) - 1
+    other = "ode5" if trial.solver == "ode8" else "ode8"
+
+    def stepped(divisor: int) -> dc.Trajectory:
+        record = dc.Record(("wang",), every=divisor)
+        return dc.simulate(problem, None, duration, duration / steps / divisor, other, record)
+
+    def adaptive(solver: str, tolerance: float) -> dc.Trajectory:
+        chosen = dc.solvers.by_name(solver, tolerance)
+        return dc.simulate(problem, None, duration, duration / steps, chosen, ("wang",))
+
+    made: list[dc.Trajectory] = []
+    measured, unsure = np.inf, np.inf
+    for make in (
+        lambda: stepped(16),
+        lambda: adaptive("DOP853", 1e-13),
+        lambda: adaptive("Radau", 1e-12),
+        lambda: stepped(128),
+        lambda: adaptive("RK45", 1e-13),
+    ):
+        try:
+            made.append(make())
+        except dc.DeltacError:
+            continue
+        pairs = itertools.combinations(made, 2)
+        apart = [(distance(problem.mechanism, a, b), k) for k, (a, b) in enumerate(pairs)]
+        if apart:
+            unsure, best = min(apart)
+            exact = list(itertools.combinations(made, 2))[best][1]
+            measured = distance(problem.mechanism, found, exact)
+            if unsure <= 0.01 * measured:
+                break
+    return measured, unsure
+
+
+def cheapest(
+    problem: dc.Problem, duration: float, tolerance: float, best: Trial
+) -> dict[str, object]:
+    """The cheapest among the settings that searches of single solvers find."""
+
+    def seconds(trial: Trial) -> float:
+        times = []
+        while len(times) < 5 or (len(times) < 50 and sum(times) < 0.2):
+            start = time.process_time()
+            run(problem, duration, trial, 200)
+            times.append(time.process_time() - start)
+        return min(times)
+
+    names = [s.name for s in SOLVERS.values() if s.takes_steps] + list(SUITED)
+    trials, left = [best], []
+    for name in names:
+        if name == best.solver:
+            continue
+        try:
+            alone = dc.recommend(
+                problem, None, duration, tolerance, solvers=(name,), time_limit=LIMIT
+            )
+        except dc.DeltacError:
+            left.append(name)
+            continue
+        if alone.best is None:
+            left.append(name)
+        else:
+            trials.append(alone.best)
+    # Only those that may be the cheapest are timed in turn.
+    worth = [t for t in trials if t is best or t.seconds <= 2.0 * best.seconds]
+    times = [seconds(trial) for trial in worth]
+    least = worth[int(np.argmin(times))]
+    return {
+        "cheapest": least.solver,
+        "cheapest_setting": least.setting,
+        "cheapest_ms": 1e3 * min(times),
+        "cheapest_evaluations": least.evaluations,
+        "dearer": times[0] / min(times),
+        "left_out": left,
+    }
 
 
 def main() -> None:
@@ -65,9 +159,14 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=dc.problems.names())
     parser.add_argument("--tolerance", type=float, default=1e-6)
     parser.add_argument("--seconds", type=float, default=2.0)
+    parser.add_argument("--full", action="store_true")
     options = parser.parse_args()
+    warnings.simplefilter("ignore")
     for name in options.only:
-        print(json.dumps(measured(name, options.tolerance, options.seconds)), flush=True)
+        problem = dc.problems.load(name)
+        duration = min(problem.duration, options.seconds)
+        row = searched(problem, duration, options.tolerance, full=options.full)
+        print(json.dumps(row), flush=True)
 
 
 if __name__ == "__main__":

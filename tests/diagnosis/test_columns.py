@@ -14,11 +14,11 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.causes.causes import Candidate, candidates
-from deltac.diagnosis.causes.columns import column_kernels
+from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.inference.hypotheses import fitted
 from deltac.diagnosis.inference.inference import infer
 from deltac.diagnosis.measurements.digits import white_noise
-from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
+from tests.support.rate_forms import without_forces
 
 INERTIA = ((0.05, 0.01, -0.004), (0.01, 0.08, 0.002), (-0.004, 0.002, 0.06))
 
@@ -77,16 +77,15 @@ def test_columns_are_what_a_change_does(what: str) -> None:
     changed, kind, theta = CHANGES[what]
     first = machine()
     run = states(first)
-    evaluator = Evaluator(first, run)
-    kernels = column_kernels(evaluator)
-    found = candidates(evaluator, kernels.columns)
+    equations = LogEquations(first, run)
+    kernels = column_kernels(equations)
+    found = candidates(equations, kernels.columns)
 
     def fits(c: Candidate) -> bool:
         return c.kind == kind and c.size == len(theta) and c.element in ("limb", "hip", "gravity")
 
     (cause,) = (c for c in found if fits(c))
-    s = Sampled.of(first, run, evaluator.log)
-    X = kernels(*s.columns, s.logged, s.logged)
+    X = kernels(*without_forces(first, run))
     effect = X[..., [1 + k for k in cause.columns]] @ cause.coefficients(np.array(theta))
     np.testing.assert_allclose(X[..., 0], residual(first), rtol=0, atol=1e-12)
     difference = residual(changed()) - residual(first)

@@ -18,10 +18,10 @@ from scipy.optimize import least_squares
 import deltac as dc
 from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import candidates
-from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
+from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.causes.geometry import displacements, geometry_columns
-from deltac.diagnosis.residuals.at_samples import Evaluator, Sampled
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
+from tests.support.rate_forms import without_forces
 
 INERTIA = ((0.05, 0.01, -0.004), (0.01, 0.08, 0.002), (-0.004, 0.002, 0.06))
 STEP = 3e-4
@@ -94,11 +94,10 @@ def trajectory(mechanism: dc.Mechanism, q: Array, u: Array, udot: Array) -> dc.T
 
 def evaluated(
     mechanism: dc.Mechanism, run: dc.Trajectory
-) -> tuple[Evaluator, ColumnKernels, Array]:
-    evaluator = Evaluator(mechanism, run)
-    kernels = geometry_columns(evaluator)
-    at = Sampled.of(mechanism, run, evaluator.log)
-    return evaluator, kernels, kernels(*at.columns, at.logged, at.logged)
+) -> tuple[LogEquations, ColumnKernels, Array]:
+    equations = LogEquations(mechanism, run)
+    kernels = geometry_columns(equations)
+    return equations, kernels, kernels(*without_forces(mechanism, run))
 
 
 def placed_anew(joint: Any, side: str, xi: Array) -> dict[str, Any]:
@@ -116,11 +115,11 @@ def placed_anew(joint: Any, side: str, xi: Array) -> dict[str, Any]:
     return made
 
 
-def changes(mechanism: dc.Mechanism, evaluator: Evaluator, kernels: ColumnKernels) -> Any:
+def changes(mechanism: dc.Mechanism, equations: LogEquations, kernels: ColumnKernels) -> Any:
     """(what, the mechanism with h of it, coefficients of the columns): places of each joint; all numbers."""
     rng = np.random.default_rng(7)
     for joint in mechanism.joints:
-        both = displacements(evaluator.symbols.system, joint)
+        both = displacements(equations.symbols.system, joint)
         for side, D in zip(("joint-place", "body-place"), both):
             at = [
                 (k, c.index)
@@ -163,7 +162,7 @@ def changes(mechanism: dc.Mechanism, evaluator: Evaluator, kernels: ColumnKernel
 def test_columns_of_a_tree_are_derivatives_of_its_residual() -> None:
     mechanism = tree()
     run = samples(mechanism)
-    evaluator, kernels, X = evaluated(mechanism, run)
+    equations, kernels, X = evaluated(mechanism, run)
 
     def residual(m: dc.Mechanism) -> Array:
         motion = equations_of_motion(m)
@@ -174,7 +173,7 @@ def test_columns_of_a_tree_are_derivatives_of_its_residual() -> None:
     assert {c.element for c in kernels.columns} >= {
         *("hip", "slide", "drill", "shoulder", "wrist", "force.cord.length"),
     }
-    for what, build, x in changes(mechanism, evaluator, kernels):
+    for what, build, x in changes(mechanism, equations, kernels):
         expected = derivative(lambda h, build=build: residual(build(h)))
         scale = max(float(np.abs(expected).max()), 1e-3)
         np.testing.assert_allclose(
@@ -273,10 +272,10 @@ def test_columns_with_constraints_are_derivatives_of_accelerations(
         return motion.solved(motion.terms(0.3, q, u))[0]
 
     run = trajectory(mechanism, np.array([q, q]), np.array([u, u]), np.array([udot(mechanism)] * 2))
-    evaluator, kernels, X = evaluated(mechanism, run)
+    equations, kernels, X = evaluated(mechanism, run)
     np.testing.assert_allclose(X[0, :, 0], 0.0, atol=1e-10)
     M = equations_of_motion(mechanism).terms(0.3, q, u).M
-    for what, build, x in changes(mechanism, evaluator, kernels):
+    for what, build, x in changes(mechanism, equations, kernels):
         expected = M @ derivative(lambda h, build=build: udot(build(h)))
         scale = max(float(np.abs(expected).max()), 1e-3)
         np.testing.assert_allclose(
@@ -303,8 +302,8 @@ def test_a_planar_machine_has_the_columns_of_its_plane() -> None:
         ],
         gravity=(0, -9.81, 0),
     )
-    evaluator, kernels, _ = evaluated(mechanism, samples(mechanism))
-    found = {(c.kind, c.element, c.names) for c in candidates(evaluator, kernels.columns)}
+    equations, kernels, _ = evaluated(mechanism, samples(mechanism))
+    found = {(c.kind, c.element, c.names) for c in candidates(equations, kernels.columns)}
     assert ("link-length", "upper", ("length",)) in found
     assert ("joint-position", "elbow", ("y",)) in found
     assert ("joint-position", "elbow", ("x",)) not in found
@@ -313,10 +312,10 @@ def test_a_planar_machine_has_the_columns_of_its_plane() -> None:
 
 def test_without_columns_of_the_geometry_there_are_no_causes_of_it() -> None:
     mechanism = tree()
-    evaluator = Evaluator(mechanism, samples(mechanism))
-    columns = column_kernels(evaluator).columns
-    kinds = {c.kind for c in candidates(evaluator, columns)}
-    more = {c.kind for c in candidates(evaluator, columns + geometry_columns(evaluator).columns)}
+    equations = LogEquations(mechanism, samples(mechanism))
+    columns = column_kernels(equations).columns
+    kinds = {c.kind for c in candidates(equations, columns)}
+    more = {c.kind for c in candidates(equations, columns + geometry_columns(equations).columns)}
     assert more - kinds == {
         *(
             "body-size",

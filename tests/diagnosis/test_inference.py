@@ -17,7 +17,7 @@ import deltac as dc
 from deltac.arrays import Array
 from deltac.diagnosis.audit.verdict import Judgement
 from deltac.diagnosis.causes.causes import Candidate, candidates
-from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
+from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
 from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
@@ -26,7 +26,6 @@ from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.cleaning import cleaned
-from deltac.diagnosis.residuals.at_samples import Evaluator
 
 G, L1, L2 = 9.81, 0.6, 0.4
 VALUES = {"m1": 1.0, "m2": 0.7, "c1": 0.02, "c2": 0.01, "g": G}
@@ -431,9 +430,9 @@ def test_rows_of_noise_accuse_nobody(seed: int) -> None:
 # --- causes in the equations, filters, gaps, unknown steps -----------------------------------------------
 
 
-def kernels_of(run: dc.Trajectory) -> tuple[Evaluator, ColumnKernels]:
-    evaluator = Evaluator(MECHANISM, run)
-    return evaluator, column_kernels(evaluator)
+def kernels_of(run: dc.Trajectory) -> tuple[LogEquations, ColumnKernels]:
+    equations = LogEquations(MECHANISM, run)
+    return equations, column_kernels(equations)
 
 
 @pytest.mark.parametrize(
@@ -449,9 +448,9 @@ def test_a_model_with_a_cause_is_that_of_the_textbook_with_other_numbers(
 ) -> None:
     """However large the cause is: inertia acts through u̇, in which the equations are solved anew."""
     run = log(rk4, 5e-3, duration=0.5)
-    evaluator, kernels = kernels_of(run)
+    equations, kernels = kernels_of(run)
     (cause,) = (
-        c for c in candidates(evaluator, kernels.columns) if (c.kind, c.element) == (kind, element)
+        c for c in candidates(equations, kernels.columns) if (c.kind, c.element) == (kind, element)
     )
     coefficients = np.zeros(len(kernels.columns))
     np.add.at(coefficients, list(cause.columns), cause.coefficients(np.array([theta])))
@@ -639,11 +638,11 @@ def test_forces_between_rows_are_splines_within_their_doubt() -> None:
 def test_what_a_sample_tells_of_a_log_that_closes_is_what_all_rows_tell() -> None:
     run = log(rk4, 2e-3)
     closed = infer(MECHANISM, run)
-    evaluator, model = Evaluator(MECHANISM, run), Model(MECHANISM, run)
+    equations, model = LogEquations(MECHANISM, run), Model(MECHANISM, run)
     observed = observations(model, run, 4000)
     assert closed is not None and closed.closes and observed is not None
-    whole = _Inferring(model, run, observed, evaluator, 0.0)
-    whole.add(column_kernels(evaluator))
+    whole = _Inferring(model, run, observed, equations, 0.0)
+    whole.add(column_kernels(equations))
     result = whole.result()
     assert closed.posterior.best.chosen == result.posterior.best.chosen == ()
     energies = [x.attribution.integrator.energy for x in (closed, result)]

@@ -19,9 +19,12 @@ from deltac.diagnosis.recommend.work_precision import (
     OutOfTime,
     OverBudget,
     Trial,
+    Trials,
     distance,
+    seen_gain,
 )
 from deltac.diagnosis.study.curves import common_times
+from deltac.problems import ball_on_compliant_floor
 
 
 def share_of_ranges(run: dc.Trajectory, exact: dc.Trajectory) -> float:
@@ -298,7 +301,7 @@ def test_a_run_is_verified_at_all_of_its_rows() -> None:
     assert pieces[-1].run().t[1] == pytest.approx(1e-9)
     for piece in (whole, *pieces):
         t = piece.run().t
-        _, (rows, others) = common_times([t, piece.reference().t])
+        _, (rows, others) = common_times([t, piece.finer(piece.divisors[2]).t])
         assert np.array_equal(rows, np.arange(len(t)))
         assert np.array_equal(others, rows)
 
@@ -471,3 +474,38 @@ def test_the_stiff_governor(solvers: tuple[str, ...] | None) -> None:
         problem.mechanism, problem.state, 1.0, float(run.t[1]), dc.solvers.Scipy("Radau", 1e-11)
     )
     assert distance(problem.mechanism, run, exact) <= 1.1e-4
+
+
+@pytest.mark.parametrize("order", [1, 2, 5, 8])
+def test_the_gain_of_an_order_is_seen_from_three_runs(order: int) -> None:
+    """Errors e, e/γ, e/γ⁴ of runs at h, h/2, h/16 have known differences."""
+    e, gain = 3e-7, 2.0**order
+    whole, rest = e * (1 - gain**-4), e * (gain**-1 - gain**-4)
+    assert seen_gain(whole, rest, 4.0) == pytest.approx(gain, rel=1e-6)
+    assert seen_gain(1e-7, 2e-7, 4.0) == 1.0  # finer runs that are no nearer
+
+
+@pytest.mark.parametrize("solver", ["ode2", "ode3", "ode4", "ode5", "ode8", "DOP853", "RK45"])
+@pytest.mark.parametrize("steps", [4_000, 10_000, 16_000])
+def test_the_error_told_at_kinks_bounds_that_of_the_closed_form(solver: str, steps: int) -> None:
+    """A ball that bounces on a spring: every touch is a kink, met by each run in its own way."""
+    problem = dc.problems.load("ball-on-compliant-floor")
+    state, duration = problem.state, problem.duration
+    options = (problem.mechanism, state, duration, (solver,), {}, Deadline())
+    (family,), _ = settings_of_solvers.families(problem, *options)
+    setting = duration / steps if family.knob == "step" else 10.0 ** -(6 + steps / 4_000)
+    whole = replace(family, pieces=lambda setting: family.pieces(setting)[:1])
+    trials = Trials(problem.mechanism, state, 1e-6)
+    told = trials.verified(whole, Trial(solver, family.knob, setting, 0.0, 0.0, 0.0, 0))
+    run = family.pieces(setting)[0].run()
+    z = np.array([ball_on_compliant_floor.height(t) for t in run.t])
+    # K + V is that of the start, and the ball falls until it is deepest, and again from every top.
+    g, k, height = 9.81, 2e3, 0.5
+    size = np.sqrt(2 * g * (height - z) - k * np.minimum(z, 0.0) ** 2)
+    error = max(
+        float(np.abs(run.coordinate("z") - z).max() / np.ptp(z)),
+        float(np.abs(np.abs(run.speed("z")) - size)[size > 0.1].max() / (2 * size.max())),
+    )
+    assert told.verified
+    assert 0.99 * error <= told.motion <= 1.02 * error + 1.1 * told.doubt
+    assert told.doubt <= max(0.06 * told.motion, 0.06e-6)

@@ -10,6 +10,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
+from deltac.errors import InputError
 from deltac.repair.outcome import Repair
 from deltac.repair.repair import repair_loaded
 
@@ -133,3 +134,46 @@ def test_of_a_function_without_a_text_the_wrong_term_is_named(tmp_path: Path) ->
     assert found.equations == ("a",)
     assert len(found.terms) == 1 and "gravity" in found.terms[0]
     assert "wrong sign" in found.terms[0]
+
+
+CTYPES = """
+import ctypes
+import pathlib
+
+import numpy as np
+
+ROW = np.ctypeslib.ndpointer(float, 1)
+library = ctypes.CDLL(str(pathlib.Path(__file__).with_name("librhs.so")))
+library.rhs.argtypes, library.rhs.restype = [ctypes.c_double, ROW, ROW, ROW], None
+
+
+def rhs(t, q, u):
+    udot = np.empty(2)
+    library.rhs(t, np.array([q[1], q[0]]), np.array([u[1], u[0]]), udot)
+    return udot[::-1]
+"""
+"""In the order of the mechanism: the angle, then the length."""
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_of_a_call_by_ctypes_the_wrong_term_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside its library, as a file whose folder is where deltac is called, and as a live function."""
+    (tmp_path / "rhs.c").write_text(C)
+    command = ["cc", "-shared", "-fPIC", "-o", "librhs.so", "rhs.c", "-lm"]
+    subprocess.run(command, check=True, cwd=tmp_path)
+    (tmp_path / "eom.py").write_text(CTYPES)
+    monkeypatch.chdir(tmp_path)
+    equations = load_equations("eom.py:rhs")
+    read, live = (
+        repair_loaded(SPRING, "eom.py:rhs", equations),
+        dc.repair_equations(SPRING, equations),
+    )
+    for found in (read, live):
+        assert found.exit_code == 1 and not found.fixes and "ctypes" in found.unread
+        assert found.equations == ("a",)
+        assert len(found.terms) == 1 and "gravity" in found.terms[0]
+    with pytest.raises(InputError) as refused:  # the text alone is read and not run
+        dc.repair_equations(SPRING, "eom.py:rhs")
+    assert refused.value.code == "E-SOURCE"

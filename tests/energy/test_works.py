@@ -93,6 +93,17 @@ def test_unresolved_works_are_a_finding_of_an_audit() -> None:
     assert "F-WORK-UNRESOLVED" not in [f.code for f in dc.audit(mechanism, run).findings]
 
 
+def test_rounding_of_energies_at_rest_is_resolved() -> None:
+    """Works are zero then, and no smaller step makes them better known."""
+    problem = load("double-pendulum")
+    run = dc.simulate(problem.mechanism, problem.mechanism.state(), 1.0, 1e-2, "ode4", ("wang",))
+    found = dc.audit(problem.mechanism, run)
+    assert found.ledger.at_rest and not found.ledger.unresolved
+    assert found.verdict.kind == "unresolved"
+    assert [f.code for f in found.findings] == ["F-UNDECIDED"]
+    assert "predicted" not in found.explain()
+
+
 @pytest.mark.parametrize(
     "solver", ["ode4", "ode5", "DOP853", "implicit-midpoint", "CVODES", "IDAS"]
 )

@@ -11,6 +11,8 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import Terms
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
 from tests.oracles.textbook.tree import Textbook
 
 # Rounding of ε against the powers that cancel in it: some hundred operations deep.
@@ -31,3 +33,11 @@ def scale_of(book: Textbook, udot: Any) -> float:
     for channel in book.channels:
         forces = forces + np.abs(channel.F)
     return 1.0 + float((forces + np.abs(book.beta)) @ (np.abs(book.P) @ np.abs(book.u)))
+
+
+def without_forces(mechanism: Mechanism, run: Trajectory) -> tuple[np.ndarray, ...]:
+    """Inputs of column kernels: t, free q, u and u̇ of a run; no logged forces, nor rates of such."""
+    free = mechanism.free
+    assert run.udot is not None and not run.forces
+    states = run.q[:, free.q], run.u[:, free.u], run.udot[:, free.u]
+    return run.t, *states, *([np.zeros((len(run), 0))] * 3)

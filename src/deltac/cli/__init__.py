@@ -205,6 +205,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     words_given = sys.argv[1:] if arguments is None else list(arguments)
     if arguments is None:  # a process of our own
         gc.set_threshold(SELDOM, *gc.get_threshold()[1:])
+        # Before NumPy is loaded; deltac.calls.linear_algebra says why.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         options.COMMAND.set(shlex.join(["deltac", *words_given]))
         with interruptible():

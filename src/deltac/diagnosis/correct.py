@@ -17,6 +17,7 @@ import numpy as np
 from deltac.arrays import EPS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
+from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
 from deltac.diagnosis.inference.model import Model, Rows
@@ -80,10 +81,10 @@ class Correction(Report, omit=("run", "audit")):
 
     def summary(self) -> str:
         """How far the log was off, and the corrected motion may be."""
-        error, left = float(np.abs(self.log_error).max()), float(self.remaining.max())
+        error, remainder = float(np.abs(self.log_error).max()), float(self.remaining.max())
         return (
             f"the log is off by up to {number(error, digits=2)}, the corrected motion by about "
-            f"{number(left, digits=1)}; |ΔC| {number(self.log_delta_c, 'J', 2)} → "
+            f"{number(remainder, digits=1)}; |ΔC| {number(self.log_delta_c, 'J', 2)} → "
             f"{number(self.delta_c, 'J', 2)}"
         )
 
@@ -96,6 +97,7 @@ class Correction(Report, omit=("run", "audit")):
 
 @checked
 @interruptible()
+@one_thread_per_matrix()
 def correct_trajectory(
     model: ModelLike,
     log: LogLike,

@@ -117,8 +117,8 @@ class Judged(Report):
     def contents(self) -> dict[str, Any]:
         """What the JSON holds, in terms of JSON."""
         v = self.verdict
-        held = {name: item for name, item in super().contents().items() if name != "verdict"}
-        exit_code = held.pop("exit_code")
-        told = {"confidence": v.confidence, "meaning": v.meaning or MEANINGS[v.kind]}
+        entries = {name: item for name, item in super().contents().items() if name != "verdict"}
+        exit_code = entries.pop("exit_code")
+        words = {"confidence": v.confidence, "meaning": v.meaning or MEANINGS[v.kind]}
         parts = {"evidence": list(v.evidence), "limits": list(v.limits)}
-        return {"exit_code": exit_code, "verdict": v.kind, **told, **parts, **held}
+        return {"exit_code": exit_code, "verdict": v.kind, **words, **parts, **entries}

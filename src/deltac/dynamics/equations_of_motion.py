@@ -34,7 +34,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained, Forward, forward
 from deltac.kernels.casadi_evaluator import on_arrays
-from deltac.mechanism.channels import Channel
+from deltac.mechanism.channels import Channel, ChannelName
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 
@@ -50,7 +50,7 @@ class MotionTerms:
 
     M: Array
     bias: Array
-    forces: dict[str, Array]
+    forces: dict[ChannelName, Array]
     phi: Array
     psi: Array
     gamma: Array

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.calls.caching import FrozenDict
-from deltac.energy.works import unresolved
+from deltac.energy.works import NEGLIGIBLE, ROUNDED, unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.results import Report, Section, Table, number, percent
 
@@ -114,9 +114,21 @@ class Ledger(
     def unresolved(self) -> tuple[ChannelName, ...]:
         """The channels whose work is hardly known: its error is a tenth of it, or more.
 
-        Errors below a millionth of the energy exchanged do not count.
+        Errors below a millionth of the energy exchanged do not count, nor does rounding of the energies.
         """
-        return unresolved(self.work, self.work_error, self.energy_exchanged)
+        negligible = max(NEGLIGIBLE * self.energy_exchanged, self._rounding)
+        return unresolved(self.work, self.work_error, negligible)
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the energy exchanged is rounding of the energies."""
+        return self.energy_exchanged <= max(self._rounding, ROUNDED**2)
+
+    @property
+    def _rounding(self) -> float:
+        """Of K and V, J."""
+        size = self.kinetic.max() + np.abs(self.potential_energy).max(initial=0.0)
+        return ROUNDED * float(size)
 
     def relative(self, name: str) -> float:
         """Largest |ΔC| of a testing function as a fraction of the energy exchanged."""

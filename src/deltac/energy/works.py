@@ -23,7 +23,10 @@ RESOLVED = 0.1
 """A work is resolved if its bar is at most this part of it …"""
 
 NEGLIGIBLE = 1e-6
-"""… or this part of the energy exchanged."""
+"""… or this part of the energy exchanged …"""
+
+ROUNDED = 1e-12
+"""… or this part of the energies: rounding, as it grows over 10⁷ rows."""
 
 LIKELY = 2.0
 """How much more than the work between two samples the trapezoid of its power may be believed to be."""
@@ -116,10 +119,10 @@ def certain(flow: float, work: Work) -> float:
     return max(0.0, flow - float(np.ptp(work.bar)))
 
 
-def unresolved(works: ByChannel, bars: ByChannel, energy: float) -> tuple[ChannelName, ...]:
-    """The channels whose work is hardly known: its bar is large beside it and beside an `energy` (J)."""
+def unresolved(works: ByChannel, bars: ByChannel, negligible: float) -> tuple[ChannelName, ...]:
+    """The channels whose work is hardly known: its bar is large beside it, and not `negligible` (J)."""
     return tuple(
         name
         for name, work in works.items()
-        if bars[name].max() > max(RESOLVED * np.abs(work - work[0]).max(), NEGLIGIBLE * energy)
+        if bars[name].max() > max(RESOLVED * np.abs(work - work[0]).max(), negligible)
     )

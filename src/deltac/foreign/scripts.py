@@ -136,7 +136,7 @@ class Script:
         """A module in which code has run. It is registered: dataclasses look their module up."""
         mark = sha256(str(self.path.resolve()).encode()).hexdigest()[:8]
         module = ModuleType(f"deltac_{self.path.stem}_{mark}")
-        module.__file__ = str(self.path)
+        module.__file__ = str(self.path.absolute())  # as Python has it, wherever it is called
         sys.modules[module.__name__] = module
         with redirect_stdout(sys.stderr):
             for code in parts:

@@ -113,7 +113,8 @@ def repair_equations(
     (signs, operators, names, indices, functions, powers, numbers, missing or superfluous factors and terms;
     two of them where one does not suffice) that produce these values are searched for. All that pass are
     tested at fresh states, at other parameters where the function names its constants as the mechanism does,
-    and by running the edited function in a process of its own. The file is left as it is.
+    and by running the edited function in a process of its own. The file is left as it is. A function that
+    was given itself and cannot be traced, as it calls compiled code, is run to say which terms are wrong.
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.
@@ -123,13 +124,24 @@ def repair_equations(
         time_limit: of the search (s).
 
     Raises:
-        InputError: no source, no Python, or a function with too many branches on the state, side effects,
-            endless loops, or calls that cannot be traced; file and line are named.
+        InputError: no source, no Python, or endless loops; of ``"FILE.py:FUNCTION"`` also too many branches
+            on the state, side effects, or calls that cannot be traced; file and line are named.
     """
+    start = time.monotonic()
     loaded = load_model(model)
     own = chosen_map(loaded, coordinates, equations)
     target = Target(loaded.mechanism, own, seed, loaded.first)
-    return repair_source(source_of(equations), target, time_limit)
+    try:
+        return repair_source(source_of(equations), target, time_limit)
+    except (Endless, Failed):
+        raise
+    except TracingRefused as refusal:
+        if isinstance(equations, (str, Path)):  # the text alone was given: it is read, not run
+            raise
+        function = equations if isinstance(equations, Equations) else Equations(equations)
+        name = ":".join(getattr(function.rhs, k, "") for k in ("__module__", "__qualname__"))
+        caller = _caller(name, function, target)
+        return _by_running(name, caller, target, start, time_limit, str(refusal))
 
 
 def repair_loaded(
@@ -151,9 +163,7 @@ def repair_loaded(
     equations = function if isinstance(function, Equations) else Equations(function)
     own = chosen_map(loaded, coordinates, function)
     target = Target(loaded.mechanism, own, seed, loaded.first)
-    caller = Caller(equations.rhs, text, target.test().kane)
-    with contextlib.suppress(InputError):  # the search says what cannot be called
-        caller.find_form(target.test(), equations, len(loaded.mechanism.motors))
+    caller = _caller(text, equations, target)
     if caller.form.momenta:
         return _by_running(
             text, caller, target, start, time_limit, f"{text} is written in momenta ∂K/∂u"
@@ -173,6 +183,14 @@ def repair_loaded(
         return _by_running(text, caller, target, start, time_limit, str(failure))
     # An error of Python's: an edit of its line is sought.
     return repair_source(next(_sources(text, equations))(), target, time_limit)
+
+
+def _caller(name: str, equations: Equations, target: Target) -> Caller:
+    """A function as it is called, in its own form where one is found."""
+    caller = Caller(equations.rhs, name, target.test().kane)
+    with contextlib.suppress(InputError):  # the search says what cannot be called
+        caller.find_form(target.test(), equations, len(target.mechanism.motors))
+    return caller
 
 
 def _sources(text: str, equations: Equations) -> Iterator[Callable[[], Source]]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from deltac.errors import LogError
 from deltac.trajectories.columns import Kinematics, MechanismNames, speeds_of
-from deltac.trajectories.trajectory import FloatArray, Trajectory
+from deltac.trajectories.trajectory import FloatArray, Trajectory, check_times, row_name
 
 FEWEST_ROWS = 4
 """Rows without which a motion cannot be differentiated."""
@@ -154,16 +154,12 @@ def _check(t: FloatArray, values: FloatArray, what: str) -> None:
             f"no column '{what}', and {len(t)} rows are too few to derive it (at least {FEWEST_ROWS}); "
             "log it"
         )
-    # Named by column and row when the trajectory is made from them, all but what a spline needs.
-    if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all() and np.isfinite(values).all()):
+    check_times(t)
+    # Named by its column when the trajectory is made, but a spline needs finite numbers before.
+    finite = np.isfinite(values).all(axis=1)
+    if not finite.all():
+        row = int(np.argmin(finite))
         raise LogError(
-            f"no column '{what}', and it cannot be derived: times must increase, and all values be "
-            f"finite numbers. {_first_bad(t, values)}"
+            f"no column '{what}', and it cannot be derived: {row_name(row, len(t))}, t = {t[row]} s, "
+            "has a value that is no finite number"
         )
-
-
-def _first_bad(t: FloatArray, values: FloatArray) -> str:
-    bad = ~np.isfinite(values).all(axis=1) | ~np.isfinite(t)
-    bad[1:] |= ~(np.diff(t) > 0.0)
-    row = int(np.argmax(bad))
-    return f"The first row that does not fit is row {row} (of 0 to {len(t) - 1}), t = {t[row]} s."

@@ -564,6 +564,12 @@ def _times(values: Any) -> FloatArray:
         raise LogError(f"time: found shape {t.shape}, expected (T,): one time for each row")
     if not len(t):
         raise LogError("time: found no rows, expected at least one")
+    check_times(t)
+    return t
+
+
+def check_times(t: FloatArray) -> None:
+    """LogError, unless times (T,) are finite and strictly increase."""
     bad = np.flatnonzero(~np.isfinite(t))
     if bad.size:
         raise LogError(
@@ -578,7 +584,6 @@ def _times(values: Any) -> FloatArray:
             f"column 'time', {row_name(row, len(t))}: found {t[row]} after {t[row - 1]}, "
             f"expected times that strictly increase. {rounded_clock(t) or remedy}"
         )
-    return t
 
 
 def rounded_clock(t: FloatArray) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
+from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, untold
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
@@ -162,8 +163,12 @@ class Audit(
 
     @cached_property
     def _predicted(self) -> str:
-        """The step for the tolerance, or why none can be predicted; empty where the equations are wrong."""
-        if self.verdict.kind == "equation-error" or self.inference is None:
+        """The step for the tolerance, or why none can be predicted; empty where that says nothing.
+
+        Of wrong equations it would say nothing, nor where nothing moves.
+        """
+        wrong = self.verdict.kind == "equation-error"
+        if wrong or self.inference is None or self.ledger.at_rest:
             return ""
         if self._unpredictable:
             return f"No step can be predicted for the tolerance: {self._unpredictable}."
@@ -210,10 +215,10 @@ class Audit(
             return 3
         differs = any(f.weight == "cause" and f.kind in _BEYOND_TOLERANCE for f in self.findings)
         small = self.ledger.energy_exchanged > 0.0 and self.relative <= self.tolerance
-        kept = self.verdict.kind == "consistent" or small
+        within_tolerance = self.verdict.kind == "consistent" or small
         if self.strict and any(f.kind == "small-but-real" for f in self.findings):
             return 1
-        return 0 if kept and not differs else 1
+        return 0 if within_tolerance and not differs else 1
 
     def rows(self) -> tuple[Row, ...]:
         """The table: works of channels, largest first, then K, V, what flowed in, and what is left."""
@@ -244,8 +249,8 @@ class Audit(
             row("ΔC = ΔK + ΔV − Q", float(delta_c[-1]), ledger.method, bar),
         ]
         if not np.array_equal(self.energy_error, delta_c):
-            left = float(self.energy_error[-1])
-            rows.append(row("ΔC with corrections", left, ledger.method, bar))
+            drift = float(self.energy_error[-1])
+            rows.append(row("ΔC with corrections", drift, ledger.method, bar))
         return tuple(rows)
 
     @property
@@ -297,9 +302,9 @@ class Audit(
             if row.name == "ΔK":
                 rows.append(())
             energy, share = number(row.energy), f"{100 * row.share:.3g} %"
-            told = (energy, share) if row.resolved else ("unresolved", "")
+            shown = (energy, share) if row.resolved else ("unresolved", "")
             error = number(row.error, digits=2) if row.error else ""
-            rows.append((row.name, told[0], error, told[1], row.basis))
+            rows.append((row.name, shown[0], error, shown[1], row.basis))
         yield Table(("channel", "energy (J)", "± (J)", "share", "basis"), tuple(rows))
         if self.attribution is not None:
             yield Table(
@@ -339,6 +344,7 @@ SHARES = {"read": 0.4, "evidence": 0.6}
 
 @checked
 @interruptible()
+@one_thread_per_matrix()
 def audit(
     model: ModelLike,
     log: LogLike,
@@ -389,6 +395,7 @@ def audit(
 
 @checked
 @interruptible()
+@one_thread_per_matrix()
 def explain_residual(
     model: ModelLike,
     log: LogLike | list[LogLike],
@@ -491,9 +498,11 @@ def _judged(
     if not source.passive:
         run, order = in_model_order(mechanism, read_run(mechanism, log, mapping))
         to_log = " ".join(map(str, report.ignored)) if report else ""
-        kept = {n: f for n, f in run.forces.items() if n.kind not in PASSIVE or f"'{n}'" in to_log}
-        if len(kept) < len(run.forces):  # integrals and works are of all forces
-            run = replace(run, forces=kept, integrals={}, works={})
+        active = {
+            n: f for n, f in run.forces.items() if n.kind not in PASSIVE or f"'{n}'" in to_log
+        }
+        if len(active) < len(run.forces):  # integrals and works are of all forces
+            run = replace(run, forces=active, integrals={}, works={})
         log, mapping, findings = run, None, (*findings, *order)
     progress = parts.part("read")
     read = read_log(mechanism, log, reference.work, mapping, keep=KEPT, progress=progress)
@@ -635,8 +644,8 @@ NORMAL_95 = 1.96
 
 def function_of(ledger: Ledger) -> str:
     """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
-    known = ("wang", "liu-huston", "kane-levinson-1990", *ledger.delta_c)
-    return next(name for name in known if name in ledger.delta_c)
+    preference = ("wang", "liu-huston", "kane-levinson-1990", *ledger.delta_c)
+    return next(name for name in preference if name in ledger.delta_c)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,9 @@ from deltac.codes import FINDINGS
 from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.measurements.digits import scatter
 from deltac.diagnosis.measurements.kinematics import trusted
-from deltac.diagnosis.residuals.at_samples import equation_terms, stale_stage
+from deltac.diagnosis.residuals.at_samples import MOST_ROWS, run_residual, stale_stage
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import some_rows
 from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
@@ -37,13 +39,13 @@ def violations(
     mechanism: Mechanism, run: Trajectory, ledger: Ledger, tolerance: float
 ) -> list[Finding]:
     """Prescribed joints that departed from their laws, constraints and quaternions that were violated."""
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for name, values in ledger.violation.items():
         what, _, element = name.partition(" ")
         k = int(values.argmax())
         worst, evidence = float(values[k]), f"by up to {values[k]:.3g}, at t = {ledger.t[k]:.4g} s"
         if what in ("coordinate", "speed"):
-            found += _departure(mechanism, run, what, element, worst, evidence, tolerance)
+            findings += _departure(mechanism, run, what, element, worst, evidence, tolerance)
         elif what in ("position", "velocity") and worst > 1e-6 + (digits := _digits(run, what)):
             along = _follows(run, ledger.t, values) if what == "position" else ""
             moved = np.ptp(run.q, axis=0) if what == "position" else np.abs(run.u)
@@ -58,11 +60,11 @@ def violations(
             if drifted:
                 remedy = "Use a projection or a smaller step, or log the constraint's force if it is soft"
             kind = "constraint-drift" if drifted else "constraint-violation"
-            told = f"constraint {element!r} is violated at {what} level"
+            sentence = f"constraint {element!r} is violated at {what} level"
             weight: Weight = "cause" if large else "note"
-            found.append(Finding(kind, told, evidence + how, remedy, weight, element))
+            findings.append(Finding(kind, sentence, evidence + how, remedy, weight, element))
         elif what == "quaternion" and worst > 1e-6:
-            found.append(
+            findings.append(
                 Finding(
                     "quaternion-norm",
                     f"the quaternion of joint {element!r} is not of unit length",
@@ -72,7 +74,7 @@ def violations(
                     element,
                 )
             )
-    return found
+    return findings
 
 
 def _departure(
@@ -98,8 +100,8 @@ def _departure(
     if worst > allowed and start:
         laws = MechanismNames.of(mechanism).laws
         names = [f"{'q' if position else 'u'}.{entry.name}" for entry in entries[places]]
-        told = [at_times(laws[name], run.t - start) for name in names if name in laws]
-        if len(told) == own.shape[1] and np.abs(np.column_stack(told) - own).max() <= allowed:
+        series = [at_times(laws[name], run.t - start) for name in names if name in laws]
+        if len(series) == own.shape[1] and np.abs(np.column_stack(series) - own).max() <= allowed:
             evidence += f"; it follows the law at t − {start:.9g} s"
             remedy = f"The times of the log are not those of the model: subtract {start:.9g} s"
     return [
@@ -196,10 +198,10 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
         kind = ChannelName.parse(name).kind
         at_rest = kind in looked_for and not any(a.startswith(generic) for a in acted)
         on_each_speed = all(f"{kind} {speed}" in run.forces for speed in run.speeds)
-        held = name in run.forces or (
+        in_log = name in run.forces or (
             all_of_kind and any(f.startswith(generic) for f in run.forces)
         )
-        if not (at_rest or on_each_speed or held):
+        if not (at_rest or on_each_speed or in_log):
             missing.append("contact all" if name.startswith("contact <") else name)
     return missing
 
@@ -268,8 +270,8 @@ EVERY_STEP = 1.01
 def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     """A run of another program without events, of a model in which things hit each other."""
     names = [event.name for event in mechanism.events if event.impulsive]
-    held = run.events or any(name.kind == "impact" for name in (*run.forces, *run.works))
-    if not names or held or run.provenance.simulator == "deltac":
+    recorded = run.events or any(name.kind == "impact" for name in (*run.forces, *run.works))
+    if not names or recorded or run.provenance.simulator == "deltac":
         return []
     return [
         Finding(
@@ -294,19 +296,19 @@ def with_conventions(
     Of runs whose origin is known only what is certain is told. What a unit explains is taken out, and what
     is known already is not told again.
     """
-    told, found = {f.kind for f in known}, list(known)
+    kinds, findings = {f.kind for f in known}, list(known)
     for s in suspicions(run, mechanism):
         gap = s.kind == "gap"
-        explained = not gap and told & {"swapped-columns", "clipped-column"}
+        explained = not gap and kinds & {"swapped-columns", "clipped-column"}
         if s.kind == "rate" or (trusted(run) and not s.certain) or explained:
             continue
         doubtful = s.certain and not gap
         if doubtful:
-            found = [f for f in found if f.kind not in OF_RATES]
+            findings = [f for f in findings if f.kind not in OF_RATES]
         kind, remedy = s.kind.replace(" ", "-"), s.remedy[:1].upper() + s.remedy[1:]
         weight: Weight = "doubt" if doubtful else "note"
-        found.append(Finding(kind, FINDINGS[kind], s.evidence, remedy, weight))
-    return found
+        findings.append(Finding(kind, FINDINGS[kind], s.evidence, remedy, weight))
+    return findings
 
 
 # --- forces of the log against the model's -------------------------------------------------------
@@ -322,20 +324,23 @@ def differing_channels(
     run, ledger = log.run, log.ledger
     if not run.forces or not len(mechanism.free.u) or len(run) < 3:
         return []
-    # Forces need no accelerations to be compared.
-    terms = equation_terms(mechanism, replace(run, udot=np.zeros_like(run.u), events=()))
-    found: list[Finding] = []
+    rows, free, motion = some_rows(run, MOST_ROWS), mechanism.free, equations_of_motion(mechanism)
+    t, u = run.t[rows], run.u[np.ix_(rows, free.u)]
+    of_model = motion.terms(t, run.q[np.ix_(rows, free.q)].T, u.T).forces
+    lawless = {part.name for part in motion.channels if part.logged}
+    findings: list[Finding] = []
     left_to_log = " ".join(str(r) for r in report.ignored) if report else ""
-    for name, logged in terms.forces.items():
-        own = terms.own.get(name)
+    for name, force in run.forces.items():
+        logged = force[np.ix_(rows, free.u)]
+        own = None if name in lawless or name not in of_model else of_model[name].T
         passive = name.kind in PASSIVE and f"'{name}'" not in left_to_log
         if ledger.basis.get(name) != "measured" or (own is None and not passive):
             continue
-        power = np.einsum("ij,ij->i", terms.u, logged - (0.0 if own is None else own))
-        energy = float(np.trapezoid(np.abs(power), terms.t))
+        power = np.einsum("ij,ij->i", u, logged - (0.0 if own is None else own))
+        energy = float(np.trapezoid(np.abs(power), t))
         if energy > tolerance * ledger.energy_exchanged:
-            found.append(_difference(name, own, logged, energy, ledger.energy_exchanged))
-    return found
+            findings.append(_difference(name, own, logged, energy, ledger.energy_exchanged))
+    return findings
 
 
 def stale_rows(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
@@ -343,7 +348,7 @@ def stale_rows(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     measured = trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
     if not measured or not len(mechanism.free.u) or len(run) < 3:
         return []
-    return stale_stage(mechanism, run, equation_terms(mechanism, run))
+    return stale_stage(run, run_residual(Kane(mechanism), run))
 
 
 def _difference(
@@ -402,9 +407,9 @@ def missing_equalities(
         G = _jacobians(mechanism, group, inference)
         if G is None:
             continue
-        left, rank = _unexplained(G, inference)
-        if left <= LEFT and rank < inference.model.n:
-            return [_equality(c, left, len(group)) for c in group]
+        residual, rank = _unexplained(G, inference)
+        if residual <= LEFT and rank < inference.model.n:
+            return [_equality(c, residual, len(group)) for c in group]
     return []
 
 
@@ -441,13 +446,13 @@ def _unexplained(G: Array, inference: Inference) -> tuple[float, int]:
     return share, int(real.sum(axis=1).max(initial=0))
 
 
-def _equality(constraint: Constraint, left: float, together: int) -> Finding:
+def _equality(constraint: Constraint, residual: float, together: int) -> Finding:
     name = constraint.name
     return Finding(
         "missing-equality",
         f"the force of equality constraint {name!r} is missing: the model's file has it, the log does not",
-        f"forces along its Jacobian{' and the others' if together > 1 else ''} explain all but {left:.1g} "
-        "of the squared residual of the equations of motion",
+        f"forces along its Jacobian{' and the others' if together > 1 else ''} explain all but "
+        f"{residual:.1g} of the squared residual of the equations of motion",
         f"Log its force in channel 'constraint {name}', or read the model with equality=\"constraints\"",
         "cause",
         f"constraint {name}",

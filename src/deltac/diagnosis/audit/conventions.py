@@ -80,10 +80,10 @@ class Reading:
         places = _rates(run)
 
         def read(values: Array, at: NDArray[np.intp]) -> Array:
-            found = np.array(values)
+            columns = np.array(values)
             if self.matrix is not None:
-                found[:, at] = values[:, at] @ self.matrix.T
-            return found
+                columns[:, at] = values[:, at] @ self.matrix.T
+            return columns
 
         q, u = read(run.q, places[:, 0]), read(run.u, places[:, 1])
         q[:, places[:, 0]] -= self.offset
@@ -136,13 +136,13 @@ def _best(
     was = _left(model, part)
     if not readings or not was > LARGE:
         return None
-    left = [_left(model, reading.of(part)) for reading in readings]
-    order = [int(k) for k in np.argsort(left) if left[int(k)] < LEFT * was]
+    residuals = [_left(model, reading.of(part)) for reading in readings]
+    order = [int(k) for k in np.argsort(residuals) if residuals[int(k)] < LEFT * was]
     for k in order[:3]:
         other = infer(mechanism, readings[k].of(run))
         if other is not None and _closes(other, inference):
-            alike = [readings[j] for j in order if j != k and left[j] < 2.0 * left[k]]
-            return _told(readings[k], alike, was, left[k])
+            alike = [readings[j] for j in order if j != k and residuals[j] < 2.0 * residuals[k]]
+            return _told(readings[k], alike, was, residuals[k])
     return None
 
 
@@ -164,7 +164,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
         return None
     part = _some(run)
     was = _left(Model(mechanism, part), part)
-    found: list[tuple[float, Joint, str, Mechanism]] = []
+    trials: list[tuple[float, Joint, str, Mechanism]] = []
     for joint in single if was > LARGE else ():
         for name, axis in zip("xyz", np.eye(3)):
             if np.linalg.norm(np.cross(axis, joint.axes[0])) < PARALLEL:
@@ -173,30 +173,31 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
             joints = tuple(turned if j is joint else j for j in mechanism.joints)
             with suppress(InputError):  # a body may have no inertia about that axis
                 other = replace(mechanism, joints=joints)
-                found.append((_left(Model(other, part), part), joint, name, other))
-    if not found:
+                trials.append((_left(Model(other, part), part), joint, name, other))
+    if not trials:
         return None
-    left, joint, name, other = min(found, key=lambda item: item[0])
-    test = infer(other, run) if left < LEFT * was else None
+    residual, joint, name, other = min(trials, key=lambda item: item[0])
+    test = infer(other, run) if residual < LEFT * was else None
     if test is None or not _closes(test, inference):
         return None
     return Finding(
         "joint-axis",
         f"in the run, joint {joint.name!r} moves along the {name} axis of its frame, not along "
         f"({', '.join(f'{x:.4g}' for x in joint.axes[0])})",
-        f"with that axis, the equations leave {percent(left)} of the accelerations, else {percent(was)}",
+        f"with that axis, the equations leave {percent(residual)} of the accelerations, else {percent(was)}",
         "Give the model the axis that the simulator used",
         "cause",
         joint.name,
     )
 
 
-def _told(reading: Reading, alike: list[Reading], was: float, left: float) -> Finding:
+def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -> Finding:
     others = "".join(f"; or {other.what}" for other in alike[:3])
     return Finding(
         reading.kind,
         f"in the log, {reading.what}{others}",
-        f"read that way, the equations leave {percent(left)} of the accelerations; as logged, {percent(was)}",
+        f"read that way, the equations leave {percent(residual)} of the accelerations; as logged, "
+        f"{percent(was)}",
         reading.remedy,
         "doubt",
         reading.element,
@@ -207,11 +208,11 @@ def _told(reading: Reading, alike: list[Reading], was: float, left: float) -> Fi
 def _some(run: Trajectory) -> Trajectory:
     """A few stretches of a log."""
     if len(run) <= PARTS * ROWS:
-        kept = np.arange(len(run))
+        rows = np.arange(len(run))
     else:
         starts = np.linspace(0, len(run) - ROWS, PARTS).astype(np.intp)
-        kept = np.unique((starts[:, None] + np.arange(ROWS)).ravel())
-    return replace(run.take(kept), integrals={}, works={}, events=())
+        rows = np.unique((starts[:, None] + np.arange(ROWS)).ravel())
+    return replace(run.take(rows), integrals={}, works={}, events=())
 
 
 def _left(model: Model, run: Trajectory) -> float:
@@ -229,8 +230,8 @@ def _left(model: Model, run: Trajectory) -> float:
         D = (np.diff(u, axis=0) / h[:, None])[next_to]
         mean = 0.5 * (a[:-1] + a[1:])[next_to]
         sizes = [np.sqrt(np.mean(np.einsum("ti,tij,tj->t", x, M, x))) for x in (D - mean, D, mean)]
-    left = float(sizes[0] / (sizes[1] + sizes[2] + 1e-300))
-    return left if np.isfinite(left) else np.inf
+    share = float(sizes[0] / (sizes[1] + sizes[2] + 1e-300))
+    return share if np.isfinite(share) else np.inf
 
 
 def _units(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:
@@ -321,9 +322,9 @@ def _before(mechanism: Mechanism, names: list[str]) -> Array:
     """1 where the second coordinate is of the hinge that carries the first one's, of the same axis (n, n)."""
     hinges = {j.name: j for j in mechanism.joints if j.kind == "revolute" and j.name in names}
     carries = {j.child: j for j in mechanism.joints if j.kind == "revolute"}
-    found = np.zeros((len(names), len(names)))
+    carried = np.zeros((len(names), len(names)))
     for joint in hinges.values():
         parent = carries.get(joint.parent)
         if parent is not None and parent.name in hinges and parent.axes == joint.axes:
-            found[names.index(joint.name), names.index(parent.name)] = 1.0
-    return found
+            carried[names.index(joint.name), names.index(parent.name)] = 1.0
+    return carried

@@ -98,8 +98,8 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
         last = logged(start.t + step)
 
         def force(share: float) -> Array:
-            held = start.F + a * (last - start.F)
-            return np.where(b > 0.0, logged(start.t + share * step), held)
+            constant = start.F + a * (last - start.F)
+            return np.where(b > 0.0, logged(start.t + share * step), constant)
 
         intervals = Intervals(start, Rows(start.t + step, start.q, start.u, last))
         defects = np.abs(inference.w[some]) * min(step / own, 1.0) ** (order + 1)

@@ -184,8 +184,8 @@ def _stepped(
 
 def _arrays(reading: LogReading, names: tuple[str, ...], width: int) -> list[Array]:
     """Arrays (T, width) of one of these names, of columns that are nothing else."""
-    taken = {one.column for one in reading.meanings.values()}
-    free = {n: c for n, c in reading.raw.columns.items() if n not in taken}
+    columns = {one.column for one in reading.meanings.values()}
+    free = {n: c for n, c in reading.raw.columns.items() if n not in columns}
     return arrays_named(free, names, width)
 
 

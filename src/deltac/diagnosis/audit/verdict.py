@@ -22,7 +22,7 @@ from deltac.diagnosis.inference.attribution import Attribution, Share
 from deltac.diagnosis.inference.flow import FORCES
 from deltac.diagnosis.inference.hypotheses import CERTAIN
 from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference
-from deltac.diagnosis.verdict import NOTHING, Confidence, Finding, Kind, Verdict, percent
+from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 from deltac.energy import Ledger
 from deltac.results import HEADINGS
 from deltac.trajectories import Trajectory
@@ -86,13 +86,6 @@ class Judgement:
         error = np.abs(self.ledger.uncorrected(self.function))
         return float(error.max()), float(self.ledger.error_bar[self.function].max())
 
-    @property
-    def rests(self) -> bool:
-        """Whether the energy exchanged is rounding."""
-        ledger = self.ledger
-        size = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max(initial=0.0))
-        return ledger.energy_exchanged <= NOTHING * max(size, NOTHING)
-
     # --- probabilities ---
 
     @cached_property
@@ -102,7 +95,7 @@ class Judgement:
         if inference is None:
             return 0.0, 0.0
         allowed = self.allowed_flow
-        there, beyond = 0.0, 0.0
+        real, intolerable = 0.0, 0.0
         best = inference.posterior.best
         # Of a log that is not yet right, what explains the rest accuses nobody.
         of_log = [c.kind in OF_THE_LOG for c in best.chosen]
@@ -112,14 +105,16 @@ class Judgement:
         ):
             if c.kind not in OF_THE_LOG and joules > slip:
                 p = float(expit(odds))
-                there = max(there, p)
-                beyond = max(beyond, p * float(ndtr((joules - allowed) / max(error, 1e-300))))
+                real = max(real, p)
+                intolerable = max(
+                    intolerable, p * float(ndtr((joules - allowed) / max(error, 1e-300)))
+                )
         if self.unnamed and not slip:
             p = float(expit(inference.generic.log_odds - CERTAIN))
-            there, beyond = max(there, p), max(beyond, p)
+            real, intolerable = max(real, p), max(intolerable, p)
         if self.intermittent:
-            there = beyond = max(beyond, float(expit(inference.intermittent[0])))
-        return there, beyond
+            real = intolerable = max(intolerable, float(expit(inference.intermittent[0])))
+        return real, intolerable
 
     @property
     def unnamed(self) -> bool:
@@ -140,8 +135,8 @@ class Judgement:
         They depart from the equations as small terms of the state do.
         """
         provenance = self.run.provenance
-        made = provenance.notes.get(ROWS) == INTERPOLATED or "u" in provenance.derived
-        return made or (self.inference is not None and self.inference.filter is not None)
+        interpolated = provenance.notes.get(ROWS) == INTERPOLATED or "u" in provenance.derived
+        return interpolated or (self.inference is not None and self.inference.filter is not None)
 
     @cached_property
     def intermittent(self) -> bool:
@@ -181,21 +176,21 @@ class Judgement:
         share = 1.0 / (1.0 + (error / size) ** 2)
         mean, deviation = share * joules, np.sqrt(share) * error
         odds = np.log(deviation / size) + 0.5 * share * (joules / error) ** 2
-        beyond = [ndtr((sign * mean - self.allowed) / deviation) for sign in (1.0, -1.0)]
-        return np.asarray(expit(odds) * (beyond[0] + beyond[1]))
+        probabilities = [ndtr((sign * mean - self.allowed) / deviation) for sign in (1.0, -1.0)]
+        return np.asarray(expit(odds) * (probabilities[0] + probabilities[1]))
 
     @cached_property
     def unexplained(self) -> float:
         """Probability that what nothing explains matters."""
         if self.inference is None:
-            left, bar = self.energy_error
-            return 1.0 if left > self.allowed else float(bar > self.allowed)
+            error, bar = self.energy_error
+            return 1.0 if error > self.allowed else float(bar > self.allowed)
         return float(self.inference.unexplained > self.allowed)
 
     @cached_property
     def odds(self) -> dict[Kind, float]:
         """Probabilities of the four verdicts; they add up to one."""
-        if self.rests or self.doubts:
+        if self.ledger.at_rest or self.doubts:
             return {
                 "consistent": 0.0,
                 "integration-error": 0.0,
@@ -416,10 +411,10 @@ def _small(e: Judgement, cause: Finding) -> Finding:
 def _departing_equations(e: Judgement) -> Finding | None:
     """The equations whose momentum functions leave their bars by more than the tolerance."""
     momenta, exchanged = e.ledger.momenta(), e.ledger.momentum_exchanged
-    beyond = {
+    excess = {
         n: m["delta_p"] - m["error_bar"] - e.tolerance * exchanged[n] for n, m in momenta.items()
     }
-    names = sorted((n for n in momenta if beyond[n] > 0.0), key=lambda n: -momenta[n]["relative"])
+    names = sorted((n for n in momenta if excess[n] > 0.0), key=lambda n: -momenta[n]["relative"])
     if not names:
         return None
     sizes = ", ".join(
@@ -467,7 +462,7 @@ def _evidence(e: Judgement) -> Iterator[str]:
         named = ", ".join(dict.fromkeys(f.kind for f in e.doubts))
         yield f"The log contradicts itself ({named}); correct it first"
         return
-    if e.rests:
+    if e.ledger.at_rest:
         joules = e.ledger.energy_exchanged
         yield f"Almost nothing moves: the energy exchanged, {joules:.3g} J, is at rounding level"
         return
@@ -490,12 +485,12 @@ def _evidence(e: Judgement) -> Iterator[str]:
 
 
 def _balance(e: Judgement) -> str:
-    left, bar = e.energy_error
+    error, bar = e.energy_error
     ledger = e.ledger
-    share = left / ledger.reference_energy if ledger.reference_energy > 0.0 else 0.0
+    share = error / ledger.reference_energy if ledger.reference_energy > 0.0 else 0.0
     what = f"{ledger.reference_energy:.4g} J that the system has ({ledger.energy_exchanged:.4g} J exchanged)"
     return (
-        f"Largest |ΔC| {left:.3g} J ± {bar:.2g} J ({e.ledger.method}), {percent(share)} of the {what}; the "
+        f"Largest |ΔC| {error:.3g} J ± {bar:.2g} J ({e.ledger.method}), {percent(share)} of the {what}; the "
         f"tolerance is {100 * e.tolerance:g} %"
     )
 
@@ -535,9 +530,9 @@ def _rows(e: Judgement, inference: Inference) -> Iterator[str]:
         each = zip(best.chosen, best.each, strict=True)
         odds = ", ".join(f"{c.kind} {c.element}: {x:.3g}" for c, x in each)
         yield f"Log odds of causes against none: {odds}"
-    held = [kind for kind in dict.fromkeys(inference.forces) if FORCES[kind][1] == 0.0]
-    if held:
-        yield f"Logged forces act from row to row as {' or '.join(held)} values, by likelihood"
+    kinds = [kind for kind in dict.fromkeys(inference.forces) if FORCES[kind][1] == 0.0]
+    if kinds:
+        yield f"Logged forces act from row to row as {' or '.join(kinds)} values, by likelihood"
 
 
 def _undecided(e: Judgement) -> Finding:
@@ -550,7 +545,7 @@ def _undecided(e: Judgement) -> Finding:
     if e.doubts:
         kinds = ", ".join(dict.fromkeys(f.kind for f in e.doubts))
         return finding("the log contradicts itself", kinds, "Correct the log as the doubts say")
-    if e.rests:
+    if e.ledger.at_rest:
         joules = e.ledger.energy_exchanged
         return finding(
             "almost nothing moves", f"{joules:.3g} J exchanged", "Log a run in which energy flows"

@@ -15,9 +15,8 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.causes.columns import STOPS, UNIT_MOMENTS, Column, What, stops
+from deltac.diagnosis.causes.columns import STOPS, UNIT_MOMENTS, Column, LogEquations, What, stops
 from deltac.diagnosis.causes.geometry import Number, displacements, geometry_numbers
-from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.system import Link
 from deltac.mechanism.constraints import perpendiculars
 from deltac.mechanism.coordinates import Entry
@@ -326,10 +325,10 @@ class Candidate:
 
     def coefficients(self, theta: Array) -> Array:
         """Coefficients (a,) of its columns."""
-        made = self.linear @ theta
+        coefficients = self.linear @ theta
         if self.quadratic is not None:
-            made = made + np.einsum("aij,i,j->a", self.quadratic, theta, theta)
-        return np.asarray(made)
+            coefficients = coefficients + np.einsum("aij,i,j->a", self.quadratic, theta, theta)
+        return np.asarray(coefficients)
 
     def tangent(self, theta: Array) -> Array:
         """Their derivatives (a, d)."""
@@ -359,11 +358,11 @@ class Candidate:
 
     def excludes(self, other: Candidate) -> bool:
         """Whether both together would tell one number of a body twice, in sentences that contradict."""
-        here, there = KINDS[self.kind].tells, KINDS[other.kind].tells
+        own, others = KINDS[self.kind].tells, KINDS[other.kind].tells
         same = self.element == other.element or "mass-scale" in (self.kind, other.kind)
         if self.kind == other.kind == "body-moment":
             return self.names == other.names
-        return same and any(told in there for told in here)
+        return same and any(fact in others for fact in own)
 
     def plausible(self, theta: Array) -> bool:
         """Whether the world could have it: dampers brake, masses stay within a decade."""
@@ -398,8 +397,8 @@ class Places:
 
     def __call__(self, *columns: Column) -> tuple[int, ...]:
         """The places of columns, none where one is missing."""
-        found = [self.of.get(c) for c in columns]
-        return () if None in found else tuple(p for p in found if p is not None)
+        places = [self.of.get(c) for c in columns]
+        return () if None in places else tuple(p for p in places if p is not None)
 
 
 def cause(
@@ -418,17 +417,17 @@ def cause(
     """
     if not columns or not np.any(weights):
         return
-    told = KINDS[kind]
+    kind_of_cause = KINDS[kind]
     L = np.array(weights, dtype=float).reshape(len(columns), -1)
     d = L.shape[1]
     fields = {
-        "words": told.words,
-        "sign": told.sign,
-        "units": (of_joint(told.unit, entry),) * d,
+        "words": kind_of_cause.words,
+        "sign": kind_of_cause.sign,
+        "units": (of_joint(kind_of_cause.unit, entry),) * d,
         **more,
     }
     numbers = np.broadcast_to(np.asarray(base, dtype=float), d)
-    yield Candidate(kind, element, columns, L, names or (told.number,), numbers, **fields)
+    yield Candidate(kind, element, columns, L, names or (kind_of_cause.number,), numbers, **fields)
 
 
 def of_joint(unit: str, entry: Entry | None) -> str:
@@ -489,21 +488,21 @@ def _six(J: Array) -> list[float]:
     return [float(J[i, j]) for i, j in UNIT_MOMENTS]
 
 
-def of_bodies(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """Masses, moments of inertia and mass centres of each body, and all masses together."""
-    system = evaluator.symbols.system
+    system = equations.symbols.system
     whole = list[tuple[tuple[int, ...], Array]]()
     steady = list[int]()
     for link in system.links:
-        if evaluator.mechanism.body(link.joint.child).massless:
+        if equations.mechanism.body(link.joint.child).massless:
             continue
         b = _Mass.of(link)
-        kept = [k for k in range(10) if Column("inertia", b.name, k) in places.of]
-        at = places(*(Column("inertia", b.name, k) for k in kept))
-        if not kept:
+        indices = [k for k in range(10) if Column("inertia", b.name, k) in places.of]
+        at = places(*(Column("inertia", b.name, k) for k in indices))
+        if not indices:
             continue
-        mass = np.array([b.mass, *(b.mass * b.centre), *_six(b.mass * _steiner(b.centre))])[kept]
-        moments = np.array([0.0] * 4 + _six(b.central))[kept]
+        mass = np.array([b.mass, *(b.mass * b.centre), *_six(b.mass * _steiner(b.centre))])[indices]
+        moments = np.array([0.0] * 4 + _six(b.central))[indices]
         whole.append((at, mass + moments))
         steady += places(Column("velocity", b.name))
         own = places(Column("gyroscopic", b.name))
@@ -511,8 +510,8 @@ def of_bodies(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         yield from cause("body-inertia", b.name, at, mass + moments, 1.0)
         yield from cause("body-mass", b.name, at, mass, 1.0)
         yield from cause("body-moments", b.name, at, moments, 1.0)
-        yield from _centres(b, at, kept)
-        yield from _moments(b, at, kept)
+        yield from _centres(b, at, indices)
+        yield from _moments(b, at, indices)
     if len(whole) > 1:
         columns = tuple(k for at, _ in whole for k in at)
         weights = np.concatenate([w for _, w in whole])
@@ -521,7 +520,7 @@ def of_bodies(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         yield from cause("velocity-terms", "all bodies", tuple(steady), ones, 1.0)
 
 
-def _centres(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candidate]:
+def _centres(b: _Mass, at: tuple[int, ...], indices: list[int]) -> Iterator[Candidate]:
     """The mass centre moved along an axis of the body, or anywhere; in body components."""
     L, Q = np.zeros((10, 3)), np.zeros((10, 3, 3))
     axes = b.E.T  # columns: the body's axes in the link frame
@@ -536,7 +535,7 @@ def _centres(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
             e = axes[:, l]
             both = float(d @ e) * np.eye(3) - 0.5 * (np.outer(d, e) + np.outer(e, d))
             Q[4:, k, l] = _six(b.mass * both)
-    L, Q = L[kept], Q[kept]
+    L, Q = L[indices], Q[indices]
     gyration = np.sqrt(0.5 * float(np.trace(b.central)) / b.mass) if b.mass else 0.0
     limit = max(3.0 * gyration, float(np.linalg.norm(b.centre)))  # it stays within the body
     shown = [k for k in range(3) if L[:, k].any()]  # of planar motion, not the axis across
@@ -549,7 +548,7 @@ def _centres(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
             )
 
 
-def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candidate]:
+def _moments(b: _Mass, at: tuple[int, ...], indices: list[int]) -> Iterator[Candidate]:
     """Central moments of inertia, in the axes of the body."""
     L = np.zeros((10, 6))
     own = b.E @ b.central @ b.E.T
@@ -557,7 +556,7 @@ def _moments(b: _Mass, at: tuple[int, ...], kept: list[int]) -> Iterator[Candida
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
         L[4:, n] = _six(b.E.T @ unit @ b.E)
-    L, base, names = L[kept], np.array(_six(own)), ("xx", "yy", "zz", "xy", "xz", "yz")
+    L, base, names = L[indices], np.array(_six(own)), ("xx", "yy", "zz", "xy", "xz", "yz")
     for n in range(3):
         yield from cause("body-moment", b.name, at, L[:, n], base[n], (names[n],))
     yield from cause("body-tensor", b.name, at, L, base, names)
@@ -585,21 +584,21 @@ ON_A_SPEED: tuple[tuple[str, What], ...] = (
 """What may act on a joint's speed, or alike on all of them."""
 
 
-def candidates(evaluator: Evaluator, columns: Sequence[Column]) -> tuple[Candidate, ...]:
+def candidates(equations: LogEquations, columns: Sequence[Column]) -> tuple[Candidate, ...]:
     """All causes of a mechanism whose columns there are."""
     places = Places({column: k for k, column in enumerate(columns)})
-    found: list[Candidate] = []
+    causes: list[Candidate] = []
     parts = [_gravity, of_bodies, _joints, _channels, _laws, _wrenches]
     if any(c.what in GEOMETRY for c in columns):
         parts += [_sizes, _places_of_joints, _numbers]
     for part in parts:
-        found.extend(part(evaluator, places))
+        causes.extend(part(equations, places))
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
-    return tuple(c for c in found if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
+    return tuple(c for c in causes if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
 
 
-def _gravity(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
-    g = np.array([evaluator.mechanism.number(x) for x in evaluator.mechanism.gravity])
+def _gravity(equations: LogEquations, places: Places) -> Iterator[Candidate]:
+    g = np.array([equations.mechanism.number(x) for x in equations.mechanism.gravity])
     active = [k for k in range(3) if Column("gravity", "", k) in places.of]
     columns = places(*(Column("gravity", "", k) for k in active))
     axes = tuple("xyz"[k] for k in active)
@@ -610,13 +609,13 @@ def _gravity(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
 # --- joints, channels, forces -----------------------------------------------------------------------
 
 
-def _joints(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+def _joints(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """What may act on a joint: damper, dry friction, drag, rotor inertia, spring, stop, constant force."""
-    mechanism = evaluator.mechanism
+    mechanism = equations.mechanism
     acting = {c.element for c in places.of if c.what == "channel"}
-    speeds = [mechanism.speeds[place] for place in evaluator.symbols.system.free_u]
+    speeds = [mechanism.speeds[place] for place in equations.symbols.system.free_u]
     for joint in mechanism.joints:
-        lacking = [
+        free_speeds = [
             (kind, what)
             for kind, what in ON_A_SPEED
             if not (kind == "missing-rotor-inertia" and joint.armature)
@@ -625,19 +624,19 @@ def _joints(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         own = [entry for entry in speeds if entry.joint == joint.name]
         for unit in dict.fromkeys(e.unit for e in own):
             some = [e for e in own if e.unit == unit]
-            for kind, what in lacking if len(some) > 1 else ():
+            for kind, what in free_speeds if len(some) > 1 else ():
                 columns = places(*(Column(what, e.name) for e in some))
                 ones = [1.0] * len(some)
                 yield from cause(kind, joint.name, columns, ones, entry=some[0], origin=joint.kind)
     for entry in speeds:
-        yield from _on_a_speed(evaluator, places, entry, acting)
+        yield from _on_a_speed(equations, places, entry, acting)
 
 
 def _on_a_speed(
-    evaluator: Evaluator, places: Places, entry: Entry, acting: set[str]
+    equations: LogEquations, places: Places, entry: Entry, acting: set[str]
 ) -> Iterator[Candidate]:
     """What may act on one speed of a joint."""
-    mechanism, log = evaluator.mechanism, evaluator.log.places
+    mechanism, log = equations.mechanism, equations.log.places
     joint = mechanism.joint(entry.joint)
     row = entry.index - mechanism.speeds.of(joint.name).start
     of_joints = reversed(_of_joints(mechanism).items())
@@ -665,12 +664,12 @@ def _on_a_speed(
     yield from one("missing-drag", "drag")
     have = mechanism.number(joint.armature[row]) if joint.armature else 0.0
     yield from one("armature" if have else "missing-rotor-inertia", "armature", base=have)
-    yield from _stops(evaluator, places, entry, row)
+    yield from _stops(equations, places, entry, row)
     if spring is None and f"spring {joint.name}" not in acting:
         yield from one("missing-spring", "spring")
         both = places(Column("spring", entry.name), Column("constant", entry.name))
         at_q = mechanism.coordinates.of(entry.joint).start + row
-        reach = tuple(float(x[at_q]) for x in evaluator.reach)
+        reach = tuple(float(x[at_q]) for x in equations.reach)
         units = of_joint("{F}/{q}", entry), of_joint("{F}", entry)
         names = ("stiffness", "force at zero")
         for kind, words, touching in (
@@ -691,18 +690,18 @@ def _on_a_speed(
 def _of_joints(mechanism: Mechanism) -> dict[str, JointDamper | JointSpring]:
     """Dampers and springs of joints by their channels."""
     of = {JointDamper: "damper", JointSpring: "spring"}
-    found = (e for e in mechanism.elements if isinstance(e, JointDamper | JointSpring))
-    return {f"{of[type(e)]} {e.name}": e for e in found}
+    elements = (e for e in mechanism.elements if isinstance(e, JointDamper | JointSpring))
+    return {f"{of[type(e)]} {e.name}": e for e in elements}
 
 
-def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iterator[Candidate]:
+def _stops(equations: LogEquations, places: Places, entry: Entry, row: int) -> Iterator[Candidate]:
     """A stop that pushes back above a place, or below it."""
-    at = evaluator.mechanism.coordinates.of(entry.joint).start + row
+    at = equations.mechanism.coordinates.of(entry.joint).start + row
     linear = places(Column("spring", entry.name), Column("constant", entry.name))
     hinge = places(*(Column("stop", entry.name, k) for k in range(len(STOPS))))
     if not linear or not hinge:
         return
-    c = stops(evaluator, at)
+    c = stops(equations, at)
     # −k max(q − c, 0), with c between two places, is the sum of such forces at both.
     above = np.eye(2)
     for k in range(len(c) - 1):
@@ -717,13 +716,13 @@ def _stops(evaluator: Evaluator, places: Places, entry: Entry, row: int) -> Iter
             )  # fmt: skip
 
 
-def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
-    mechanism = evaluator.mechanism
+def _channels(equations: LogEquations, places: Places) -> Iterator[Candidate]:
+    mechanism = equations.mechanism
     of_joints = _of_joints(mechanism)
-    for part in evaluator.symbols.parts:
+    for part in equations.symbols.parts:
         name = part.name
         at = places(Column("channel", name))
-        logged = name in evaluator.log.places
+        logged = name in equations.log.places
         own = None if logged else of_joints.get(name)
         law = own.stiffness if isinstance(own, JointSpring) else own.damping if own else ()
         if own is not None and len(law) == 1 and isinstance(k := next(iter(law)), float):
@@ -744,7 +743,7 @@ def _channels(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         )
 
 
-def _laws(_: Evaluator, places: Places) -> Iterator[Candidate]:
+def _laws(_: LogEquations, places: Places) -> Iterator[Candidate]:
     """Laws of time that are late, or a log that is: as many moments of its filter as the laws tell apart."""
     moments = [places.of[c] for c in places.of if c.what == "law"]
     names = ("delay", "smoothing", "third moment", "fourth moment")
@@ -755,15 +754,15 @@ def _laws(_: Evaluator, places: Places) -> Iterator[Candidate]:
         )
 
 
-def _wrenches(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
-    for link in evaluator.symbols.system.links:
+def _wrenches(equations: LogEquations, places: Places) -> Iterator[Candidate]:
+    for link in equations.symbols.system.links:
         body = link.joint.child
         drag = places(Column("drag of a body", body))
         unit = ("N·s²/m²",)
         yield from cause("missing-drag", body, drag, [1.0], units=unit, words=OF_A_BODY)
         for what, kind in PUSHES:
-            found = [k for k in range(3) if Column(what, body, k) in places.of]
-            for group in [[k] for k in found] + ([found] if len(found) > 1 else []):
+            directions = [k for k in range(3) if Column(what, body, k) in places.of]
+            for group in [[k] for k in directions] + ([directions] if len(directions) > 1 else []):
                 columns = places(*(Column(what, body, k) for k in group))
                 axes = tuple("xyz"[k] for k in group)
                 yield from cause(kind, body, columns, np.eye(len(group)), names=axes)
@@ -796,9 +795,9 @@ class _Moves:
     own: Array
 
     @staticmethod
-    def of(evaluator: Evaluator, joint: Joint) -> _Moves:
+    def of(equations: LogEquations, joint: Joint) -> _Moves:
         """Those of a joint."""
-        parent, child = displacements(evaluator.symbols.system, joint)
+        parent, child = displacements(equations.symbols.system, joint)
         return _Moves(
             joint, parent, child, np.array(joint.rotation), np.array(joint.child_rotation)
         )
@@ -831,9 +830,9 @@ class _Moves:
         L = np.where(np.abs(rows) > 1e-12, rows, 0.0)
         shown = [k for k in range(L.shape[1]) if L[:, k].any()]
         for group in [*([k] for k in shown), shown] if len(shown) > 1 else [shown]:
-            told = tuple(names[k] for k in group)
+            kind_of_cause = tuple(names[k] for k in group)
             of = element or self.joint.name
-            yield from cause(kind, of, tuple(columns), L[:, group], names=told, **more)
+            yield from cause(kind, of, tuple(columns), L[:, group], names=kind_of_cause, **more)
 
 
 def _directions(axis: Array | None) -> tuple[Array, tuple[str, ...]]:
@@ -844,15 +843,15 @@ def _directions(axis: Array | None) -> tuple[Array, tuple[str, ...]]:
     if abs(axis[k]) > 1.0 - 1e-12:
         others = [n for n in range(3) if n != k]
         return np.eye(3)[:, others], tuple("xyz"[n] for n in others)
-    made = np.array(perpendiculars((float(axis[0]), float(axis[1]), float(axis[2])))).T
-    return made, tuple(f"({', '.join(f'{x:.3g}' for x in d.round(9) + 0.0)})" for d in made.T)
+    basis = np.array(perpendiculars((float(axis[0]), float(axis[1]), float(axis[2])))).T
+    return basis, tuple(f"({', '.join(f'{x:.3g}' for x in d.round(9) + 0.0)})" for d in basis.T)
 
 
-def _places_of_joints(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
-    mechanism = evaluator.mechanism
+def _places_of_joints(equations: LogEquations, places: Places) -> Iterator[Candidate]:
+    mechanism = equations.mechanism
     carriers = {joint.child: joint for joint in mechanism.joints}
     for joint in mechanism.joints:
-        moves = _Moves.of(evaluator, joint)
+        moves = _Moves.of(equations, joint)
         frame, own, axis = moves.frame, moves.own, moves.axis
 
         def shifted(x: Array) -> Array:
@@ -934,9 +933,9 @@ def _bar(mechanism: Mechanism, joint: Joint) -> Array | None:
     return np.asarray(end - start)
 
 
-def _sizes(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+def _sizes(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """Each body stretched about its joint: with the joints on it, its mass centre and moments of inertia."""
-    mechanism, system = evaluator.mechanism, evaluator.symbols.system
+    mechanism, system = equations.mechanism, equations.symbols.system
     for link in system.links:
         name = link.joint.child
         if mechanism.body(name).massless or link.joint.kind == "free":
@@ -964,9 +963,9 @@ def _sizes(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
         )
 
 
-def _numbers(evaluator: Evaluator, places: Places) -> Iterator[Candidate]:
+def _numbers(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """Lengths, points, sizes and numbers in laws, of force elements and constraints; parameters."""
-    mechanism = evaluator.mechanism
+    mechanism = equations.mechanism
     points: dict[str, list[Number]] = {}
     for n in geometry_numbers(mechanism)[0]:
         if Column("number", n.address) not in places.of:

@@ -15,12 +15,14 @@ from typing import Literal
 import casadi as ca
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import accelerations, gather, rnea, velocities
 from deltac.dynamics.spatial import SX, Inertia, cross, cross_force
+from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.kernels.rows import at_rows
 from deltac.mechanism.joints import KINDS
+from deltac.mechanism.mechanism import Mechanism
+from deltac.trajectories import Trajectory
 
 What = Literal[
     "inertia", "velocity", "gyroscopic", "weight", "gravity", "damper", "friction", "drag",
@@ -61,6 +63,19 @@ class Column:
     index: int = 0
 
 
+class LogEquations:
+    """The equations of a mechanism with the forces of a log, in `symbols`.
+
+    `log` are its forces, `reach` the least and the largest values of all its coordinates.
+    """
+
+    def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
+        self.mechanism, self.log = mechanism, LoggedForces.of(run)
+        self.reach = run.q.min(axis=0), run.q.max(axis=0)
+        start = (float(run.t[0]), run.q[0, mechanism.free.q])
+        self.symbols: LedgerSymbols = ledger_symbols(mechanism, self.log, None, start)
+
+
 @dataclass(frozen=True, eq=False)
 class ColumnKernels:
     """The residual (first column) and all others as a function of samples.
@@ -88,35 +103,35 @@ class ColumnKernels:
         return values.reshape(len(values), -1, self.speeds).transpose(0, 2, 1)
 
 
-def column_kernels(evaluator: Evaluator) -> ColumnKernels:
-    """All columns of a mechanism whose forces are those of `evaluator`."""
-    symbols = evaluator.symbols
+def column_kernels(equations: LogEquations) -> ColumnKernels:
+    """All columns of a mechanism whose forces are those of `equations`."""
+    symbols = equations.symbols
     s = symbols.system
     rate, curve = (ca.SX.sym(name, symbols.logged.shape[0]) for name in ("rate", "curve"))
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for part in (_inertia, _gravity, _joints, _wrenches):
-        found.update(part(evaluator))
-    found.update(_channels(evaluator, rate, curve))
+        changes.update(part(equations))
+    changes.update(_channels(equations, rate, curve))
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
-    found.update(_laws(s.t, residual))
-    kept = {column: x for column, x in found.items() if not ca.SX(x).is_zero()}
+    changes.update(_laws(s.t, residual))
+    nonzero = {column: x for column, x in changes.items() if not ca.SX(x).is_zero()}
     bound = symbols.constrained
     if bound is None:  # else the constraints show it
-        offsets = _offsets(evaluator, residual)
-        kept |= {column: x for column, x in offsets.items() if not ca.SX(x).is_zero()}
-    columns = [_projected(evaluator, x) for x in kept.values()]
+        offsets = _offsets(equations, residual)
+        nonzero |= {column: x for column, x in offsets.items() if not ca.SX(x).is_zero()}
+    columns = [_projected(equations, x) for x in nonzero.values()]
     if symbols.with_measured is not None and bound is not None:
         first = residual + ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
     else:
-        first = _projected(evaluator, residual)
+        first = _projected(equations, residual)
     inputs = (s.t, s.q, s.u, s.udot, symbols.logged, rate, curve)
-    return ColumnKernels(tuple(kept), len(s.free_u), ca.horzcat(first, *columns), inputs)
+    return ColumnKernels(tuple(nonzero), len(s.free_u), ca.horzcat(first, *columns), inputs)
 
 
-def _projected(evaluator: Evaluator, x: SX) -> SX:
+def _projected(equations: LogEquations, x: SX) -> SX:
     """What the constraints leave of a generalized force: x − Gᵀλ(x)."""
-    bound = evaluator.symbols.constrained
-    if bound is None or evaluator.symbols.with_measured is not None:
+    bound = equations.symbols.constrained
+    if bound is None or equations.symbols.with_measured is not None:
         return x
     return x - ca.mtimes(bound.rows.G.T, bound.multipliers_from(x))
 
@@ -139,56 +154,59 @@ def _unit_inertias() -> Iterable[Inertia]:
         yield Inertia(J, nothing, nothing)
 
 
-def _inertia(evaluator: Evaluator) -> dict[Column, SX]:
-    s = evaluator.symbols.system
-    base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if computes_weight(evaluator) else None
+def _inertia(equations: LogEquations) -> dict[Column, SX]:
+    s = equations.symbols.system
+    base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if computes_weight(equations) else None
     V = velocities(s, s.u_all)
-    A = accelerations(s, V, evaluator.symbols.udot, base)
+    A = accelerations(s, V, equations.symbols.udot, base)
     steady = accelerations(s, V, ca.SX.zeros(s.u_all.shape[0]), None)
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for k, link in enumerate(s.links):
         if s.mechanism.body(link.joint.child).massless:
             continue
         turning = link.inertia @ steady[k] + cross_force(V[k], link.inertia @ V[k])
-        found[Column("velocity", link.joint.child)] = -gather(s, {k: turning})[s.free_u]
+        changes[Column("velocity", link.joint.child)] = -gather(s, {k: turning})[s.free_u]
         J = link.inertia.J - link.mass * (
             ca.sumsqr(link.centre) * ca.SX.eye(3) - ca.mtimes(link.centre, link.centre.T)
         )
         moment = ca.mtimes(J, steady[k][:3]) + cross(V[k][:3], ca.mtimes(J, V[k][:3]))
         own = gather(s, {k: ca.vertcat(moment, ca.SX.zeros(3))})
-        found[Column("gyroscopic", link.joint.child)] = -own[s.free_u]
+        changes[Column("gyroscopic", link.joint.child)] = -own[s.free_u]
         for index, inertia in enumerate(_unit_inertias()):
             F = inertia @ A[k] + cross_force(V[k], inertia @ V[k])
-            found[Column("inertia", link.joint.child, index)] = -gather(s, {k: F})[s.free_u]
+            changes[Column("inertia", link.joint.child, index)] = -gather(s, {k: F})[s.free_u]
             if base is not None and index < 4:
                 weight = inertia @ ca.vertcat(ca.SX.zeros(3), s.poses[k].E @ s.gravity)
-                found[Column("weight", link.joint.child, index)] = gather(s, {k: weight})[s.free_u]
-    return found
+                changes[Column("weight", link.joint.child, index)] = gather(s, {k: weight})[
+                    s.free_u
+                ]
+    return changes
 
 
-def computes_weight(evaluator: Evaluator) -> bool:
+def computes_weight(equations: LogEquations) -> bool:
     """Whether gravity is the model's, and not a logged force."""
-    return "gravity" in evaluator.channels and "gravity" not in evaluator.log.places
+    parts = {part.name for part in equations.symbols.parts}
+    return "gravity" in parts and "gravity" not in equations.log.places
 
 
-def _gravity(evaluator: Evaluator) -> dict[Column, SX]:
-    s = evaluator.symbols.system
-    found: dict[Column, SX] = {}
-    if "gravity" in evaluator.log.places:
-        return found
+def _gravity(equations: LogEquations) -> dict[Column, SX]:
+    s = equations.symbols.system
+    changes: dict[Column, SX] = {}
+    if "gravity" in equations.log.places:
+        return changes
     for axis in range(3):
         wrenches: dict[int, SX] = {}
         for k, (link, pose) in enumerate(zip(s.links, s.poses)):
             if not s.mechanism.body(link.joint.child).massless:
                 weight = link.mass * pose.E[:, axis]
                 wrenches[k] = ca.vertcat(cross(link.centre, weight), weight)
-        found[Column("gravity", "", axis)] = gather(s, wrenches)[s.free_u]
-    return found
+        changes[Column("gravity", "", axis)] = gather(s, wrenches)[s.free_u]
+    return changes
 
 
-def _joints(evaluator: Evaluator) -> dict[Column, SX]:
-    s, mechanism = evaluator.symbols.system, evaluator.mechanism
-    found: dict[Column, SX] = {}
+def _joints(equations: LogEquations) -> dict[Column, SX]:
+    s, mechanism = equations.symbols.system, equations.mechanism
+    changes: dict[Column, SX] = {}
     n = len(s.free_u)
     for row, place in enumerate(s.free_u):
         entry = mechanism.speeds[place]
@@ -207,30 +225,30 @@ def _joints(evaluator: Evaluator) -> dict[Column, SX]:
             q = s.q_all[at]
             force |= {Column("spring", entry.name): -q} | {
                 Column("stop", entry.name, k): -ca.fmax(q - c, 0)
-                for k, c in enumerate(stops(evaluator, int(at)))
+                for k, c in enumerate(stops(equations, int(at)))
             }
         for column, value in force.items():
             x = ca.SX(n, 1)
             x[row] = value
-            found[column] = x
-    return found
+            changes[column] = x
+    return changes
 
 
 STOPS = (0.02, 0.06, 0.13, 0.23, 0.36, 0.5, 0.64, 0.77, 0.87, 0.94, 0.98)
 """Places of possible stops, as shares of the reach of a coordinate: dense towards its ends."""
 
 
-def stops(evaluator: Evaluator, coordinate: int) -> tuple[float, ...]:
+def stops(equations: LogEquations, coordinate: int) -> tuple[float, ...]:
     """The places c of the "stop" columns of a coordinate; none where it rests."""
-    low, high = (float(x[coordinate]) for x in evaluator.reach)
+    low, high = (float(x[coordinate]) for x in equations.reach)
     return tuple(low + share * (high - low) for share in STOPS) if high > low else ()
 
 
-def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
+def _offsets(equations: LogEquations, residual: SX) -> dict[Column, SX]:
     """Coordinates of hinges and sliders that are logged with another zero than the model's."""
-    s, mechanism = evaluator.symbols.system, evaluator.mechanism
+    s, mechanism = equations.symbols.system, equations.mechanism
     free = {int(k): row for row, k in enumerate(mechanism.free.q)}
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for place in s.free_u:
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
@@ -240,16 +258,16 @@ def _offsets(evaluator: Evaluator, residual: SX) -> dict[Column, SX]:
             along = ca.SX.zeros(s.q.shape[0])
             along[row] = -1
             first_order = ca.jtimes(residual, s.q, along)
-            found[Column("offset", entry.name)] = first_order
-            found[Column("offset", entry.name, 1)] = 0.5 * ca.jtimes(first_order, s.q, along)
-    return found
+            changes[Column("offset", entry.name)] = first_order
+            changes[Column("offset", entry.name, 1)] = 0.5 * ca.jtimes(first_order, s.q, along)
+    return changes
 
 
-def _wrenches(evaluator: Evaluator) -> dict[Column, SX]:
+def _wrenches(equations: LogEquations) -> dict[Column, SX]:
     """Constant forces at mass centres, and constant moments; drag."""
-    s = evaluator.symbols.system
+    s = equations.symbols.system
     V = velocities(s, s.u_all)
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for k, (link, pose) in enumerate(zip(s.links, s.poses)):
         body = link.joint.child
         if s.mechanism.body(body).massless:
@@ -257,7 +275,7 @@ def _wrenches(evaluator: Evaluator) -> dict[Column, SX]:
         v = V[k][3:] + cross(V[k][:3], link.centre)
         drag = -ca.norm_2(v) * v
         wrench_of_drag = ca.vertcat(cross(link.centre, drag), drag)
-        found[Column("drag of a body", body)] = gather(s, {k: wrench_of_drag})[s.free_u]
+        changes[Column("drag of a body", body)] = gather(s, {k: wrench_of_drag})[s.free_u]
         for axis in range(3):
             world, own = pose.E[:, axis], link.to_body.E.T[:, axis]
             nothing = ca.SX(3, 1)
@@ -268,8 +286,8 @@ def _wrenches(evaluator: Evaluator) -> dict[Column, SX]:
                 "body-moment": ca.vertcat(own, nothing),
             }
             for what, wrench in wrenches.items():
-                found[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
-    return found
+                changes[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
+    return changes
 
 
 MOMENTS = 4
@@ -288,18 +306,18 @@ def _laws(t: SX, residual: SX) -> dict[Column, SX]:
     return found
 
 
-def _channels(evaluator: Evaluator, rate: SX, curve: SX) -> dict[Column, SX]:
-    symbols = evaluator.symbols
+def _channels(equations: LogEquations, rate: SX, curve: SX) -> dict[Column, SX]:
+    symbols = equations.symbols
     at = symbols.system.free_u
-    found: dict[Column, SX] = {}
+    changes: dict[Column, SX] = {}
     for part in symbols.parts:
         kind = part.name.kind
         if part.name == "gravity" or kind == "correction":
             continue
-        found[Column("channel", part.name)] = part.force[at]
-        if kind == "actuator" and part.name in evaluator.log.places:
+        changes[Column("channel", part.name)] = part.force[at]
+        if kind == "actuator" and part.name in equations.log.places:
             first = ca.jtimes(part.force, symbols.logged, rate)
             second = ca.jtimes(part.force, symbols.logged, curve)
-            found[Column("delay", part.name, 0)] = -first[at]
-            found[Column("delay", part.name, 1)] = 0.5 * second[at]
-    return found
+            changes[Column("delay", part.name, 0)] = -first[at]
+            changes[Column("delay", part.name, 1)] = 0.5 * second[at]
+    return changes

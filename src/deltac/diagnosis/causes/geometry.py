@@ -24,8 +24,13 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.causes.columns import Column, ColumnKernels, What, computes_weight
-from deltac.diagnosis.residuals.at_samples import Evaluator
+from deltac.diagnosis.causes.columns import (
+    Column,
+    ColumnKernels,
+    LogEquations,
+    What,
+    computes_weight,
+)
 from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.forces import channels
 from deltac.dynamics.laws import Varied
@@ -48,7 +53,7 @@ class Change:
     acceleration: SX
 
 
-def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
+def geometry_columns(equations: LogEquations) -> ColumnKernels:
     """The columns of all joints' places, of numbers of elements and constraints, and of parameters.
 
     They are called as other columns are. The first one is M (u̇ of the model − u̇), and the others are the
@@ -56,7 +61,7 @@ def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
     With constraints M ∂u̇/∂θ = x + Gᵀδλ and G ∂u̇/∂θ = −(δG u̇ + δγ), where x = δ(F_r + F*_r) + δGᵀ λ: exact
     where the equations close, else to first order in the residual.
     """
-    symbols = evaluator.symbols
+    symbols = equations.symbols
     s, bound = symbols.system, symbols.constrained
     if symbols.with_measured is not None:
         bound = None  # forces of constraints are those of the log
@@ -64,7 +69,7 @@ def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
     index = () if bound is None else bound.rows.index
     changes: dict[Column, Change] = {}
     for part in (_joints, _numbers, _parameters):
-        changes.update(part(evaluator, multipliers, index))
+        changes.update(part(equations, multipliers, index))
     force = sum((p.force for p in symbols.parts), start=ca.SX.zeros(s.u_all.shape[0]))
     first = Change(
         (force - rnea(s, symbols.udot))[s.free_u],
@@ -85,12 +90,12 @@ def geometry_columns(evaluator: Evaluator) -> ColumnKernels:
     return ColumnKernels(tuple(changes), len(s.free_u), ca.horzcat(*columns), inputs)
 
 
-def _own(evaluator: Evaluator, parts: Sequence[Channel]) -> list[SX]:
+def _own(equations: LogEquations, parts: Sequence[Channel]) -> list[SX]:
     """Generalized forces of channels that neither the log holds nor gravity makes."""
     return [
         p.force
         for p in parts
-        if not p.logged and p.name not in evaluator.log.places and p.name != "gravity"
+        if not p.logged and p.name not in equations.log.places and p.name != "gravity"
     ]
 
 
@@ -98,16 +103,16 @@ def _own(evaluator: Evaluator, parts: Sequence[Channel]) -> list[SX]:
 
 
 def _joints(
-    evaluator: Evaluator, multipliers: SX, index: Sequence[int]
+    equations: LogEquations, multipliers: SX, index: Sequence[int]
 ) -> Iterator[tuple[Column, Change]]:
     """Displacements of each joint in its parent, and of each body on its joint: one sweep, tip to root."""
-    s = evaluator.symbols.system
+    s = equations.symbols.system
     nu = s.u_all.shape[0]
-    base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if computes_weight(evaluator) else None
+    base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if computes_weight(equations) else None
     V = velocities(s, s.u_all)
-    A = accelerations(s, V, evaluator.symbols.udot, base)
+    A = accelerations(s, V, equations.symbols.udot, base)
     J = _jacobians(s)
-    loose = _LooseBodies.of(evaluator, V, J, multipliers, index)
+    loose = _LooseBodies.of(equations, V, J, multipliers, index)
     still, ground = ca.SX(6, 1), ca.SX(6, 1) if base is None else base
     carried: list[_Carried] = []
     for k, link in enumerate(s.links):
@@ -125,12 +130,12 @@ def _joints(
         carried.append(_Carried(rows, wrench))
     along, rates = ca.vertcat(s.q, s.u, s.t), ca.vertcat(s.qdot, s.udot, 1)
     for k in reversed(range(len(s.links))):
-        link, here = s.links[k], carried[k]
-        back = here.seen_through(link.X)
+        link, own_rows = s.links[k], carried[k]
+        back = own_rows.seen_through(link.X)
         before = link.parent
         v, a = (V[before], A[before]) if before >= 0 else (still, ground)
         moves: tuple[tuple[What, int, _Carried, SX, SX], ...] = (
-            ("body-place", k, here, V[k], A[k]),
+            ("body-place", k, own_rows, V[k], A[k]),
             ("joint-place", before, back, v, a),
         )
         for what, start, side, v, a in moves:
@@ -193,8 +198,8 @@ class _Carried:
             return _back(X, rows.T).T
 
         rows = self.rows
-        there = _Rows(back(rows.place), back(rows.velocity), back(rows.acceleration))
-        return _Carried(there, _back(X, self.wrench))
+        in_parent = _Rows(back(rows.place), back(rows.velocity), back(rows.acceleration))
+        return _Carried(in_parent, _back(X, self.wrench))
 
 
 def _back(X: Transform, F: SX) -> SX:
@@ -205,13 +210,13 @@ def _back(X: Transform, F: SX) -> SX:
 
 def _jacobians(s: System) -> list[SX]:
     """J (6, nu) of each link: its velocity is J u."""
-    made: list[SX] = []
+    jacobians: list[SX] = []
     for link in s.links:
-        J = ca.SX(6, s.u_all.shape[0]) if link.parent < 0 else link.X @ made[link.parent]
+        J = ca.SX(6, s.u_all.shape[0]) if link.parent < 0 else link.X @ jacobians[link.parent]
         if link.S.shape[1]:
             J[:, link.u] = link.S
-        made.append(ca.sparsify(J))
-    return made
+        jacobians.append(ca.sparsify(J))
+    return jacobians
 
 
 def _cross_motion(V: SX) -> SX:
@@ -255,13 +260,13 @@ def displacements(s: System, joint: Joint) -> tuple[Array, Array]:
 def _displacements(to_body: Transform, place: Array) -> Array:
     E, r = (np.array(ca.evalf(ca.densify(ca.SX(x)))) for x in (to_body.E, to_body.r))
     axes, at = E.T, r.ravel() + E.T @ place
-    made = np.zeros((6, 6))
-    made[3:, :3] = made[:3, 3:] = axes
-    made[3:, 3:] = np.cross(at, axes, axisa=0, axisb=0, axisc=0)
-    made[np.abs(made) < 4.0 * EPS] = (
+    motion = np.zeros((6, 6))
+    motion[3:, :3] = motion[:3, 3:] = axes
+    motion[3:, 3:] = np.cross(at, axes, axisa=0, axisb=0, axisc=0)
+    motion[np.abs(motion) < 4.0 * EPS] = (
         0.0  # turned frames leave rounding where planar motion has zeros
     )
-    return made
+    return motion
 
 
 # --- force elements and constraints, as laws of bodies that nothing joins -------------------------------
@@ -281,14 +286,14 @@ class _LooseBodies:
 
     @staticmethod
     def of(
-        evaluator: Evaluator,
+        equations: LogEquations,
         V: Sequence[SX],
         jacobians: Sequence[SX],
         multipliers: SX,
         index: Sequence[int],
     ) -> _LooseBodies:
         """Those of a mechanism whose links have the velocities `V` and these Jacobians."""
-        s = evaluator.symbols.system
+        s = equations.symbols.system
         count, nu = len(s.links), s.u_all.shape[0]
         E = [ca.SX.sym("E", 3, 3) for _ in s.links]
         r = [ca.SX.sym("r", 3) for _ in s.links]
@@ -303,14 +308,14 @@ class _LooseBodies:
         scene = Scene(replace(s, links=links, u_all=ca.vertcat(s.u_all, v)))
         total = ca.SX.zeros(nu + 6 * count)
         for element in s.mechanism.elements:
-            total += sum(_own(evaluator, element.channels(scene)))
+            total += sum(_own(equations, element.channels(scene)))
         place = ca.vertcat(*(ca.vertcat(ca.vec(e), o) for e, o in zip(E, r)))
         turned = [_of_pose(e) for e in E]
-        moving = ca.vertcat(*(ca.mtimes(T, v[6 * k : 6 * k + 6]) for k, T in enumerate(turned)))
+        directions = ca.vertcat(*(ca.mtimes(T, v[6 * k : 6 * k + 6]) for k, T in enumerate(turned)))
         rows = list[SX]()
         for constraint in s.mechanism.constraints if len(index) else ():
             for phi in constraint.positions(scene):
-                along, rates = ca.vertcat(place, s.q, s.t), ca.vertcat(moving, s.qdot, 1)
+                along, rates = ca.vertcat(place, s.q, s.t), ca.vertcat(directions, s.qdot, 1)
                 rows.append(ca.jtimes(phi, along, rates))
             rows += constraint.motions(scene)
         psi = ca.vertcat(ca.SX(0, 1), *rows)[list(index)]
@@ -319,26 +324,26 @@ class _LooseBodies:
         J = ca.jacobian(both, ca.vertcat(place, v))
         of_place = [ca.mtimes(J[:, 12 * k : 12 * k + 12], turned[k]) for k in range(count)]
         of_velocity = [J[:, 12 * count + 6 * k :][:, :6] for k in range(count)]
-        here = ca.vertcat(
+        zero = ca.vertcat(
             *(ca.vertcat(ca.vec(pose.E), pose.r) for pose in s.poses), *V, multipliers
         )
-        wrenches, *found = ca.substitute(
+        wrenches, *derivatives = ca.substitute(
             [total[nu:], *of_place, *of_velocity],
             [ca.vertcat(place, v, factor)],
-            [ca.densify(here)],
+            [ca.densify(zero)],
         )
 
         def generalized(part: SX) -> SX:
             """Rows of joints' speeds and of ψ, from those of joints, links and ψ."""
-            made = part[:nu, :]
+            forces = part[:nu, :]
             for k in range(count):
                 block = ca.sparsify(part[nu + 6 * k : nu + 6 * k + 6, :])
                 if block.nnz():
-                    made = made + ca.mtimes(jacobians[k].T, block)
-            return ca.vertcat(made, part[nu + 6 * count :, :])
+                    forces = forces + ca.mtimes(jacobians[k].T, block)
+            return ca.vertcat(forces, part[nu + 6 * count :, :])
 
-        made = [generalized(ca.sparsify(part)) for part in found]
-        return _LooseBodies(ca.vertsplit(wrenches, 6), made[:count], made[count:])
+        forces = [generalized(ca.sparsify(part)) for part in derivatives]
+        return _LooseBodies(ca.vertsplit(wrenches, 6), forces[:count], forces[count:])
 
 
 def _of_pose(E: SX) -> SX:
@@ -386,11 +391,11 @@ class _Opened:
 
     def part(self, part: Part, group: str) -> Any:
         """The same part with symbols."""
-        made = copy(part)
+        varied = copy(part)
         for field in fields(part):  # type: ignore[arg-type]
             at, value = f"{group}.{part.name}.{field.name}", getattr(part, field.name)
-            object.__setattr__(made, field.name, self._field(part, at, field.name, value))
-        return made
+            object.__setattr__(varied, field.name, self._field(part, at, field.name, value))
+        return varied
 
     def _field(self, part: Part, at: str, name: str, value: Any) -> Any:
         if name in POINTS:
@@ -432,25 +437,25 @@ class _Opened:
         return self._number(part, at, value, kind=kind, what=what) if value else value
 
     def _shape(self, part: Part, at: str, shape: Any) -> Any:
-        made = copy(shape)
+        varied = copy(shape)
         where = self._point(part, f"{at}.position", shape.position, shape.body, "contact-position")
-        object.__setattr__(made, "position", where)
+        object.__setattr__(varied, "position", where)
         for field in fields(shape):
             if field.name in SIZES:
                 what = f"the {field.name} of the {shape.where} in {part.where}"
                 value = getattr(shape, field.name)
                 size = self._size(part, f"{at}.{field.name}", value, "contact-size", what)
-                object.__setattr__(made, field.name, size)
-        return made
+                object.__setattr__(varied, field.name, size)
+        return varied
 
     def _branch(self, part: Part, at: str, branch: Any) -> Any:
-        made = copy(branch)
+        varied = copy(branch)
         points = tuple(
             (body, self._point(part, f"{at}.{k}", point, body, "attachment"))
             for k, (body, point) in enumerate(branch.points)
         )
-        object.__setattr__(made, "points", points)
-        return made
+        object.__setattr__(varied, "points", points)
+        return varied
 
     def _law(self, part: Part, at: str, law: Any) -> Any:
         if isinstance(law, tuple):
@@ -480,46 +485,46 @@ def geometry_numbers(mechanism: Mechanism) -> tuple[tuple[Number, ...], Mechanis
     opened = _Opened()
     forces = tuple(opened.part(e, "force") for e in mechanism.forces)
     constraints = tuple(opened.part(c, "constraint") for c in mechanism.constraints)
-    made = copy(mechanism)
-    made.__dict__.pop("elements", None)
-    object.__setattr__(made, "forces", forces)
-    object.__setattr__(made, "constraints", constraints)
-    return tuple(opened.numbers), made, opened.values
+    varied = copy(mechanism)
+    varied.__dict__.pop("elements", None)
+    object.__setattr__(varied, "forces", forces)
+    object.__setattr__(varied, "constraints", constraints)
+    return tuple(opened.numbers), varied, opened.values
 
 
 def _numbers(
-    evaluator: Evaluator, multipliers: SX, index: Sequence[int]
+    equations: LogEquations, multipliers: SX, index: Sequence[int]
 ) -> Iterator[tuple[Column, Change]]:
-    numbers, mechanism, values = geometry_numbers(evaluator.mechanism)
+    numbers, mechanism, values = geometry_numbers(equations.mechanism)
     if not numbers:
         return
-    s = evaluator.symbols.system
+    s = equations.symbols.system
     opened = replace(s, mechanism=mechanism, values={**s.values, **values})
     p = ca.vertcat(*(n.symbol for n in numbers))
     scene = Scene(opened)
-    forces = [f for e in mechanism.forces for f in _own(evaluator, e.channels(scene))]
+    forces = [f for e in mechanism.forces for f in _own(equations, e.channels(scene))]
     force = sum(forces, start=ca.SX.zeros(s.u_all.shape[0]))[s.free_u]
     names = [Column("number", n.address) for n in numbers]
-    here = ca.DM([n.value for n in numbers])
-    yield from _differentiated(opened, force, names, p, here, multipliers, index)
+    point = ca.DM([n.value for n in numbers])
+    yield from _differentiated(opened, force, names, p, point, multipliers, index)
 
 
 def _parameters(
-    evaluator: Evaluator, multipliers: SX, index: Sequence[int]
+    equations: LogEquations, multipliers: SX, index: Sequence[int]
 ) -> Iterator[tuple[Column, Change]]:
-    mechanism, symbols = evaluator.mechanism, evaluator.symbols
+    mechanism, symbols = equations.mechanism, equations.symbols
     if not mechanism.parameters:
         return
     names = tuple(mechanism.parameters)
     s = trace(mechanism, names)
-    weight = computes_weight(evaluator)
+    weight = computes_weight(equations)
     base = ca.vertcat(ca.SX.zeros(3), -s.gravity) if weight else None
     udot = ca.SX(s.udot_all)
-    force = sum(_own(evaluator, channels(s)), start=-rnea(s, udot, base))[s.free_u]
-    here = ca.DM([mechanism.parameters[name] for name in names])
+    force = sum(_own(equations, channels(s)), start=-rnea(s, udot, base))[s.free_u]
+    point = ca.DM([mechanism.parameters[name] for name in names])
     columns = [Column("parameter", name) for name in names]
     own = symbols.system
-    for column, change in _differentiated(s, force, columns, s.p, here, multipliers, index):
+    for column, change in _differentiated(s, force, columns, s.p, point, multipliers, index):
         x, rate = ca.substitute(
             [change.force, change.acceleration],
             [s.t, s.q, s.u, s.udot],
@@ -533,7 +538,7 @@ def _differentiated(
     force: SX,
     columns: Sequence[Column],
     p: SX,
-    here: SX,
+    point: SX,
     multipliers: SX,
     index: Sequence[int],
 ) -> Iterator[tuple[Column, Change]]:
@@ -547,7 +552,7 @@ def _differentiated(
     x, y = ca.substitute(
         [ca.jacobian(force, p), ca.jacobian(rate, p)],
         [p, factor],
-        [here, multipliers],
+        [point, multipliers],
     )
     for k, column in enumerate(columns):
         if not (ca.SX(x[:, k]).is_zero() and ca.SX(y[:, k]).is_zero()):

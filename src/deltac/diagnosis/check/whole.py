@@ -16,11 +16,10 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import Candidate, candidates
-from deltac.diagnosis.causes.columns import column_kernels
+from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.check.matching import EXACT
 from deltac.diagnosis.explain.result import sentence
 from deltac.diagnosis.inference.hypotheses import Block, Fit, search
-from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.kane import Kane, times
@@ -261,8 +260,8 @@ def causes_of_model(test: EquationTest, udot: Array) -> tuple[Finding, ...]:
     mechanism = test.kane.mechanism
 
     def words(fit: Fit, k: int) -> str:
-        told = sentence(mechanism, fit.chosen[k], fit.theta[k], fit.deviation(k))
-        return told.replace("the run", "the function")
+        text = sentence(mechanism, fit.chosen[k], fit.theta[k], fit.deviation(k))
+        return text.replace("the run", "the function")
 
     others = [
         " and ".join(words(f, k) for k in range(len(f.chosen))) for f in posterior.alternatives
@@ -296,7 +295,7 @@ class _Regression:
             t=np.arange(float(count)), q=q, u=u, coordinates=mechanism.coordinates.names,
             speeds=mechanism.speeds.names, provenance=Provenance("states"),
         )  # fmt: skip
-        evaluator = Evaluator(mechanism, drawn)
+        evaluator = LogEquations(mechanism, drawn)
         kernels = column_kernels(evaluator)
         rates = np.zeros((count, 0))
         accelerations = (times(point.Y, udot) + point.rest).T
@@ -305,8 +304,8 @@ class _Regression:
         places = np.arange(values.shape[2] - 1)
         empty = np.arange(0), np.zeros(0)
         block = Block(values[..., 0], -values[..., 1:], *empty, places, EXACT**2)
-        found = candidates(evaluator, kernels.columns)
-        return _Regression(block, tuple(c for c in found if c.kind not in OF_A_LOG))
+        every_cause = candidates(evaluator, kernels.columns)
+        return _Regression(block, tuple(c for c in every_cause if c.kind not in OF_A_LOG))
 
     def sizes(self, fit: Fit) -> Array:
         """How much each cause of a fit changes the equations."""

@@ -90,13 +90,13 @@ def explanation_of(
 def causes_of(inference: Inference, fit: Fit) -> tuple[Cause, ...]:
     """The causes of a set, those through which most energy flows first."""
     block, best = inference.blocks[0], fit is inference.posterior.best
-    left = block.projected.left
-    total = left(nothing(len(block.causes)).coefficients)
+    residual = block.projected.left
+    total = residual(nothing(len(block.causes)).coefficients)
     causes = []
     for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
         others = fit.coefficients.copy()
         np.subtract.at(others, list(c.columns), c.coefficients(theta))
-        share = (left(others) - left(fit.coefficients)) / total
+        share = (residual(others) - residual(fit.coefficients)) / total
         odds = fit.each[k] if k < len(fit.each) else fit.log_odds
         errors = fit.deviation(k) * np.sqrt(inference.tau)
         cause = _cause(inference.model.mechanism, c, theta, errors, share, odds)

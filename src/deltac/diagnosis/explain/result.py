@@ -179,32 +179,32 @@ class Explanation(Report, also=("sentence",)):
     @property
     def _outcome(self) -> str:
         reasons = "; ".join(f"{f.what} ({f.evidence})" for f in self.reasons)
-        apart = reasons[:1].upper() + reasons[1:]
+        text = reasons[:1].upper() + reasons[1:]
         rows = f"{fraction(self.residual)} of the changes from row to row ({fraction(self.noise)} is noise)"
         if self.kind == "doubtful":
             return f"The log is to be corrected before its residual can be explained: {reasons}"
         if self.kind == "nothing":
             return f"There is nothing to explain: the equations of motion leave {rows}"
         if self.kind == "unexplained":
-            known = (
+            certainty = (
                 f"No small set of known causes explains what the equations of motion leave, {rows}"
             )
-            return ". ".join(filter(None, (known, apart)))
+            return ". ".join(filter(None, (certainty, text)))
         if not self.causes:
-            return f"{apart}. With the forces as logged, the equations hold: they leave {rows}"
-        said = "; ".join(c.sentence for c in self.causes)
-        said = f"{said[:1].upper()}{said[1:]}"
+            return f"{text}. With the forces as logged, the equations hold: they leave {rows}"
+        sentence = "; ".join(c.sentence for c in self.causes)
+        sentence = f"{sentence[:1].upper()}{sentence[1:]}"
         if not any(c.share for c in self.causes):
-            return f"{said}. With the forces as logged, the equations hold: they leave {rows}"
+            return f"{sentence}. With the forces as logged, the equations hold: they leave {rows}"
         that = "Together that" if len(self.causes) > 1 else "That"
-        said = f"{said}. {that} explains {percent(self.explained)} of the residual"
+        sentence = f"{sentence}. {that} explains {percent(self.explained)} of the residual"
         if self.alternatives:
             others = "; or ".join(" and ".join(map(str, other)) for other in self.alternatives[:4])
             more = len(self.alternatives) - 4
-            said += f". These explain the log equally well: {others}"
-            said += f"; or {more} more" if more > 0 else ""
-            said += f". {self.separating}" if self.separating else ""
-        return f"{said}. Beside that: {reasons}" if reasons else said
+            sentence += f". These explain the log equally well: {others}"
+            sentence += f"; or {more} more" if more > 0 else ""
+            sentence += f". {self.separating}" if self.separating else ""
+        return f"{sentence}. Beside that: {reasons}" if reasons else sentence
 
     @property
     def exit_code(self) -> int:
@@ -217,8 +217,8 @@ class Explanation(Report, also=("sentence",)):
 
     def sections(self) -> Iterator[Section]:
         """The outcome, notes, what was not seen, and the causes with their numbers."""
-        told = "" if self.kind in ("nothing", "unexplained", "doubtful") else f"{self.kind}. "
-        yield f"{told}{self._outcome}."
+        kind = "" if self.kind in ("nothing", "unexplained", "doubtful") else f"{self.kind}. "
+        yield f"{kind}{self._outcome}."
         yield from (f"Note: {note}." for note in self.notes)
         if self.unseen:
             shown = ", ".join(self.unseen[:SHOWN]) + (", …" if len(self.unseen) > SHOWN else "")
@@ -256,7 +256,7 @@ class Explanation(Report, also=("sentence",)):
         if self.alternatives:
             explains += ", and so do the others as far as this log tells"
             explains += f". {self.separating}" if self.separating else ""
-        found = []
+        findings = []
         for c in self.causes:
             equals = self._in_place_of(c)
             same = "; or ".join(" and ".join(map(str, some)) for some in equals[:SHOWN_EQUALS])
@@ -265,20 +265,22 @@ class Explanation(Report, also=("sentence",)):
             what = f"one of these: {c.sentence}; or {same}{more}" if equals else c.sentence
             numbers = c.values[0], c.errors[0]
             do = KINDS[c.kind].remedy
-            found.append(Finding(c.kind, what, explains, do, "cause", c.element, *numbers, others))
-        return tuple(found)
+            findings.append(
+                Finding(c.kind, what, explains, do, "cause", c.element, *numbers, others)
+            )
+        return tuple(findings)
 
     def _in_place_of(self, cause: Cause) -> list[tuple[Cause, ...]]:
         """What the alternatives have in the place of a cause, of which they have none."""
         ours = {(c.kind, c.element) for c in self.causes}
-        found = []
+        alternatives = []
         for other in self.alternatives:
             theirs = {(c.kind, c.element) for c in other}
             if (cause.kind, cause.element) not in theirs:
-                found.append(tuple(c for c in other if (c.kind, c.element) not in ours))
+                alternatives.append(tuple(c for c in other if (c.kind, c.element) not in ours))
             elif theirs == ours and len(self.causes) == 1:
-                found.append(other)
-        return [some for some in found if some]
+                alternatives.append(other)
+        return [some for some in alternatives if some]
 
 
 def percent(share: float) -> str:

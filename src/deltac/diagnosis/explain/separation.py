@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.inference.hypotheses import Fit
 from deltac.diagnosis.inference.inference import Inference
-from deltac.diagnosis.residuals.at_samples import Sampled
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -17,15 +18,19 @@ APART = 0.05
 """Relative difference of what two causes do, from which on a motion is said to tell them apart."""
 
 
+Samples: TypeAlias = tuple[Array, ...]
+"""t, free q, u and u̇, logged forces (STATES, …)."""
+
+
 def advice(run: Trajectory, inference: Inference) -> str:
     """A sentence: the simplest motion in which the causes differ, or that there is none."""
     fits = [inference.posterior.best, *inference.posterior.alternatives]
     most, motion = 0, ""
     for name, samples in _experiments(run, inference):
         first, *others = _effects(inference, samples, fits)
-        apart = sum(_difference(first, other) > APART for other in others)
-        if apart > most:
-            most, motion = apart, name
+        distinguished = sum(_difference(first, other) > APART for other in others)
+        if distinguished > most:
+            most, motion = distinguished, name
     if not motion:
         return (
             "No motion of this machine can tell them apart from joint coordinates and these forces: they "
@@ -35,13 +40,13 @@ def advice(run: Trajectory, inference: Inference) -> str:
     return f"To tell {them} apart, log also {motion}"
 
 
-def _effects(inference: Inference, samples: Sampled, fits: list[Fit]) -> list[Array]:
+def _effects(inference: Inference, samples: Samples, fits: list[Fit]) -> list[Array]:
     """What each fit adds to the equations at the samples, scaled equation by equation."""
-    rest = np.zeros_like(samples.logged)
+    logged = samples[-1]
     rng = np.random.default_rng(2)
-    rates = [rng.standard_normal(rest.shape) * (np.abs(samples.logged) > 0) for _ in range(2)]
+    rates = [rng.standard_normal(logged.shape) * (np.abs(logged) > 0) for _ in range(2)]
     X = np.concatenate(
-        [kernels(*samples.columns, *rates)[..., 1:] for kernels in inference.kernels], axis=2
+        [kernels(*samples, *rates)[..., 1:] for kernels in inference.kernels], axis=2
     )
     scale = np.sqrt(np.mean(np.sum(X**2, axis=2), axis=0))
     X = X / np.maximum(scale, 1e-300)[:, None]
@@ -63,7 +68,7 @@ def _difference(a: Array, b: Array) -> float:
     return float(np.linalg.norm(a - b)) / size if size > 0.0 else 0.0
 
 
-def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampled]]:
+def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Samples]]:
     """Motions that a user could make, simplest first."""
     rng = np.random.default_rng(1)
     mechanism = inference.model.mechanism
@@ -72,26 +77,28 @@ def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampl
     bent = max(speed**2, 10.0)
     nu, logged = len(free.u), inference.model.log.size
 
-    def states(q: Array, u: Array, udot: Array, forces: float) -> Sampled:
+    def states(q: Array, u: Array, udot: Array, forces: float) -> Samples:
         t = np.full(STATES, float(run.t[0]))
-        return Sampled(t, q, u, udot, forces * rng.standard_normal((STATES, logged)))
+        return t, q, u, udot, forces * rng.standard_normal((STATES, logged))
 
     anywhere = _poses(mechanism, rng)
-    here = np.repeat(run.q[:1, free.q], STATES, axis=0)
+    pose = np.repeat(run.q[:1, free.q], STATES, axis=0)
     still = np.zeros((STATES, nu))
     fast, hard = speed * rng.standard_normal((STATES, nu)), bent * rng.standard_normal((STATES, nu))
     force = (
         max((float(np.abs(f).max(initial=0.0)) for f in run.forces.values()), default=0.0) or 1.0
     )
-    found = [
+    motions = [
         ("the machine at rest in several poses", states(anywhere, still, still, 0.0)),
         ("a motion with different motor forces", states(anywhere, fast, hard, force)),
     ]
     for k, alone in enumerate(np.eye(nu)):
         name = mechanism.speeds[int(free.u[k])].name
-        found.append((f"a motion of `{name}` alone", states(here, fast * alone, hard * alone, 0.0)))
+        motions.append(
+            (f"a motion of `{name}` alone", states(pose, fast * alone, hard * alone, 0.0))
+        )
     return [
-        *found,
+        *motions,
         ("fast motions at constant speeds", states(anywhere, 5 * fast, still, 0.0)),
         ("a motion of all joints through other poses", states(anywhere, fast, hard, 0.0)),
     ]

@@ -18,7 +18,7 @@ from scipy.integrate import simpson
 from deltac.arrays import Array
 from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.causes.causes import Candidate, candidates
-from deltac.diagnosis.causes.columns import ColumnKernels, column_kernels
+from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.causes.geometry import geometry_columns
 from deltac.diagnosis.inference.attribution import Attribution, Share, joules
 from deltac.diagnosis.inference.fields import (
@@ -80,7 +80,6 @@ from deltac.diagnosis.inference.observations import (
 from deltac.diagnosis.inference.whitening import robust_weights
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import trusted
-from deltac.diagnosis.residuals.at_samples import Evaluator
 from deltac.kernels.rows import compiled
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -257,8 +256,8 @@ def infer(
     if not len(mechanism.free.u) or len(run) < 3:
         return None
     model = Model(mechanism, run)
-    evaluator = Evaluator(mechanism, run)
-    kernels = column_kernels(evaluator)
+    equations = LogEquations(mechanism, run)
+    kernels = column_kernels(equations)
     products = 2 * model.n * len(kernels.columns) ** 2
     cost = kernels.cost + PRODUCT * products
     log = observations(model, run, int(np.clip(WORK / cost, LEAST_ROWS, MOST_ROWS)))
@@ -267,9 +266,9 @@ def infer(
         return None
     try:
         with np.errstate(all="ignore"), compiled():
-            inferring = _Inferring(model, run, log, evaluator, energy)
+            inferring = _Inferring(model, run, log, equations, energy)
             if (alone := inferring.closed()) is not None:
-                sample = _Inferring(model, run, few, evaluator, energy)
+                sample = _Inferring(model, run, few, equations, energy)
                 sample.add(kernels)
                 known = sample.result()
                 if not (known.posterior.best.chosen or known.finds_something):
@@ -282,7 +281,7 @@ def infer(
                 and not (limit is not None and limit.passed("places and axes as causes"))
             ):
                 # Only then is it asked for places and axes: their columns are as many again.
-                inferring.add(geometry_columns(evaluator))
+                inferring.add(geometry_columns(equations))
                 result = inferring.result()
             if not result.posterior.best.chosen or (
                 limit is not None and limit.passed("causes linearised at themselves")
@@ -315,10 +314,10 @@ class _Inferring:
         model: Model,
         run: Trajectory,
         log: Observations,
-        evaluator: Evaluator,
+        equations: LogEquations,
         energy: float,
     ) -> None:
-        self.model, self.run, self.evaluator, self.energy = model, run, evaluator, energy
+        self.model, self.run, self.equations, self.energy = model, run, equations, energy
         self.plant = model
         self.filter: tuple[float, float] | None = None
         self.kernels: tuple[ColumnKernels, ...] = ()
@@ -374,7 +373,7 @@ class _Inferring:
         """Columns more, and the causes that they allow."""
         self.kernels = (*self.kernels, kernels)
         columns = tuple(c for k in self.kernels for c in k.columns)
-        self.candidates = candidates(self.evaluator, columns)
+        self.candidates = candidates(self.equations, columns)
         self.of_log = np.array([c.what in COLUMNS_OF_THE_LOG for c in columns])
         self.coefficients = self._of_filter(np.zeros(len(columns)))
         # The delay of a motor that is the only one is that of all forces.
@@ -1075,8 +1074,8 @@ class _Inferring:
         moved = causes + self.model.difference(self.nominal.end, self.flow.end)
         mistake = self._on_path(self._share(best, power[:, ni:], tau), moved, left)
         # Sets of causes that explain as much do other joules, and one that is not seen may do some.
-        others = [self._share(fit, power[:, ni:], tau).curve for fit in posterior.alternatives]
-        spread = np.abs([x - mistake.curve for x in others] or [0.0 * mistake.curve]).max(axis=0)
+        sets = [self._share(fit, power[:, ni:], tau).curve for fit in posterior.alternatives]
+        spread = np.abs([x - mistake.curve for x in (mistake.curve, *sets)]).max(axis=0)
         sizes = np.minimum(list(unseen.values()), self.energy)
         hidden = float(np.sqrt(np.mean(sizes**2))) if len(sizes) else 0.0
         grown = np.linspace(0.0, hidden, len(spread))

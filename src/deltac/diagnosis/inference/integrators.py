@@ -231,7 +231,7 @@ def _solved(model: Model, method: Integrator, end: Rows, right: Rows, h: Array) 
     share = 1.0 if method.order == 1 else 0.5
     A = np.eye(2 * model.n) - share * h[:, :, None] * model.jacobian(end)
     gap = model.difference(end, right)
-    return model.displaced(end, np.linalg.solve(A, gap[:, :, None])[:, :, 0])
+    return model.displaced(end, np.asarray(np.linalg.solve(A, gap[:, :, None]))[:, :, 0])
 
 
 def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween) -> Array | None:

@@ -54,8 +54,8 @@ class Observations:
         start, end = (model.displaced(at, -x) for at, x in zip(ends, change, strict=True))
         # What was made of coordinates is off by as much as that.
         off = np.sqrt(np.mean(errors[1] ** 2, axis=0))
-        noise = tuple(np.where(self.unknown, off, x) for x in self.noise)
-        return replace(self, intervals=Intervals(start, end), beyond=errors, noise=noise)
+        first, last = (np.where(self.unknown, off, x) for x in self.noise)
+        return replace(self, intervals=Intervals(start, end), beyond=errors, noise=(first, last))
 
     def without(self, lost: NDArray[np.bool_]) -> Observations:
         """Without some of the intervals; stretches are cut there."""

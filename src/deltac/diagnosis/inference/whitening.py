@@ -114,7 +114,7 @@ class Innovations:
     @cached_property
     def _parts(self) -> _Eliminated:
         n = self.Phi.shape[1] // 2
-        P = np.linalg.inv(self.Phi[:, :n, n:])
+        P: Array = np.asarray(np.linalg.inv(self.Phi[:, :n, n:]), dtype=float)
         R, along = self.Phi[:, n:, n:] @ P, P @ self.Phi[:, :n, :n]
         own = R @ self.Phi[:, :n, :n] - self.Phi[:, n:, :n]
         return _Eliminated(P, self._after(P), R, own, -self._after(along) - R)
@@ -152,12 +152,14 @@ class Innovations:
             )
         log_det = float(np.log(factor[0]).sum() + np.log(scale).sum())
         factor = factor.reshape(len(band), N, m)
-        diagonal, below = np.zeros((N, m, m)), [np.zeros((N, m, m)) for _ in off]
+        diagonal = np.zeros((N, m, m))
+        below: list[Array] = [np.zeros((N, m, m)) for _ in off]
         for j in range(m):
             diagonal[:, j:, j] = factor[: m - j, :, j].T
             for lag, block in enumerate(below, 1):
                 block[:, :, j] = factor[lag * m - j : (lag + 1) * m - j, :, j].T
-        return np.linalg.inv(diagonal), below, scale, log_det
+        inverse: Array = np.asarray(np.linalg.inv(diagonal), dtype=float)
+        return inverse, below, np.asarray(scale), log_det
 
     def _covariance(self) -> list[Array]:
         """Covariances (N, d, d) of the blocks with themselves, and of later ones with them, by lag."""

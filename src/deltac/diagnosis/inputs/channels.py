@@ -61,9 +61,9 @@ def foreign_channels(
 
     What the importer left to the log, for the file has it, is not foreign; nor is what never acted.
     """
-    told = " ".join(str(r) for r in import_report.ignored) if import_report else ""
+    remarks = " ".join(str(r) for r in import_report.ignored) if import_report else ""
     acting = LoggedForces.of(run).places
-    asked = [n for n in run.forces if n.kind in OF_MODELS and f"'{n}'" not in told and acting[n]]
+    asked = [n for n in run.forces if n.kind in OF_MODELS and f"'{n}'" not in remarks and acting[n]]
     if not asked:
         return {}
     ours = {channel.name for channel in equations_of_motion(mechanism).channels}
@@ -134,7 +134,7 @@ def differing_gears(
     A recorded run tells the strengths of its simple motors. A difference is a cause where it moved more
     energy than the tolerance.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for gear in other_gears(run, import_report):
         power = np.abs(ledger.power.get(gear.channel, np.zeros(len(ledger.t))))
         energy = abs(1.0 - (1.0 / gear.factor if gear.factor else 0.0)) * float(
@@ -145,7 +145,7 @@ def differing_gears(
             if ledger.energy_exchanged > 0.0
             else "nothing"
         )
-        found.append(
+        findings.append(
             Finding(
                 "channel-differs",
                 str(gear),
@@ -157,7 +157,7 @@ def differing_gears(
                 gear.factor,
             )
         )
-    return found
+    return findings
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,13 +182,13 @@ class Gear:
 
 def other_gears(run: Trajectory, import_report: ImportReport | None) -> list[Gear]:
     """Motors of which run and model tell different strengths."""
-    found: list[Gear] = []
+    gears: list[Gear] = []
     theirs, ours = run.provenance.strengths, import_report.strengths if import_report else {}
     for name in sorted(theirs.keys() & ours.keys()):
         logged, model = np.array(theirs[name]), np.array(ours[name])
         if logged.shape != model.shape or not np.allclose(logged, model, rtol=SAME, atol=0.0):
-            found.append(Gear(f"actuator {name}", logged, model, _factor(logged, model)))
-    return found
+            gears.append(Gear(f"actuator {name}", logged, model, _factor(logged, model)))
+    return gears
 
 
 def limits(run: Trajectory, import_report: ImportReport | None) -> tuple[str, ...]:

@@ -45,15 +45,15 @@ def load_equations(text: str, coordinates: Sequence[str] = ()) -> Equations | Ca
     path, name = _divided(text, "equations", "FUNCTION")
     first, *rest = name.split(".")
     script = Script(path)
-    found = _asked(_member(from_file(path, first, "equations"), rest, script, text), text)
-    if isinstance(found, Equations):
-        return replace(found, rhs=_staying(found.rhs, text))
-    if not callable(found):
+    equations = _asked(_member(from_file(path, first, "equations"), rest, script, text), text)
+    if isinstance(equations, Equations):
+        return replace(equations, rhs=_staying(equations.rhs, text))
+    if not callable(equations):
         raise WrongType(
-            f"equations {text}: found {type(found).__name__}, expected a function of (t, q, u), or "
+            f"equations {text}: found {type(equations).__name__}, expected a function of (t, q, u), or "
             "dc.Equations"
         )
-    return _staying(script.as_called(name, found), text)
+    return _staying(script.as_called(name, equations), text)
 
 
 def _of_library(path: Path, name: str) -> Callable[..., Any]:
@@ -79,7 +79,7 @@ def _of_library(path: Path, name: str) -> Callable[..., Any]:
     return rhs
 
 
-def _member(found: Any, names: list[str], script: Script, text: str) -> Any:
+def _member(value: Any, names: list[str], script: Script, text: str) -> Any:
     """What names with dots mean; a class stands for an object of it."""
 
     def made(kind: type) -> Any:
@@ -96,19 +96,19 @@ def _member(found: Any, names: list[str], script: Script, text: str) -> Any:
 
     try:
         for name in names:
-            if isinstance(found, type) and inspect.isfunction(
-                inspect.getattr_static(found, name, None)
+            if isinstance(value, type) and inspect.isfunction(
+                inspect.getattr_static(value, name, None)
             ):
-                found = made(found)
-            inner = _local_functions(found)
-            if name in inner and not hasattr(found, name):
+                value = made(value)
+            inner = _local_functions(value)
+            if name in inner and not hasattr(value, name):
                 raise SourceError(
-                    f"equations {text}: {name} (line {inner[name]}) is defined within {found.__name__}, and "
+                    f"equations {text}: {name} (line {inner[name]}) is defined within {value.__name__}, and "
                     f"exists only while that runs; move {name} to the module, or let a function without "
                     "arguments return it and name that function"
                 )
-            found = getattr(found, name)
-        return made(found) if isinstance(found, type) else found
+            value = getattr(value, name)
+        return made(value) if isinstance(value, type) else value
     except SourceError:
         raise
     except Exception as error:  # whatever a constructor of the user's raises
@@ -143,12 +143,14 @@ def load_map(text: str) -> CoordinateMap | str:
     if not text.partition(":")[0].endswith(SUFFIXES):
         return text
     path, name = _divided(text, "coordinates", "MAP")
-    found = _asked(from_file(path, name, "coordinates"), text)
-    if isinstance(found, Equations):
-        found = found.coordinates
-    if not isinstance(found, CoordinateMap):
-        raise WrongType(f"coordinates {text}: found {type(found).__name__}, expected CoordinateMap")
-    return found
+    coordinates = _asked(from_file(path, name, "coordinates"), text)
+    if isinstance(coordinates, Equations):
+        coordinates = coordinates.coordinates
+    if not isinstance(coordinates, CoordinateMap):
+        raise WrongType(
+            f"coordinates {text}: found {type(coordinates).__name__}, expected CoordinateMap"
+        )
+    return coordinates
 
 
 def _divided(text: str, what: str, placeholder: str) -> tuple[Path, str]:
@@ -159,17 +161,17 @@ def _divided(text: str, what: str, placeholder: str) -> tuple[Path, str]:
     return Path(file), name
 
 
-def _asked(found: Any, text: str) -> Any:
+def _asked(value: Any, text: str) -> Any:
     """What a function without parameters returns; anything else as it is."""
-    if not callable(found) or isinstance(found, Equations):
-        return found
+    if not callable(value) or isinstance(value, Equations):
+        return value
     try:
-        needs = [p for p in inspect.signature(found).parameters.values() if p.default is p.empty]
+        needs = [p for p in inspect.signature(value).parameters.values() if p.default is p.empty]
     except (TypeError, ValueError):
-        return found
+        return value
     if needs:
-        return found
+        return value
     try:
-        return found()
+        return value()
     except Exception as error:
         raise SourceError(f"{text} failed: {type(error).__name__}: {error}") from error

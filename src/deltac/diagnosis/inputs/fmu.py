@@ -95,7 +95,7 @@ def _unit(
     folder = tempfile.mkdtemp(prefix="deltac-fmu-")
     try:
         fmpy.extract(str(file), folder)
-        given = {
+        values = {
             "guid": described.guid,
             "unzipDirectory": folder,
             "modelIdentifier": described.modelExchange.modelIdentifier,
@@ -104,7 +104,7 @@ def _unit(
         if third:
             from fmpy.fmi3 import FMU3Model
 
-            model = FMU3Model(**given)
+            model = FMU3Model(**values)
             model.instantiate()
             model.enterInitializationMode(startTime=0.0)
             model.exitInitializationMode()
@@ -112,7 +112,7 @@ def _unit(
         else:
             from fmpy.fmi2 import FMU2Model
 
-            model = FMU2Model(**given)
+            model = FMU2Model(**values)
             model.instantiate()
             model.setupExperiment(startTime=0.0)
             model.enterInitializationMode()
@@ -150,16 +150,19 @@ def _closed(model: Any, folder: str) -> None:
 
 
 def _order(
-    unit: Callable[[float, Array], Array], names: list[str], wanted: Sequence[str], path: str
+    unit: Callable[[float, Array], Array],
+    names: list[str],
+    rates: Sequence[str],
+    path: str,
 ) -> list[int]:
     """The places of the coordinates, then of their speeds, among the unit's states."""
     n = len(names)
     rng = np.random.default_rng(0)
     trials = [rng.uniform(0.3, 1.3, n) for _ in range(TRIALS)]
-    found = [(x, unit(0.0, x)) for x in trials]
+    evaluated = [(x, unit(0.0, x)) for x in trials]
     pairs: list[tuple[int, int]] = []
     for i in range(n):
-        speeds = [j for j in range(n) if j != i and all(dx[i] == x[j] for x, dx in found)]
+        speeds = [j for j in range(n) if j != i and all(dx[i] == x[j] for x, dx in evaluated)]
         if len(speeds) == 1:
             pairs.append((i, speeds[0]))
     if 2 * len(pairs) != n or len({k for pair in pairs for k in pair}) != n:
@@ -170,6 +173,6 @@ def _order(
     ends = {names[i].rpartition(".")[2]: (i, j) for i, j in pairs} | {
         names[i]: (i, j) for i, j in pairs
     }
-    if wanted and all(name in ends for name in wanted) and len(wanted) == len(pairs):
-        pairs = [ends[name] for name in wanted]
+    if rates and all(name in ends for name in rates) and len(rates) == len(pairs):
+        pairs = [ends[name] for name in rates]
     return [i for i, _ in pairs] + [j for _, j in pairs]

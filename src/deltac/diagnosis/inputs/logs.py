@@ -74,11 +74,11 @@ def _places(what: str, model: str, ours: Entries, theirs: Sequence[str]) -> np.n
         lines = [f"the log is not of model {model!r}: their {what}s differ"]
         if unknown:
             hints = (closest(name, missing or ours.names) for name in unknown[:4])
-            told = (
+            hinted = (
                 repr(name) + (hint if "did you mean" in hint else "")
                 for name, hint in zip(unknown, hints, strict=False)
             )
-            lines.append("in the log only: " + ", ".join(told) + _more(unknown))
+            lines.append("in the log only: " + ", ".join(hinted) + _more(unknown))
         if missing:
             lines.append("in the model only: " + ", ".join(map(repr, missing[:4])) + _more(missing))
         lines.append("Rename the columns with a mapping file, or use the model of this log")
@@ -218,14 +218,14 @@ NOTES = {
 
 def _whole(
     mechanism: Mechanism,
-    given: Trajectory,
+    source: Trajectory,
     work: str | None,
     *,
     measured: bool = True,
     keep: int | None = None,
 ) -> Log:
-    run, findings = in_model_order(mechanism, given)
-    notes = given.provenance.notes
+    run, findings = in_model_order(mechanism, source)
+    notes = source.provenance.notes
     findings += [
         Finding(kind, what, notes[note], remedy.format(t=run.t[0]))
         for kind, (note, what, remedy) in NOTES.items()
@@ -237,8 +237,8 @@ def _whole(
     if not measured:
         return balanced(mechanism, run, work, tuple(findings), keep=keep)
     clean = cleaned(mechanism, run)
-    found = (*findings, *clean.findings)
-    return balanced(mechanism, clean.run, work, found, clean.comparisons, keep=keep)
+    all_findings = (*findings, *clean.findings)
+    return balanced(mechanism, clean.run, work, all_findings, clean.comparisons, keep=keep)
 
 
 def balanced(
@@ -272,17 +272,17 @@ def _in_parts(
             _refuse_garbage(chunk.run, chunk.first_row, chunk.rows)
             yield replace(chunk, run=in_model_order(mechanism, chunk.run)[0])
 
-    given = next(scan_trajectory(path, rows, OVERLAP, mapping, mechanism)).run
-    first, findings = in_model_order(mechanism, given)
-    ledger, kept = balance_chunks(mechanism, chunks(), work or work_of(first))
+    sample = next(scan_trajectory(path, rows, OVERLAP, mapping, mechanism)).run
+    first, findings = in_model_order(mechanism, sample)
+    ledger, rows_of_ledger = balance_chunks(mechanism, chunks(), work or work_of(first))
     _refuse_undefined(ledger)
     note = Finding(
         "read-in-parts",
         "the log is large and was balanced in parts; only works and ΔC are of all its rows",
-        f"{len(kept)} rows were kept",
+        f"{len(rows_of_ledger)} rows were kept",
         "",
     )
-    return Log(kept, first, ledger, (*findings, note))
+    return Log(rows_of_ledger, first, ledger, (*findings, note))
 
 
 def _refuse_garbage(run: Trajectory, first: int = 0, rows: int | None = None) -> None:
@@ -328,22 +328,24 @@ def held_between_rows(log: Log) -> float:
     run, step = log.run, log.run.provenance.step
     if run.works or step is None or np.median(np.diff(log.consecutive.t)) < 1.01 * step:
         return 0.0
-    held = [run.forces[n] for n in run.provenance.held or () if n in run.forces]
+    forces = [run.forces[n] for n in run.provenance.held or () if n in run.forces]
     mean = 0.5 * (run.u[1:] + run.u[:-1])
-    late = sum((np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in held), np.zeros(len(mean)))
+    late = sum(
+        (np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in forces), np.zeros(len(mean))
+    )
     return float(0.5 * step * np.abs(np.cumsum(late)).max(initial=0.0))
 
 
 def work_of(run: Trajectory) -> str | None:
     """How an engine's own scheme takes the work, where the log tells; else what `balance` chooses."""
     step = run.provenance.step
-    held = set(run.provenance.held or ())
+    channels = set(run.provenance.held or ())
     if (
         run.integrals
         or run.works
         or not run.forces
         or step is None
-        or not held.issuperset(run.forces)
+        or not channels.issuperset(run.forces)
     ):
         return None
     every_step = np.allclose(np.diff(run.t), step, rtol=1e-6, atol=0.0)

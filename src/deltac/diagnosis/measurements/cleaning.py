@@ -79,26 +79,26 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     """
     if "u" in run.provenance.derived or len(run) < LEAST_ROWS:
         return Cleaned(run, (), {})
-    found: list[Finding] = []
+    findings: list[Finding] = []
     for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
         run, more = step(mechanism, run)
-        found += more
+        findings += more
     differences = _differences(run)
     if differences is not None:
-        return Cleaned(differences, tuple(found), {})
+        return Cleaned(differences, tuple(findings), {})
     comparisons = coordinates_against_speeds(mechanism, run)
     run, more = _without_spikes(run, comparisons)
     if more:
-        found += more
+        findings += more
         comparisons = coordinates_against_speeds(mechanism, run)
     even = _evenly_timed(run)
     if even is not None:
         other = coordinates_against_speeds(mechanism, even)
         if unsteadiness(other) < CLEARLY * unsteadiness(comparisons):
-            found.append(_jitter(run, even))
+            findings.append(_jitter(run, even))
             run, comparisons = even, other
-    found += [*_jumps(run, comparisons), *_wrong_rates(run, comparisons)]
-    return Cleaned(run, tuple(found), comparisons)
+    findings += [*_jumps(run, comparisons), *_wrong_rates(run, comparisons)]
+    return Cleaned(run, tuple(findings), comparisons)
 
 
 # --- what is undone --------------------------------------------------------------------------------------
@@ -120,9 +120,9 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
     same = _repeated(run.q) & _repeated(run.u)
     if not same.any() or _whole(run):
         return run, []
-    told = np.abs(run.u[:-1]) * np.diff(run.t)[:, None]
+    movement = np.abs(run.u[:-1]) * np.diff(run.t)[:, None]
     digit = digits_of(run)["q"].half().max(initial=0.0)
-    copies = np.flatnonzero(same & np.any(told > 4.0 * digit, axis=1)) + 1
+    copies = np.flatnonzero(same & np.any(movement > 4.0 * digit, axis=1)) + 1
     if not len(copies):
         return run, []
     return _without(run, copies), [
@@ -144,9 +144,9 @@ def _repeated(values: Array, columns: Sequence[int] | NDArray[np.intp] | None = 
     rows = np.arange(len(values) - 1)
     for k in range(values.shape[1]) if columns is None else columns:
         rows = rows[values[rows + 1, k] == values[rows, k]]
-    found = np.zeros(len(values) - 1, dtype=np.bool_)
-    found[rows] = True
-    return found
+    mask = np.zeros(len(values) - 1, dtype=np.bool_)
+    mask[rows] = True
+    return mask
 
 
 def _at_the_pace_of_the_slower(
@@ -165,14 +165,16 @@ def _at_the_pace_of_the_slower(
         every = int(np.median(pace))
         if every < 2 or np.mean(pace == every) < 1.0 - FEW:
             continue
-        kept = new[1:] if new[1] < every else new  # of the first it is not known how old they are
+        remaining = (
+            new[1:] if new[1] < every else new
+        )  # of the first it is not known how old they are
         finding = Finding(
             "held-columns",
             f"the {what} come from a slower clock: they repeat for {every} rows while the others change",
-            f"{len(kept)} of {len(run)} rows hold new ones",
+            f"{len(remaining)} of {len(run)} rows hold new ones",
             "The other rows were left out. Log all columns of a row at one instant",
         )
-        return run.take(kept), [finding]
+        return run.take(remaining), [finding]
     return run, []
 
 
@@ -217,7 +219,7 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
     if not any(np.abs(part).max(initial=0.0) > 0.5 * turn for part in parts):
         return run, []
     excess = beyond(slice(None))
-    q, found = np.array(run.q), list[Finding]()
+    q, findings = np.array(run.q), list[Finding]()
     turns = np.round(excess / turn)
     jumping = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)
     for i, turned, jumps in zip(places, turns.T, jumping.T):
@@ -226,7 +228,7 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
         jumped = np.abs(np.diff(run.q[:, i])).max() > 0.5 * turn
         if jumps.any() and within and jumped:
             q[1:, i] -= turn * np.cumsum(np.where(jumps, turned, 0.0))
-            found.append(
+            findings.append(
                 Finding(
                     "wrapped-angle",
                     f"coordinate {run.coordinates[i]!r} is wrapped to one turn",
@@ -235,7 +237,7 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
                     element=run.coordinates[i],
                 )
             )
-    return (replace(run, q=q), found) if found else (run, found)
+    return (replace(run, q=q), findings) if findings else (run, findings)
 
 
 def _without_spikes(
@@ -243,16 +245,16 @@ def _without_spikes(
 ) -> tuple[Trajectory, list[Finding]]:
     """Single rows of which a column lies far off its neighbours; only a few are taken out."""
     spikes: dict[int, str] = {}
-    for name, made in comparisons.items():
-        starts = made.start[made.outliers]
+    for name, comparison in comparisons.items():
+        starts = comparison.start[comparison.outliers]
         rows = np.unique(np.concatenate([starts, starts + 1]))
         rows = rows[(rows >= 2) & (rows < len(run) - 2)]
         columns = [run.u[:, run.speeds.index(name)]]
         columns += [run.q[:, k] for k, c in enumerate(run.coordinates) if c == name]
         for x in columns:
             around = x[rows[:, None] + np.array([-2, -1, 1, 2])]
-            off = np.abs(x[rows] - np.median(around, axis=1))
-            spikes |= dict.fromkeys(rows[off > FAR * np.ptp(around, axis=1)].tolist(), name)
+            distance = np.abs(x[rows] - np.median(around, axis=1))
+            spikes |= dict.fromkeys(rows[distance > FAR * np.ptp(around, axis=1)].tolist(), name)
     if not spikes or len(spikes) > FEW * len(run) or _whole(run):
         return run, []
     first = min(spikes)
@@ -301,10 +303,10 @@ def _jitter(run: Trajectory, even: Trajectory) -> Finding:
 def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
     """Single intervals over which coordinates move farther than any speed in the log would take them."""
     jumped: dict[int, str] = {}
-    for name, made in comparisons.items():
-        farthest = float(np.abs(made.told).max(initial=0.0))
-        far = made.outliers & (np.abs(made.defect) > JUMP * farthest)
-        jumped |= dict.fromkeys(made.start[far].tolist(), name)
+    for name, comparison in comparisons.items():
+        farthest = float(np.abs(comparison.told).max(initial=0.0))
+        far = comparison.outliers & (np.abs(comparison.defect) > JUMP * farthest)
+        jumped |= dict.fromkeys(comparison.start[far].tolist(), name)
     rows = np.array(sorted(jumped), dtype=np.intp)
     if not len(rows) or len(rows) > JUMPS * len(run) or np.diff(rows).min(initial=2) < 2:
         return
@@ -363,10 +365,10 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iter
             late[0],
         )
     rest = {n: c for n, c in rest.items() if n not in late}
-    off = {n: c for n, c in rest.items() if c.scaled and c.off < DEPARTS}
-    yield from _scaled(off, rest) if off else ()
+    scaled = {n: c for n, c in rest.items() if c.scaled and c.off < DEPARTS}
+    yield from _scaled(scaled, rest) if scaled else ()
     for name, c in rest.items():
-        if name not in off and c.significant and c.off > 1e-3:
+        if name not in scaled and c.significant and c.off > 1e-3:
             bar, moved = size_of(c.bar), size_of(c.moved)
             resolved = bar < RESOLVED * moved and len(run) > 30
             yield Finding(
@@ -403,8 +405,8 @@ def _is_clipped(u: Array, c: Comparison) -> bool:
     inside = at[c.start] & at[c.start + 1]
     if at.sum() < 6 or inside.sum() < 4 or inside.all():
         return False
-    beyond = np.median(np.abs(c.moved[inside]) - np.abs(c.told[inside]))
-    return bool(beyond > 5.0 * np.median(c.bar) + 1e-3 * size_of(c.moved))
+    excess = np.median(np.abs(c.moved[inside]) - np.abs(c.told[inside]))
+    return bool(excess > 5.0 * np.median(c.bar) + 1e-3 * size_of(c.moved))
 
 
 def _is_late(c: Comparison) -> bool:
@@ -413,26 +415,26 @@ def _is_late(c: Comparison) -> bool:
     return tells and abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1
 
 
-def _scaled(off: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:
+def _scaled(scaled: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:
     """One factor in all columns is a clock's; else gears between coordinates and speeds."""
-    ratios = np.array([c.ratio for c in off.values()])
-    errors = np.array([max(c.ratio_error, LEAST_RATIO) for c in off.values()])
+    ratios = np.array([c.ratio for c in scaled.values()])
+    errors = np.array([max(c.ratio_error, LEAST_RATIO) for c in scaled.values()])
     common = float(np.average(ratios, weights=errors**-2))
     agree = np.all(np.abs(ratios - common) < 3.0 * errors + 1e-3 * abs(common - 1.0))
-    others = [c for n, c in every.items() if n not in off]
+    others = [c for n, c in every.items() if n not in scaled]
     dissent = any(abs(c.ratio - common) > c.ratio_error + DIGIT for c in others)
     if agree and not dissent and (len(every) > 1 or abs(common - 1.0) < 0.05):
         yield Finding(
             "clock-scale",
             f"all coordinates move by {common:.6g} times as far as their speeds say: the clock is wrong",
-            f"of {len(off)} coordinates, each ± {float(errors.min()):.1g}",
+            f"of {len(scaled)} coordinates, each ± {float(errors.min()):.1g}",
             f"Multiply the times by {common:.6g}, or log the simulator's own time",
             "doubt",
             factor=common,
             error=float(errors.min()),
         )
         return
-    for name, c in off.items():
+    for name, c in scaled.items():
         if abs(c.ratio - 1.0) >= LEAST_GEAR:
             yield Finding(
                 "gear-between-q-and-u",

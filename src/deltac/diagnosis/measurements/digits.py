@@ -107,20 +107,20 @@ def digits_of(run: Trajectory) -> Mapping[str, Digits]:
 
     Of forces the columns in which they ever act.
     """
-    found = {"q": Digits(run.q), "u": Digits(run.u)}
+    digits = {"q": Digits(run.q), "u": Digits(run.u)}
     if run.udot is not None:
-        found["udot"] = Digits(run.udot)
-    least = least_of_forces(found)
+        digits["udot"] = Digits(run.udot)
+    least = least_of_forces(digits)
     forces = LoggedForces.of(run).values(run)
-    return found | {f"force {n}": Digits(f, least) for n, f in forces.items()}
+    return digits | {f"force {n}": Digits(f, least) for n, f in forces.items()}
 
 
-def least_of_forces(found: Mapping[str, Digits]) -> int:
+def least_of_forces(digits: Mapping[str, Digits]) -> int:
     """Different numbers from which on the digits of a force are told, beside those of "q" and "u".
 
     Where all states are doubles, a force of few values, such as on and off, is commanded so, and not rounded.
     """
-    return LEAST_VALUES if found["q"].few or found["u"].few else LEVELS
+    return LEAST_VALUES if digits["q"].few or digits["u"].few else LEVELS
 
 
 def resolution(values: Array) -> Array:
@@ -177,8 +177,8 @@ def _count(column: Array) -> float:
     count = float(gaps.min())
     if count < 1e-9 * float(np.abs(levels).max()):
         return 0.0
-    off = np.abs((levels - levels[0]) / count - np.rint((levels - levels[0]) / count))
-    return count if float(off.max()) < 1e-3 else 0.0
+    remainder = np.abs((levels - levels[0]) / count - np.rint((levels - levels[0]) / count))
+    return count if float(remainder.max()) < 1e-3 else 0.0
 
 
 def _half_of_half_precision(size: Array) -> Array:
@@ -215,10 +215,10 @@ def medians(values: Array) -> Array:
     """Medians along the last axis, many times as fast as by `np.median`, which looks for NaN by sorting."""
     middle = values.shape[-1] // 2
     ordered = np.partition(values, middle, axis=-1)
-    found = ordered[..., middle]
+    median = ordered[..., middle]
     if values.shape[-1] % 2 == 0:
-        found = 0.5 * (ordered[..., :middle].max(axis=-1) + found)
-    return np.where(np.isnan(values).any(axis=-1), np.nan, found)
+        median = 0.5 * (ordered[..., :middle].max(axis=-1) + median)
+    return np.where(np.isnan(values).any(axis=-1), np.nan, median)
 
 
 WHITE = (0.75, 1.35)

@@ -98,12 +98,12 @@ class Comparison:
     instant: bool
     unsteady: float
 
-    def between(self, t: Array, kept: Array) -> Comparison:
-        """The same of the intervals among the rows at the times `kept`, of those at t (T,)."""
+    def between(self, t: Array, times: Array) -> Comparison:
+        """The same of the intervals among the rows at the times `times`, of those at t (T,)."""
         start = t[self.start]
-        here = (start >= kept[0]) & (start < kept[-1])
-        arrays = {n: getattr(self, n)[here] for n in ARRAYS}
-        return replace(self, start=np.searchsorted(kept, start[here]), **arrays)
+        inside = (start >= times[0]) & (start < times[-1])
+        arrays = {n: getattr(self, n)[inside] for n in ARRAYS}
+        return replace(self, start=np.searchsorted(times, start[inside]), **arrays)
 
     @property
     def scaled(self) -> bool:
@@ -130,11 +130,11 @@ def compare(
     may have been put back onto constraints after each step. None where nothing moves.
     """
     size = max(1, AT_ONCE // max(1, len(t)))
-    found: list[Comparison | None] = []
+    comparisons: list[Comparison | None] = []
     for first in range(0, moved.shape[1], size):
         some = slice(first, first + size)
-        found += _compared(t, moved[:, some], rate[:, some], bar[:, some], edges, projected)
-    return found
+        comparisons += _compared(t, moved[:, some], rate[:, some], bar[:, some], edges, projected)
+    return comparisons
 
 
 def _compared(
@@ -168,28 +168,32 @@ def _compared(
         parts.append((fine, curved, np.abs(bias) + 0.02 * np.abs(fine - own), bias))
     fine, C, S, B = (np.hstack(x) for x in zip(*parts))
     extent = _sizes(D)
-    moving = np.flatnonzero((_sizes(fine) > 0.0) & (extent > 0.0))
-    found: list[Comparison | None] = [None] * len(D)
-    if not len(moving):
-        return found
-    if len(moving) < len(D):
+    active = np.flatnonzero((_sizes(fine) > 0.0) & (extent > 0.0))
+    comparisons: list[Comparison | None] = [None] * len(D)
+    if not len(active):
+        return comparisons
+    if len(active) < len(D):
         fine, trapezoid, L, C, S, B, D, noise, extent = (
-            x[moving] for x in (fine, trapezoid, L, C, S, B, D, noise, extent)
+            x[active] for x in (fine, trapezoid, L, C, S, B, D, noise, extent)
         )
     # Rows of a scheme obey a trapezoid also where a force jumps and splines ring; sampled motion the splines.
-    told = np.stack([fine, trapezoid])
-    r, late, left, keep = _robust(told, L, D, np.hypot(noise, 1e-3 * extent[:, None] + S), noise)
-    best = np.argmin(medians(np.abs(left)), axis=0)
-    I, r, late, left, keep = (x[best, np.arange(len(D))] for x in (told, r, late, left, keep))
+    integrals = np.stack([fine, trapezoid])
+    r, late, residual, keep = _robust(
+        integrals, L, D, np.hypot(noise, 1e-3 * extent[:, None] + S), noise
+    )
+    best = np.argmin(medians(np.abs(residual)), axis=0)
+    I, r, late, residual, keep = (
+        x[best, np.arange(len(D))] for x in (integrals, r, late, residual, keep)
+    )
     bars = noise + S
-    kept = np.maximum(keep.sum(axis=-1), 1)
-    scatter = np.sqrt(np.sum(keep * left**2, axis=-1) / kept)
+    count = np.maximum(keep.sum(axis=-1), 1)
+    scatter = np.sqrt(np.sum(keep * residual**2, axis=-1) / count)
     # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ `QUADRATURE`. Of oscillations
     # that looks like another r, and is found from what it would leave besides.
     x, y, variance = _least_squares(I * keep, L * keep, C * keep)
     error = scatter * np.sqrt(variance)
     alone = keep * (C - x[:, None] * I - y[:, None] * L)
-    size = np.sqrt(np.sum(alone**2, axis=-1) / kept)
+    size = np.sqrt(np.sum(alone**2, axis=-1) / count)
     if projected:  # that shortens the steps evenly, and leaves nothing to tell it by
         c = np.full_like(size, QUADRATURE + PROJECTION)
     else:
@@ -200,20 +204,20 @@ def _compared(
     scaled = np.abs(r - 1.0) > np.maximum(ratio_error, LEAST_RATIO)
     most = QUADRATURE + PROJECTION * projected
     squares = np.maximum(np.sum(keep * C**2, axis=-1), 1e-300)
-    by_scheme = np.clip(np.sum(keep * C * left, axis=-1) / squares, -most, most)
-    rest, barred, defect = _sizes(left - by_scheme[:, None] * C), _sizes(bars), _sizes(left)
+    by_scheme = np.clip(np.sum(keep * C * residual, axis=-1) / squares, -most, most)
+    rest, barred, defect = _sizes(residual - by_scheme[:, None] * C), _sizes(bars), _sizes(residual)
     unsteady = np.sqrt(np.maximum(rest**2 - barred**2, 0.0)) / extent
     instant = _sizes(L) > 4.0 * _sizes(noise)
-    size = np.abs(left)
+    size = np.abs(residual)
     outliers = size > FAR * (bars + 1.4826 * medians(size)[:, None]) + 1e-6 * extent[:, None]
     squared = np.vecdot(D, D) * np.vecdot(I, I)
     alike = np.abs(np.vecdot(D, I)) / np.sqrt(np.where(squared > 0.0, squared, np.inf))
-    for k, column in enumerate(moving):
-        found[column] = Comparison(
+    for k, column in enumerate(active):
+        comparisons[column] = Comparison(
             float(r[k]),
             float(ratio_error[k]),
             float(late[k]),
-            left[k],
+            residual[k],
             bars[k],
             D[k],
             I[k],
@@ -227,7 +231,7 @@ def _compared(
             bool(instant[k]),
             float(unsteady[k]),
         )
-    return found
+    return comparisons
 
 
 EXACT = 1e-7
@@ -245,21 +249,21 @@ def _of_a_scheme(
     extent = _sizes(moved)
     if not extent.all():
         return []
-    late, left = 0.0, moved - trapezoid
+    late, residual = 0.0, moved - trapezoid
     for theta in (0.0, 0.5, -0.5):  # rates that do not change are not late
-        late, rest = theta, np.abs(left - theta * linear)
+        late, rest = theta, np.abs(residual - theta * linear)
         if np.all(rest.max(axis=-1) <= EXACT * extent):
             break
     else:
         return []
-    left = left - late * linear
-    off = (_sizes(left) / extent).tolist()
+    residual = residual - late * linear
+    shares = (_sizes(residual) / extent).tolist()
     instant = (_sizes(linear) > 4.0 * _sizes(noise)).tolist()
     none = np.zeros(len(h), dtype=np.bool_)
     return [
         Comparison(
-            1.0, LEAST_RATIO, late, left[k], noise[k], moved[k], trapezoid[k], start,
-            off[k], 1.0, False, none, False, instant[k], 0.0,
+            1.0, LEAST_RATIO, late, residual[k], noise[k], moved[k], trapezoid[k], start,
+            shares[k], 1.0, False, none, False, instant[k], 0.0,
         )
         for k in range(len(moved))
     ]  # fmt: skip
@@ -282,11 +286,13 @@ def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
     k = over(np.vecdot(a, b), aa)
     c = b - k[..., None] * a
     cc = np.vecdot(c, c)
-    apart = np.sqrt(aa * cc) > COLLINEAR * (aa * (1.0 + k**2) + cc)
+    independent = np.sqrt(aa * cc) > COLLINEAR * (aa * (1.0 + k**2) + cc)
     first = over(np.vecdot(a, y), aa)
-    z = np.where(apart, over(np.vecdot(c, y), cc), k * first / (1.0 + k**2))
+    z = np.where(independent, over(np.vecdot(c, y), cc), k * first / (1.0 + k**2))
     one = np.ones_like(aa)
-    variance = np.where(apart, over(one, aa) + over(k**2, cc), over(one, aa) / (1.0 + k**2) ** 2)
+    variance = np.where(
+        independent, over(one, aa) + over(k**2, cc), over(one, aa) / (1.0 + k**2) ** 2
+    )
     return first - k * z, z, variance
 
 
@@ -298,18 +304,18 @@ HOPELESS = 1e3
 
 
 def _robust(
-    told: Array, linear: Array, moved: Array, spread: Array, noise: Array
+    integrals: Array, linear: Array, moved: Array, spread: Array, noise: Array
 ) -> tuple[Array, Array, Array, Mask]:
     """R and θ by reweighted least squares, what they leave, and the intervals that are no outliers.
 
-    Along the last axis, of every column and each of the quadratures `told` of it at once, until they are
+    Along the last axis, of every column and each of the quadratures `integrals` of it at once, until they are
     settled. A quadrature that another one leaves far behind is given up: its r and θ are rough.
     """
-    quadratures, columns, _ = told.shape
+    quadratures, columns, _ = integrals.shape
     r, late, typical = np.zeros((3, quadratures * columns))
     open_ = np.arange(quadratures * columns)
     settled = np.zeros(len(open_), dtype=np.bool_)
-    x, of = told.reshape(len(open_), -1), open_ % columns
+    x, of = integrals.reshape(len(open_), -1), open_ % columns
     y, m, s = (a[of] for a in (linear, moved, spread))
     weight = 1.0 / s
     for _ in range(12):
@@ -326,22 +332,22 @@ def _robust(
         weight = 1.0 / np.sqrt(size, out=size)
         done = np.all(np.abs(np.subtract(now, before)) <= SETTLED * np.maximum(np.abs(now), 1.0), 0)
         settled[open_[done]] = True
-        found = np.where(settled, typical, np.inf).reshape(quadratures, columns).min(axis=0)
-        on = ~done & (middle <= HOPELESS * found[of])
+        least = np.where(settled, typical, np.inf).reshape(quadratures, columns).min(axis=0)
+        on = ~done & (middle <= HOPELESS * least[of])
         if not on.any():
             break
         if not on.all():
             open_ = open_[on]
             x, y, m, s, weight = (a[on] for a in (x, y, m, s, weight))
     r, late, typical = (a.reshape(quadratures, columns) for a in (r, late, typical))
-    left = moved - r[..., None] * told - late[..., None] * linear
-    return r, late, left, np.abs(left) <= 7.0 * typical[..., None] + 3.0 * noise
+    residual = moved - r[..., None] * integrals - late[..., None] * linear
+    return r, late, residual, np.abs(residual) <= 7.0 * typical[..., None] + 3.0 * noise
 
 
-def _steady(told: Array, moved: Array, ratio: float) -> bool:
+def _steady(integrals: Array, moved: Array, ratio: float) -> bool:
     """Whether all parts of a log say the same factor: a clock and a gear do, impacts and kinks do not."""
     weights, near = [], []
-    for x, y in zip(np.array_split(told, BLOCKS), np.array_split(moved, BLOCKS)):
+    for x, y in zip(np.array_split(integrals, BLOCKS), np.array_split(moved, BLOCKS)):
         size = float(x @ x)
         if size > 0.0:
             weights.append(size)
@@ -385,11 +391,11 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     if not rates:
         return {}
     M, B = (np.stack(columns, axis=1) for columns in (moved, bars))
-    made = compare(t, M, u[:, rates], B, edges, projected=projected)
-    found = {run.speeds[j]: one for j, one in zip(rates, made) if one is not None}
+    comparisons = compare(t, M, u[:, rates], B, edges, projected=projected)
+    by_speed = {run.speeds[j]: one for j, one in zip(rates, comparisons) if one is not None}
     if not isinstance(rows, slice):  # the rows of the log, not of those that were looked at
-        found = {name: replace(one, start=rows[one.start]) for name, one in found.items()}
-    return found
+        by_speed = {name: replace(one, start=rows[one.start]) for name, one in by_speed.items()}
+    return by_speed
 
 
 def rotation_vectors(p: Array) -> Array:
@@ -409,19 +415,19 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
     """Rows (first, last + 1) of samples without gaps or events in between; a choice of them in long logs."""
     happened = np.searchsorted(run.t, [e.t for e in run.events])
     cuts = np.unique(np.concatenate([gap_rows(run.t) + 1, happened, [0, len(run)]]).astype(np.intp))
-    found = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= LEAST_ROWS]
-    total = sum(b - a for a, b in found)
+    pieces = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= LEAST_ROWS]
+    total = sum(b - a for a, b in pieces)
     if total <= MOST_ROWS:
-        return found
-    share, made = MOST_ROWS / total, []
-    for a, b in found:
+        return pieces
+    share, parts = MOST_ROWS / total, []
+    for a, b in pieces:
         size = max(LEAST_ROWS, int(share * (b - a) / 3))
         if b - a <= 3 * size:
-            made.append((a, b))
+            parts.append((a, b))
             continue
         middle = (a + b - size) // 2
-        made += [(a, a + size), (middle, middle + size), (b - size, b)]
-    return made
+        parts += [(a, a + size), (middle, middle + size), (b - size, b)]
+    return parts
 
 
 def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:

@@ -38,12 +38,12 @@ SAMPLES = 200
 ROWS = 20_000
 """Longer runs are judged in the search on at least so many of their steps; verified on all of them."""
 
-REFINED = 16
-"""A fixed step is verified against one this many times as small. That is enough for a solver of first
-order, at a kink of a law as well: the reference then has a sixteenth of the error."""
+FINER = (2, 8, 16, 32, 64)
+"""A fixed step is verified against a sixteenth of it, if half of it shows the order; else two references
+are to agree."""
 
-TIGHTER, TIGHTEST = 1e-3, 1e-13
-"""An adaptive solver is verified against itself at so much of its tolerance, down to rounding."""
+TIGHTER, TIGHTEST = (1e1, 1e2, 1e3, 1e4, 1e5), 1e-13
+"""An adaptive solver is verified likewise, at its tolerance divided by these, down to rounding."""
 
 DENSE, DECADES = 1000, 7
 """An adaptive run may be sampled anywhere. It is verified on so many rows of the whole motion, and of its
@@ -171,24 +171,26 @@ def _own(
         return [
             Piece(
                 lambda: stepped(step, steps),
-                lambda: stepped(step, steps, REFINED),
-                float(REFINED ** (solver.order or 1)),
+                lambda divisor: stepped(step, steps, round(divisor)),
+                FINER,
+                float(FINER[2] ** (solver.order or 1)),
             )
         ]
 
     def adaptive(tolerance: float) -> Trajectory:
         return run(duration / SAMPLES, tolerance=tolerance)
 
+    def beginning(tolerance: float, span: float) -> Piece:
+        divisors = tuple(sorted({min(n, tolerance / TIGHTEST) for n in TIGHTER}))
+        return Piece(
+            lambda: run(span / DENSE, span, tolerance=tolerance),
+            lambda divisor: run(span / DENSE, span, tolerance=tolerance / divisor),
+            divisors,
+            divisors[min(2, len(divisors) - 1)],
+        )
+
     def beginnings(tolerance: float) -> list[Piece]:
-        tighter = max(TIGHTER * tolerance, TIGHTEST)
-        return [
-            Piece(
-                partial(run, span / DENSE, span, tolerance=tolerance),
-                partial(run, span / DENSE, span, tolerance=tighter),
-                tolerance / tighter,
-            )
-            for span in (duration / 10**k for k in range(DECADES))
-        ]
+        return [beginning(tolerance, duration / 10**k) for k in range(DECADES)]
 
     if solver.family in ("scipy", "sundials"):
         return Family(
@@ -259,8 +261,14 @@ def _mujoco(
         return Motion(np.array(t), np.array(q), np.array(u))
 
     def every_step(step: float) -> list[Piece]:
-        gain = float(REFINED ** (recorded.order or 1))
-        return [Piece(partial(recorded, step), lambda: plain(step / REFINED, every=REFINED), gain)]
+        return [
+            Piece(
+                partial(recorded, step),
+                lambda divisor: plain(step / divisor, every=round(divisor)),
+                FINER,
+                float(FINER[2] ** (recorded.order or 1)),
+            )
+        ]
 
     return Family(
         f"{MUJOCO}{integrator.lower()}",

@@ -19,6 +19,7 @@ from typing import Unpack
 from deltac.arrays import EPS
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
+from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.channels import not_simulated
 from deltac.diagnosis.recommend.families import families
@@ -83,6 +84,7 @@ SAFETY = 1.03
 
 @checked
 @interruptible()
+@one_thread_per_matrix()
 def recommend(
     model: ModelLike,
     state: StateLike = None,

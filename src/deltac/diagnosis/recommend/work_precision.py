@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cache, partial
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -36,6 +38,12 @@ BRIEF = 0.05
 ALIKE = 1.2
 """Times within this factor are the same."""
 
+SURE = 0.05
+"""A motion's error is known if that of its reference is below this share of it, or of the tolerance."""
+
+ORDERLY = 0.75
+"""Runs have the order if they gain at least this power of what it promises: at a kink less remains."""
+
 ROUNDING = 1e-13
 """No run in double precision keeps the energy better than this, as a share of the energy that the system has.
 What moves with less than this share of it does not move: its range is rounding."""
@@ -59,12 +67,16 @@ class Piece:
 
     Attributes:
         run: makes it.
-        reference: makes the same motion, far finer, at the same times.
-        gain: by what factor the reference is expected to be nearer to the exact motion.
+        finer: makes the same motion at the same times, with the setting divided by a number.
+        divisors: of the settings, each finer than the one before. The first shows whether the error falls
+            by the order, the third is the reference; where it does not, it is compared with the second, and
+            further ones follow until two agree.
+        gain: by what factor the reference is nearer to the exact motion than the run, by the order.
     """
 
     run: Callable[[], Trajectory]
-    reference: Callable[[], Rows]
+    finer: Callable[[float], Rows]
+    divisors: tuple[float, ...]
     gain: float
 
 
@@ -109,8 +121,12 @@ class Trial:
             over; infinite for a run that broke down.
         motion: the error of q and u: the largest at any row that is judged, as a share of the range of
             what has the same unit. In a verified trial those are all rows of the run, measured against
-            one of much smaller steps; in others it is estimated by the run at half the step (a tenth of
-            the tolerance) at the rows of both. Zero where it does not matter, NaN where there is no run.
+            one of much smaller steps, and the error of that run is added; in others it is estimated by
+            the run at half the step (a tenth of the tolerance) at the rows of both. Zero where it does
+            not matter, NaN where there is no run.
+        doubt: of a verified trial, the part of `motion` that is the error of what it was measured
+            against: by the order, where the runs were found to have it, else the difference of two such
+            references.
         seconds: of one run, compiled code at hand.
         evaluations: of ẋ, 0 where they were not counted.
         message: why the run ended early, or "".
@@ -126,6 +142,7 @@ class Trial:
     evaluations: int
     message: str = ""
     verified: bool = False
+    doubt: float = 0.0
 
     def excess(self, tolerance: float, motion_tolerance: float) -> float:
         """By what factor the worse of the two exceeds its tolerance; infinite where there is no run."""
@@ -176,6 +193,10 @@ class Deadline:
         self._end = math.inf
 
 
+class _Stopped(DeltacError):
+    """A run that another one was to be measured against ended early."""
+
+
 class Refused(SolverError):
     """A solver that cannot do what the model asks for, whatever its step."""
 
@@ -196,7 +217,7 @@ class Trials:
         """Start without any; the motion is not measured if its tolerance is infinite."""
         self.mechanism = mechanism
         self._inertia = _inertia_by_unit(mechanism, state)
-        self._motion_matters = math.isfinite(motion_tolerance)
+        self._tolerance, self._motion_matters = motion_tolerance, math.isfinite(motion_tolerance)
         self._runs: dict[tuple[str, float], _Run | str] = {}
         self.reference_energy = 0.0
         self._scale = math.nan  # of a run's energies, J; NaN until one was judged
@@ -256,7 +277,7 @@ class Trials:
 
     def verified(self, family: Family, trial: Trial) -> Trial:
         """The trial measured anew: at every row that its user may have, against much smaller steps."""
-        energy, motion, reference_energy = 0.0, 0.0, 0.0
+        energy, reference_energy, motion = 0.0, 0.0, (0.0, 0.0)
         spans: Array | None = None
         for piece in family.pieces(trial.setting):
             run = _completed(piece.run)
@@ -267,14 +288,47 @@ class Trials:
             energy = max(energy, _share(energies.error, reference_energy))
             if not self._motion_matters:
                 continue
-            reference = _completed(piece.reference)
-            if isinstance(reference, str):
-                return _failure(family, trial.setting, f"at much smaller steps: {reference}")
-            spans = self._spans(reference) if spans is None else spans
-            error = distance(self.mechanism, run, reference, spans)
-            motion = max(motion, error * piece.gain / (piece.gain - 1.0))
+            try:
+                found, spans = self._error(piece, run, spans)
+            except _Stopped as stopped:
+                return _failure(family, trial.setting, f"at much smaller steps: {stopped}")
+            motion = max(motion, found)
         self.reference_energy = reference_energy
-        return replace(trial, energy=energy, motion=motion, verified=True)
+        return replace(trial, energy=energy, motion=motion[0], doubt=motion[1], verified=True)
+
+    def _error(
+        self, piece: Piece, run: Trajectory, spans: Array | None
+    ) -> tuple[tuple[float, float], Array]:
+        """The motion error of a run with the part that is its reference's; the ranges that it is a share of.
+
+        Differences of three runs show the gain from one setting to the next. Where it is the order's, the
+        reference's error is that of the run over the gain between them, and the sum is Richardson's
+        estimate. Kinks leave errors of no order, each as its steps happen to meet them: two references that
+        agree did not meet them alike, so that their difference bounds the error of the finer one.
+        """
+
+        @cache
+        def finer(divisor: float) -> Rows:
+            made = _completed(partial(piece.finer, divisor))
+            if isinstance(made, str):
+                raise _Stopped(made)
+            return made
+
+        check, divisors = piece.divisors[0], piece.divisors[1:] or piece.divisors
+        first = divisors[min(1, len(divisors) - 1)]
+        spans = self._spans(finer(first)) if spans is None else spans
+        apart = partial(distance, self.mechanism, spans=spans)
+        error = doubt = apart(run, finer(first))
+        if first != check:
+            powers = math.log(first, check)
+            gain = seen_gain(error, apart(finer(check), finer(first)), powers) ** powers
+            if gain >= piece.gain**ORDERLY:
+                doubt = error / (min(gain, piece.gain) - 1.0)
+        for coarser, finest in itertools.pairwise(divisors):
+            if doubt <= SURE * max(error, self._tolerance):
+                break
+            error, doubt = apart(run, finer(finest)), apart(finer(coarser), finer(finest))
+        return (error + doubt, doubt), spans
 
     def seconds(self, family: Family, setting: float) -> float:
         """The least time of a few runs, s; what there is to compile was compiled by an earlier one.
@@ -370,6 +424,21 @@ def _energies(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
         return "the energies are not finite"
     scale = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
     return _Energies(float(np.abs(delta_c).max()), ledger.reference_energy, scale)
+
+
+def seen_gain(whole: float, rest: float, powers: float) -> float:
+    """By what factor γ an error falls at every division of the setting by the same number.
+
+    Of errors e, e/γ and e/γⁿ, n the `powers`, the differences to the last are known: e (1 − γ⁻ⁿ) is the
+    `whole`, e (γ⁻¹ − γ⁻ⁿ) the `rest`. 1 where nothing is gained.
+    """
+    if not whole or not rest:
+        return math.inf if whole else 1.0
+    ratio = whole / rest
+    gain = ratio
+    for _ in range(50):  # a contraction, from above
+        gain = max(ratio - (ratio - 1.0) * gain ** (1.0 - powers), 1.0)
+    return gain
 
 
 def _share(energy: float, reference_energy: float) -> float:

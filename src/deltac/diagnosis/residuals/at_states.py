@@ -8,7 +8,7 @@ all its states is a handful of small products.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import casadi as ca
@@ -32,6 +32,7 @@ from deltac.dynamics.terms import (
 )
 from deltac.dynamics.testing_functions import applicable, testing_functions
 from deltac.errors import InputError, StateError
+from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
@@ -112,10 +113,13 @@ class EquationTest:
         *,
         p: ArrayLike = (),
         strict: bool = True,
+        forces: Mapping[ChannelName, Array] | None = None,
     ) -> None:
         """Evaluate all coefficients at the states (`scales`: natural ones, found if not given).
 
-        `p` are the values of the parameters that `mechanism`, a `Kane`, keeps symbolic.
+        `p` are the values of the parameters that `mechanism`, a `Kane`, keeps symbolic. `forces` of a run on
+        the free speeds (nu, B), by channel, take the place of the model's own; those of prescribed joints and
+        of constraints are none of the active forces. The testing functions know the model's own forces only.
 
         Raises InputError, if `strict`, for states that do not meet the constraints or have no finite terms.
         """
@@ -123,25 +127,31 @@ class EquationTest:
         self.kane, self.states, self.speeds = kane, states, kane.speed_names
         self.scales = natural_scales(kane) if scales is None else scales
         self.point: Point = kane.point(states.t, states.q, states.u, p)
-        known: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u, p)
-        self.terms = known
+        motion_terms: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u, p)
+        active = {
+            n: f for n, f in (forces or {}).items() if n.kind not in ("prescribed", "constraint")
+        }
+        motion_terms = replace(motion_terms, forces=motion_terms.forces | active)
+        self.terms = motion_terms
         if strict:
-            self._check(known)
+            self._check(motion_terms)
         Y, Yt = self.point.Y, self.point.Y.transpose(0, 2, 1)
-        self.M: Array = Yt @ known.M @ Y
-        self.bias: Array = times(Yt, known.bias + times(known.M, self.point.rest))
-        self.forces = {name: times(Yt, force) for name, force in known.forces.items()}
-        self.G: Array = known.G @ Y
-        self.gamma: Array = known.gamma + times(known.G, self.point.rest)
-        size = np.abs(known.G).max(initial=0.0) * np.abs(Y).max(initial=0.0)
+        self.M: Array = Yt @ motion_terms.M @ Y
+        self.bias: Array = times(Yt, motion_terms.bias + times(motion_terms.M, self.point.rest))
+        self.forces = {name: times(Yt, force) for name, force in motion_terms.forces.items()}
+        self.G: Array = motion_terms.G @ Y
+        self.gamma: Array = motion_terms.gamma + times(motion_terms.G, self.point.rest)
+        size = np.abs(motion_terms.G).max(initial=0.0) * np.abs(Y).max(initial=0.0)
         if np.abs(self.G).max(initial=0.0) <= MINIMAL * size:
             self.G, self.gamma = self.G[:, :0], self.gamma[:0]
         self._force = np.asarray(sum(self.forces.values(), start=np.zeros(self.bias.shape)))
         self._static = np.abs(self.bias) + sum(map(np.abs, self.forces.values()))
         self._M_size = np.abs(self.M)
 
-    def _check(self, known: MotionTerms) -> None:
-        finite = np.isfinite(known.bias).all(axis=0) & np.isfinite(known.force).all(axis=0)
+    def _check(self, motion_terms: MotionTerms) -> None:
+        finite = np.isfinite(motion_terms.bias).all(axis=0) & np.isfinite(motion_terms.force).all(
+            axis=0
+        )
         if not finite.all():
             k = int(np.argmin(finite))
             raise StateError(
@@ -149,14 +159,14 @@ class EquationTest:
                 f"{dict(self.states.describe(k))}; leave it out"
             )
         speed = np.maximum(1.0, np.abs(self.point.u).max(axis=0, initial=0.0))
-        for level, off, unit in (
-            ("position", np.abs(known.phi), "m or rad"),
-            ("velocity", np.abs(known.psi) / speed, "m/s or rad/s"),
+        for level, violation, unit in (
+            ("position", np.abs(motion_terms.phi), "m or rad"),
+            ("velocity", np.abs(motion_terms.psi) / speed, "m/s or rad/s"),
         ):
-            if off.max(initial=0.0) > 1e3 * ON_CONSTRAINTS:
-                row, k = divmod(int(np.argmax(off)), off.shape[1])
+            if violation.max(initial=0.0) > 1e3 * ON_CONSTRAINTS:
+                row, k = divmod(int(np.argmax(violation)), violation.shape[1])
                 raise StateError(
-                    f"constraint {self.kane.rows.names[row]!r} is off by {off[row, k]:.3g} {unit} at "
+                    f"constraint {self.kane.rows.names[row]!r} is off by {violation[row, k]:.3g} {unit} at "
                     f"{level} level at state {dict(self.states.describe(k))}; either the state or "
                     "the coordinate map does not satisfy it"
                 )
@@ -170,8 +180,8 @@ class EquationTest:
         free: Array = np.asarray(np.linalg.solve(self.M, right)[..., 0].T)
         if not len(self.gamma):
             return free
-        off = self.gamma + times(self.G, free)
-        return np.asarray(free + self._tied.least(off.T).T)
+        violation = self.gamma + times(self.G, free)
+        return np.asarray(free + self._tied.least(violation.T).T)
 
     @cached_property
     def _tied(self) -> LeastSquares:
@@ -197,8 +207,8 @@ class EquationTest:
 
     def residual(self, udot: Array) -> Array:
         """F_r + F*_r (n, B) of each own speed, N or N·m, less what constraint forces can explain."""
-        left = self._force - self.bias - times(self.M, udot)
-        return left if self._projector is None else times(self._projector, left)
+        unbalanced = self._force - self.bias - times(self.M, udot)
+        return unbalanced if self._projector is None else times(self._projector, unbalanced)
 
     def scale(self, udot: Array) -> Array:
         """Sum of the absolute terms of each equation (n, B)."""
@@ -227,11 +237,11 @@ class EquationTest:
 
     def powers(self, udot: Array) -> dict[str, Array]:
         """ε = Ė − P (B,), W, of each testing function that applies."""
-        return {name: known.at(udot) for name, known in self._scalars[0].items()}
+        return {name: scalar.at(udot) for name, scalar in self._scalars[0].items()}
 
     def momenta(self, udot: Array) -> dict[str, Array]:
         """Rate of each momentum less the forces that change it (B,), N or N·m."""
-        return {name: known.at(udot) for name, known in self._scalars[1].items()}
+        return {name: scalar.at(udot) for name, scalar in self._scalars[1].items()}
 
     def violation(self, udot: Array) -> Array:
         """ψ̇ = G u̇ + γ of each constraint row (nc, B)."""
@@ -250,7 +260,7 @@ class EquationTest:
         pull = np.abs(self.gamma) + times(np.abs(self.G), np.abs(udot) + LEAST * self._natural)
         typical_watts = _typical(watts)
         newtons = {
-            n: known.size(np.abs(udot) + self._natural) for n, known in self._scalars[1].items()
+            n: scalar.size(np.abs(udot) + self._natural) for n, scalar in self._scalars[1].items()
         }
         return Residuals(
             coordinates=coordinates,
@@ -275,7 +285,7 @@ class EquationTest:
         multipliers = ca.SX.sym("multipliers", 0 if bound is None else len(bound.rows))
         udot = ca.SX(s.udot_all)
         driving = driving_forces(s, udot, parts, bound, multipliers)
-        known = terms(s, udot, parts, None, bound, Reactions(driving, multipliers))
+        all_terms = terms(s, udot, parts, None, bound, Reactions(driving, multipliers))
         along = ca.vertcat(s.q, s.u, s.t)
         motion = ca.vertcat(s.qdot, s.udot, 1)
 
@@ -283,10 +293,10 @@ class EquationTest:
             return ca.jtimes(x, along, motion)
 
         # E is linear in the energies, so E of their rates is Ė.
-        energies = ca.vertcat(known.K2, known.K1, known.K0, known.V)
+        energies = ca.vertcat(all_terms.K2, all_terms.K1, all_terms.K0, all_terms.V)
         rates = Energies(*ca.vertsplit(rate(energies)))
         names = applicable(constrained=bound is not None)
-        scalars = [f.E(rates) - f.P(known) for f in testing_functions(names)]
+        scalars = [f.E(rates) - f.P(all_terms) for f in testing_functions(names)]
         balances = momentum_balances(s)
         for balance in balances:
             force = balance.force(parts)
@@ -294,9 +304,9 @@ class EquationTest:
                 reaction = ca.mtimes(bound.rows.G_all.T, multipliers)
                 force = force + ca.dot(balance.alpha, reaction)
             scalars.append(rate(balance.momentum) - force)
-        found = self._affine(scalars, multipliers, bound)
-        powers = dict(zip(names, found))
-        momenta = dict(zip((balance.name for balance in balances), found[len(names) :]))
+        coefficients = self._affine(scalars, multipliers, bound)
+        powers = dict(zip(names, coefficients))
+        momenta = dict(zip((balance.name for balance in balances), coefficients[len(names) :]))
         return powers, momenta
 
     def _bound(self) -> Constrained | None:
@@ -307,8 +317,8 @@ class EquationTest:
             return None
         still = ca.SX.zeros(len(s.mechanism.speeds))
         still[s.driven_u] = s.u_all[s.driven_u]
-        moving = ca.sparsify(ca.simplify(rows.b + ca.mtimes(rows.G_all, still)))
-        if moving.nnz():
+        velocity = ca.sparsify(ca.simplify(rows.b + ca.mtimes(rows.G_all, still)))
+        if velocity.nnz():
             start = (float(self.states.t[0]), self.point.q[:, 0])
             places = independence(self.kane.motion, *start).independent
         return self.kane.motion.constrained(places)
@@ -332,7 +342,7 @@ class EquationTest:
         explain = -tied.schur_inverse @ tied.response.transpose(0, 2, 1)
         lambda_0, Lambda = times(explain, force), -explain @ M
         Yt = self.point.Y.transpose(0, 2, 1)
-        rest, made = self.point.rest, []
+        rest, affine = self.point.rest, []
         for constant, slope in zip(values[: len(scalars)], values[len(scalars) :]):
             by_udot, by_lambda = slope[:n], slope[n:]
             total = by_udot + times(Lambda.transpose(0, 2, 1), by_lambda)
@@ -340,7 +350,7 @@ class EquationTest:
                 np.abs(Lambda).transpose(0, 2, 1), np.abs(by_lambda)
             )
             size = np.abs(constant[0]) + _dot(np.abs(by_lambda), np.abs(lambda_0))
-            made.append(
+            affine.append(
                 Affine(
                     constant[0] + _dot(by_lambda, lambda_0) + _dot(total, rest),
                     times(Yt, total),
@@ -348,7 +358,7 @@ class EquationTest:
                     times(np.abs(Yt), total_size),
                 )
             )
-        return made
+        return affine
 
 
 def _dot(a: Array, b: Array) -> Array:

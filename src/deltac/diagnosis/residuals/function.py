@@ -79,9 +79,9 @@ class Caller:
         def evaluate(form: StateForm) -> tuple[Array, Array]:
             return self.with_form(form).whole(some)
 
-        found = likeliest(candidates, evaluate, *(x[:, places] for x in right))
-        self.form = PLAIN if found is None else found
-        if found is None and not _takes(self.rhs, PLAIN.given(0.0, (), (), np.array, 0.0)):
+        likely = likeliest(candidates, evaluate, *(x[:, places] for x in right))
+        self.form = PLAIN if likely is None else likely
+        if likely is None and not _takes(self.rhs, PLAIN.given(0.0, (), (), np.array, 0.0)):
             raise SourceError(self._how_to_call(candidates, evaluate))
         if self.form.order:
             self._try_momenta(candidates, evaluate, right[0][:, places])
@@ -101,8 +101,8 @@ class Caller:
         """
 
         def right(form: StateForm) -> bool:
-            found = evaluate(form)
-            whole = matching(found[0], rates), matching(found[1], accelerations)
+            answer = evaluate(form)
+            whole = matching(answer[0], rates), matching(answer[1], accelerations)
             return whole == (len(rates), len(accelerations))
 
         nq, nu = len(rates), len(accelerations)
@@ -132,9 +132,9 @@ class Caller:
             return
         for form in (replace(one, momenta=True) for one in candidates if one.order):
             with suppress(InputError):
-                found = matching(evaluate(form)[0], rates)
-                if found > best:
-                    self.form, best = form, found
+                matches = matching(evaluate(form)[0], rates)
+                if matches > best:
+                    self.form, best = form, matches
 
     def _how_to_call(
         self, candidates: Sequence[StateForm], evaluate: Callable[[StateForm], object]
@@ -145,21 +145,21 @@ class Caller:
             arguments, names = str(own), ", ".join(own.parameters)
         except ValueError:
             arguments, names = "", "…"
-        tried = ""
+        attempt = ""
         for form in candidates:
             try:
                 evaluate(form)
             except InputError as error:
                 answered = error.__cause__ is None  # it gave an answer, of a wrong kind
-                if answered or not tried:
-                    said = form.describe(self.kane.told_names, self.kane.speed_names)
-                    tried = f" Taken as {said}: {str(error).partition('. State:')[0]}."
+                if answered or not attempt:
+                    description = form.describe(self.kane.told_names, self.kane.speed_names)
+                    attempt = f" Taken as {description}: {str(error).partition('. State:')[0]}."
                 if answered:
                     break
         name = self.name if self.name.replace(".", "").isidentifier() else "f"
         return (
             f"{self.name}{arguments}: expected a function of (t, q, u) that returns u̇, or of (t, y), (y, t) "
-            f"or (y, control) that returns ẏ.{tried} Name one that calls it, such as:\n\n"
+            f"or (y, control) that returns ẏ.{attempt} Name one that calls it, such as:\n\n"
             f"    def rhs(t, q, u):\n        return {name}({names})\n"
         )
 
@@ -172,8 +172,8 @@ class Caller:
         nq = len(self.kane.told_names)
         if self.form.momenta:
             return self._of_momenta(states)
-        found = self._singly(told(self.kane, states), self.progress)
-        return (found[:nq], found[nq:]) if len(found) > len(states.u) else (found[:0], found)
+        answer = self._singly(told(self.kane, states), self.progress)
+        return (answer[:nq], answer[nq:]) if len(answer) > len(states.u) else (answer[:0], answer)
 
     def _of_momenta(self, states: States) -> tuple[Array, Array]:
         """q̇ and u̇ of Hamilton's equations: ṗ = M u̇ + Ṁ u, with Ṁ by differences of order eight along q̇."""
@@ -186,11 +186,11 @@ class Caller:
         h = DIFFERENCED / max(np.abs(rates).max(initial=0.0), 1.0)
         change = sum(c * (mass(k * h) - mass(-k * h)) for k, c in enumerate(EIGHTH, 1)) / h
         M, nq = mass(0.0), len(self.kane.told_names)
-        found = self._singly(replace(told(self.kane, states), u=times(M, states.u)), self.progress)
-        if len(found) != nq + len(states.u):
+        answer = self._singly(replace(told(self.kane, states), u=times(M, states.u)), self.progress)
+        if len(answer) != nq + len(states.u):
             raise SourceError(f"{self.name} returns no rates of the whole state")
-        force = found[nq:] - times(change, states.u)
-        return found[:nq], np.asarray(np.linalg.solve(M, force.T[..., None])[..., 0].T)
+        force = answer[nq:] - times(change, states.u)
+        return answer[:nq], np.asarray(np.linalg.solve(M, force.T[..., None])[..., 0].T)
 
     def __call__(self, states: States) -> Array:
         """u̇ (n, B), some of it perhaps not finite.
@@ -201,9 +201,9 @@ class Caller:
         if self.vectorised is None:
             self._examine(told(self.kane, states))
         if self.vectorised:
-            found = self._batch(told(self.kane, states))
-            if found is not None:
-                return found
+            batch = self._batch(told(self.kane, states))
+            if batch is not None:
+                return batch
         return self.whole(states)[1]
 
     def _examine(self, states: States) -> None:
@@ -227,8 +227,8 @@ class Caller:
         """One call for all states; None if the function does not take batches."""
         try:
             with np.errstate(all="ignore"):
-                found = self.rhs(states.t.copy(), states.q.copy(), states.u.copy())
-                value = np.asarray(found, dtype=np.float64)
+                answer = self.rhs(states.t.copy(), states.q.copy(), states.u.copy())
+                value = np.asarray(answer, dtype=np.float64)
         except Exception:  # whatever a function of single states raises on arrays
             return None
         return value if value.shape == states.u.shape else None
@@ -244,7 +244,7 @@ class Caller:
         try:
             with np.errstate(all="ignore"):
                 arguments = self.form.given(float(states.t[k]), given_q, given_u, np.array, 0.0)
-                found = self.rhs(*arguments)
+                answer = self.rhs(*arguments)
         except InputError:
             raise
         except Exception as error:
@@ -254,23 +254,23 @@ class Caller:
             ) from error
         if not self.overwrites:
             self.overwrites = _written(states, k, given_q, given_u)
-        return self._accelerations(found, states, k)
+        return self._accelerations(answer, states, k)
 
-    def _accelerations(self, found: Any, states: States, k: int) -> Array:
+    def _accelerations(self, answer: Any, states: States, k: int) -> Array:
         n = len(states.u)
-        if found is None:
+        if answer is None:
             raise SourceError(
                 f"{self.name} returned nothing; end it with a return of u̇, {n} numbers"
             )
         try:
-            value = np.asarray(_joined(found))
+            value = np.asarray(_joined(answer))
             value = value.ravel() if self.form.column and value.ndim == 2 else value
             real = value.astype(np.float64) if value.dtype.kind in "biufO" else None
         except NO_NUMBER:
             real = None
         if real is None:
             raise SourceError(
-                f"{self.name} returned {_short(found)}, expected {n} real numbers: u̇ of "
+                f"{self.name} returned {_short(answer)}, expected {n} real numbers: u̇ of "
                 f"{', '.join(states.speeds)}. State: {_state(states, k)}"
             )
         if real.shape == (n + len(states.q) + self.form.appended,):
@@ -287,11 +287,11 @@ class Caller:
         return real
 
 
-def _joined(found: Any) -> Any:
+def _joined(answer: Any) -> Any:
     """(q̇, u̇) as one array; anything else as it is."""
-    if isinstance(found, tuple | list) and any(np.ndim(part) == 1 for part in found):
-        return np.concatenate([np.atleast_1d(np.asarray(part)) for part in found])
-    return found
+    if isinstance(answer, tuple | list) and any(np.ndim(part) == 1 for part in answer):
+        return np.concatenate([np.atleast_1d(np.asarray(part)) for part in answer])
+    return answer
 
 
 def _written(states: States, k: int, q: Array, u: Array) -> str:
@@ -327,10 +327,10 @@ def noise(caller: Caller, test: EquationTest, scales: Array, among: int) -> Arra
     )
     residual = EquationTest(kane, line, scales=test.scales, strict=False).residual(caller(line))
     values = residual.reshape(len(residual), NODES, count)
-    left = np.diff(values, ORDER, axis=1)
+    differences = np.diff(values, ORDER, axis=1)
     gain = factorial(ORDER) ** 2 / factorial(2 * ORDER)
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.median(np.sqrt(gain * np.mean(left**2, axis=1)), axis=1))
+        return np.asarray(np.median(np.sqrt(gain * np.mean(differences**2, axis=1)), axis=1))
 
 
 def uncertainty(relative_noise: Array, clear: float) -> Array:
@@ -357,9 +357,9 @@ def _numbers(values: Array) -> str:
     return "(" + ", ".join(f"{x:.6g}" for x in values) + ")"
 
 
-def _short(found: Any) -> str:
-    text = repr(found)
-    return f"{type(found).__name__} {text[:60]}{'…' if len(text) > 60 else ''}"
+def _short(answer: Any) -> str:
+    text = repr(answer)
+    return f"{type(answer).__name__} {text[:60]}{'…' if len(text) > 60 else ''}"
 
 
 def _takes(rhs: Callable[..., Any], arguments: Sequence[Any]) -> bool:

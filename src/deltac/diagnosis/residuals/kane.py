@@ -103,17 +103,17 @@ class Kane:
     @cached_property
     def base(self) -> tuple[float, Array]:
         """A time and an assembled configuration (nq,) that tells which assembly is meant."""
-        given = self.mechanism.state() if self.start is None else self.start
-        q0 = given.q[self.mechanism.free.q]
+        state = self.mechanism.state() if self.start is None else self.start
+        q0 = state.q[self.mechanism.free.q]
         rng, still = np.random.default_rng(0), np.zeros(len(self.mechanism.free.u))
         for spread in (0.0, *np.linspace(0.1, 3.0, 30)):  # an assembled place may be far from q = 0
             near = q0 + spread * rng.standard_normal(len(q0))
             for place in self.motion.quaternions:
                 near[place] /= np.linalg.norm(near[place])
-            q = onto_positions(self.motion, given.t, near)
-            phi, _ = self.motion.violation(given.t, q, still)
+            q = onto_positions(self.motion, state.t, near)
+            phi, _ = self.motion.violation(state.t, q, still)
             if np.abs(phi).max(initial=0.0) < ASSEMBLED:
-                return given.t, q
+                return state.t, q
         raise ModelError(
             f"mechanism {self.mechanism.name!r} could not be assembled near q = 0; give a pair (mechanism, "
             "state) for the model, so that the assembly that is meant is known"
@@ -132,8 +132,8 @@ class Kane:
         assert self.own is not None and self.own.told is not None
         s, own = self.system, self.own
         columns = [own.told, own.told_rate(s), ca.vec(ca.jacobian(own.told, s.q))]
-        given = [s.t, s.q, own.own_u]
-        return ca.Function("told", given, [ca.densify(x) for x in columns], {"cse": True})
+        inputs = [s.t, s.q, own.own_u]
+        return ca.Function("told", inputs, [ca.densify(x) for x in columns], {"cse": True})
 
     def told(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
         """The coordinates that functions of the user's are written in, and their rates, at states."""
@@ -171,8 +171,8 @@ class Kane:
         own, t = self.own, self.system.t
         rest = own.udot(self.system, ca.SX.zeros(own.own_u.shape[0]))
         columns = [ca.densify(ca.vec(x)) for x in (own.q, own.u, own.Y, rest)]
-        given = [t, own.own_q, own.own_u, self.system.p]
-        return ca.Function("map", given, columns, {"cse": True})
+        inputs = [t, own.own_q, own.own_u, self.system.p]
+        return ca.Function("map", inputs, columns, {"cse": True})
 
     def point(self, t: Array, own_q: Array, own_u: Array, p: ArrayLike = ()) -> Point:
         """The mechanism's coordinates and speeds from own ones; `p` as in `EquationsOfMotion.terms`."""
@@ -202,21 +202,21 @@ class Kane:
         s, own = self.system, self.own
         if own is None:
             return ca.Function("rates", [s.t, s.q, s.u], [ca.densify(s.qdot)])
-        given = [s.t, own.own_q, own.own_u]
+        inputs = [s.t, own.own_q, own.own_u]
         if self.coordinates is None or not (self.coordinates.q and self.coordinates.u):
-            return ca.Function("rates", given, [ca.densify(own.own_qdot)])
+            return ca.Function("rates", inputs, [ca.densify(own.own_qdot)])
         along = ca.substitute(s.qdot, ca.vertcat(s.q, s.u), ca.vertcat(own.q, own.u))
         columns = [along - ca.jacobian(own.q, s.t), ca.vec(ca.jacobian(own.q, own.own_q))]
-        return ca.Function("rates", given, [ca.densify(x) for x in columns])
+        return ca.Function("rates", inputs, [ca.densify(x) for x in columns])
 
     def own_rates(self, t: Array, own_q: Array, own_u: Array) -> Array:
         """q̇ (nq, B) of the own coordinates at states in own coordinates and speeds."""
-        found, *slopes = evaluate_at(self._own_rates, t[None, :], own_q, own_u)
+        rates, *slopes = evaluate_at(self._own_rates, t[None, :], own_q, own_u)
         if not slopes:
-            return found
+            return rates
         # By orthogonal factors: the symbols' normal equations lose half of the digits.
-        back: Array = np.asarray(np.linalg.pinv(matrices(slopes[0], len(found), len(own_q))))
-        return times(back, found)
+        back: Array = np.asarray(np.linalg.pinv(matrices(slopes[0], len(rates), len(own_q))))
+        return times(back, rates)
 
 
 def times(A: Array, x: Array) -> Array:

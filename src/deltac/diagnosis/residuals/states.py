@@ -153,19 +153,19 @@ def draw(
         raise InputError(f"window is {window}; expected a first and a last time, s")
     Limits.current().check("rows", count, "random states:")
     rng = np.random.default_rng(seed)
-    found: list[States] = []
+    batches: list[States] = []
     for done in range(ROUNDS):
-        total = sum(map(len, found))
+        total = sum(map(len, batches))
         if total >= count or (done >= HOPELESS and not total):
             break
-        found.append(_draw_once(kane, scales, rng, count, window))
-    total = sum(map(len, found))
+        batches.append(_draw_once(kane, scales, rng, count, window))
+    total = sum(map(len, batches))
     if total < count:
         raise StateError(
             f"only {total} of {count} random states of {kane.mechanism.name!r} are admissible: the others "
             "do not meet the constraints, or the coordinate map is singular there; hand over states="
         )
-    return joined(found).take(slice(0, count))
+    return joined(batches).take(slice(0, count))
 
 
 def told(kane: Kane, states: States) -> States:
@@ -208,12 +208,15 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
             own, _ = kane.told(when, q, np.zeros((len(kane.speed_names), count)))
             slope = kane.told_slope(when, q) @ W
             rows = np.concatenate([G[:, holonomic], slope], axis=1)
-            off = np.concatenate([phi[holonomic], own - target])
-            good &= np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(off).all(axis=0)
-            rows, off = np.where(good[:, None, None], rows, 0.0), np.where(good, off, 0.0)
-            if np.abs(off).max(initial=0.0) < ON_PATH:
+            violation = np.concatenate([phi[holonomic], own - target])
+            good &= np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(violation).all(axis=0)
+            rows, violation = (
+                np.where(good[:, None, None], rows, 0.0),
+                np.where(good, violation, 0.0),
+            )
+            if np.abs(violation).max(initial=0.0) < ON_PATH:
                 break
-            step = times(W, times(np.linalg.pinv(rows, rcond=MAP_RANK), -off))
+            step = times(W, times(np.linalg.pinv(rows, rcond=MAP_RANK), -violation))
             q = q + np.where(good, step, 0.0)
             for place in kane.motion.quaternions:
                 q[place] /= np.linalg.norm(q[place], axis=0)
@@ -222,7 +225,9 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
             np.divide(rows, size, out=np.zeros_like(rows), where=size > 0.0), compute_uv=False
         )
         good &= values[:, -1] > CROSSING * values[:, 0]
-        good &= np.abs(off).max(axis=0, initial=0.0) < (PATH if share < 1.0 else ON_CONSTRAINTS)
+        good &= np.abs(violation).max(axis=0, initial=0.0) < (
+            PATH if share < 1.0 else ON_CONSTRAINTS
+        )
     return q, good
 
 
@@ -282,16 +287,16 @@ def _length(mechanism: Mechanism) -> float:
     """
     number = mechanism.number
     light = LIGHT * sum(number(body.mass) for body in mechanism.bodies if not body.massless)
-    found = [0.0]
+    lengths = [0.0]
     for joint in mechanism.joints:
         for place in (joint.position, joint.child_position):
-            found.append(float(np.linalg.norm([number(x) for x in place])))
+            lengths.append(float(np.linalg.norm([number(x) for x in place])))
     for body in mechanism.bodies:
-        found.append(float(np.linalg.norm([number(x) for x in body.mass_centre])))
+        lengths.append(float(np.linalg.norm([number(x) for x in body.mass_centre])))
         if not body.massless:
             trace = sum(number(body.inertia[k][k]) for k in range(3))
-            found.append(float(np.sqrt(trace / (2.0 * max(number(body.mass), light)))))
-    return max(found) or 1.0
+            lengths.append(float(np.sqrt(trace / (2.0 * max(number(body.mass), light)))))
+    return max(lengths) or 1.0
 
 
 def _any_coordinates(
@@ -320,7 +325,7 @@ def _draw_once(
     pace = SPREAD ** rng.uniform(-1.0, 1.0, count)
     u = scales.speed[:, None] * pace * rng.standard_normal((len(scales.lever), count))
     own_q = None if kane.own is not None and kane.own.inverse is None else q
-    held = np.ones(count, dtype=bool)
+    assembled = np.ones(count, dtype=bool)
     with np.errstate(all="ignore"):
         if own_q is None:  # the map leads from own coordinates only
             assert kane.own is not None
@@ -333,9 +338,9 @@ def _draw_once(
             own_q = moved
             if kane.mode:
                 y, _ = kane.told(t, q, np.zeros((len(kane.speed_names), count)))
-                own_q, held = assembled_at(kane, t, y)
+                own_q, assembled = assembled_at(kane, t, y)
         own_u, regular = own_speeds(kane, t, own_q, u)
-        good = regular & held & admissible(kane, scales, t, own_q, own_u)
+        good = regular & assembled & admissible(kane, scales, t, own_q, own_u)
     return States(t, own_q, own_u, kane.coordinate_names, kane.speed_names).take(good)
 
 
@@ -482,10 +487,10 @@ def _places(kane: Kane) -> Iterator[Place]:
 
 
 def _scales(mechanism: Mechanism, law: FrictionLaw) -> dict[str, float]:
-    found = {"width": mechanism.number(law.width)}
+    scales = {"width": mechanism.number(law.width)}
     if law.stribeck is not None:
-        found["Stribeck speed"] = mechanism.number(law.stribeck)
-    return found
+        scales["Stribeck speed"] = mechanism.number(law.stribeck)
+    return scales
 
 
 def _slip(gap: Gap) -> SX:
@@ -515,12 +520,12 @@ def close_states(kane: Kane, scales: Scales, where: tuple[Place, ...], seed: int
     except InputError:
         return None
     rng = np.random.default_rng(seed)
-    found: list[States] = []
+    batches: list[States] = []
     for place in where:
         among = (
             sum(other.element == place.element for other in where) if place.gap is not None else 1
         )
-        wanted = max(1, EACH // among)
+        share = max(1, EACH // among)
         for speed in place.scales.values() or (None,):
             states = base if place.gap is None else _overlapping(place, base, rng)
             if speed is not None and len(states):
@@ -529,8 +534,8 @@ def close_states(kane: Kane, scales: Scales, where: tuple[Place, ...], seed: int
                 with np.errstate(all="ignore"):
                     good = admissible(kane, scales, states.t, states.q, states.u)
                     good &= _about(place, states, speed)
-                found.append(states.take(np.flatnonzero(good)[:wanted]))
-    return joined(found) if any(map(len, found)) else None
+                batches.append(states.take(np.flatnonzero(good)[:share]))
+    return joined(batches) if any(map(len, batches)) else None
 
 
 def joined(states: list[States]) -> States:
@@ -557,9 +562,11 @@ def _overlapping(place: Place, base: States, rng: np.random.Generator) -> States
             terms = kane.motion.terms(t, q, still)
             _, _, gap, approach = place.at(t, q, still)
             rows = np.concatenate([terms.G[:, holonomic], approach], axis=1)
-            off = np.concatenate([terms.phi[holonomic], (gap - target)[None, :]])
-            usable = np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(off).all(axis=0)
-            usable &= np.isfinite(terms.M).all(axis=(1, 2)) & (np.abs(off).max(axis=0) > 1e-14)
+            violation = np.concatenate([terms.phi[holonomic], (gap - target)[None, :]])
+            usable = np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(violation).all(axis=0)
+            usable &= np.isfinite(terms.M).all(axis=(1, 2)) & (
+                np.abs(violation).max(axis=0) > 1e-14
+            )
             if not usable.any():
                 break
             step = np.zeros_like(u)
@@ -567,7 +574,7 @@ def _overlapping(place: Place, base: States, rng: np.random.Generator) -> States
                 tied = least_squares(terms.M[usable], rows[usable])
             except np.linalg.LinAlgError:
                 break
-            step[:, usable] = tied.least(off[:, usable].T).T
+            step[:, usable] = tied.least(violation[:, usable].T).T
             q = q + times(terms.W, step)
             for quaternion in kane.motion.quaternions:
                 q[quaternion] /= np.linalg.norm(q[quaternion], axis=0)
@@ -596,10 +603,10 @@ def _sliding(place: Place, states: States, speed: Array) -> States:
             size = np.linalg.norm(slip, axis=0)
             missing = slip * (speed / np.where(size > 0.0, size, 1.0) - 1.0)
             rows = np.concatenate([slope, terms.G], axis=1) @ point.Y
-            off = np.concatenate([missing, -terms.psi])
-            good = np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(off).all(axis=0)
+            violation = np.concatenate([missing, -terms.psi])
+            good = np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(violation).all(axis=0)
             u = u.copy()
-            u[:, good] += times(np.linalg.pinv(rows[good], rcond=RANK), off[:, good])
+            u[:, good] += times(np.linalg.pinv(rows[good], rcond=RANK), violation[:, good])
     return States(states.t, states.q, u, states.coordinates, states.speeds)
 
 
@@ -625,13 +632,13 @@ def _about(place: Place, states: States, speed: float | None) -> NDArray[np.bool
 
 def not_sampled(where: tuple[Place, ...], states: States) -> tuple[str, ...]:
     """What of friction and contact none of the states shows, in words."""
-    seen: dict[str, bool] = {}
+    covered: dict[str, bool] = {}
     for place in where:
         if place.gap is not None:
             words = f"{place.element}, whose shapes overlap at none of the states"
-            seen[words] = seen.get(words, False) or bool(_about(place, states, None).any())
+            covered[words] = covered.get(words, False) or bool(_about(place, states, None).any())
         for name, speed in place.scales.items():
             rubbing = "friction of " if place.gap is not None else ""
             words = f"{rubbing}{place.element} at slips about its {name} of {speed:.3g}"
-            seen[words] = seen.get(words, False) or bool(_about(place, states, speed).any())
-    return tuple(words for words, found in seen.items() if not found)
+            covered[words] = covered.get(words, False) or bool(_about(place, states, speed).any())
+    return tuple(words for words, sampled in covered.items() if not sampled)

@@ -95,12 +95,12 @@ class Convergence:
         return f"order {order_text(self)}"
 
 
-def order_text(found: Convergence) -> str:
+def order_text(convergence: Convergence) -> str:
     """The order with its error: "5.0 ± 0.1"."""
-    assert found.order is not None
-    error = max(found.order_error or 0.0, 0.01)
+    assert convergence.order is not None
+    error = max(convergence.order_error or 0.0, 0.01)
     digits = 1 if error >= 0.05 else 2
-    return f"{found.order:.{digits}f} ± {error:.{digits}f}"
+    return f"{convergence.order:.{digits}f} ± {error:.{digits}f}"
 
 
 @checked
@@ -206,9 +206,9 @@ def _to_a_limit(h: Array, steps: Array, rms: Array, sizes: Array, floors: Array)
     triples = []
     for i in range(len(h) - 2):
         if clear[i] and clear[i + 1]:
-            found = _difference_orders(h[i : i + 3], rms[i], rms[i + 1])
-            if found:
-                triples.append((i, found))
+            orders = _difference_orders(h[i : i + 3], rms[i], rms[i + 1])
+            if orders:
+                triples.append((i, orders))
     if not triples:
         if clear[-1]:
             return Convergence("does not settle" if len(h) > 2 else "two runs")
@@ -225,8 +225,8 @@ def _to_a_limit(h: Array, steps: Array, rms: Array, sizes: Array, floors: Array)
     )
 
 
-def _told(found: Convergence, sizes: Array, floors: Array) -> Convergence:
-    return replace(found, sizes=tuple(map(float, sizes)), floors=tuple(map(float, floors)))
+def _told(convergence: Convergence, sizes: Array, floors: Array) -> Convergence:
+    return replace(convergence, sizes=tuple(map(float, sizes)), floors=tuple(map(float, floors)))
 
 
 # --- parts ---------------------------------------------------------------------------------------
@@ -279,8 +279,8 @@ def _pair_order(h: Array, sizes: Array) -> float:
 
 def _difference_orders(h: Array, coarse: Array, fine: Array) -> list[float]:
     """Orders by which two successive differences (T,) of three runs fall."""
-    found = [_richardson_order(h, a / b) for a, b in _measures(coarse, fine)]
-    return [r for r in found if r is not None]
+    orders = [_richardson_order(h, a / b) for a, b in _measures(coarse, fine)]
+    return [r for r in orders if r is not None]
 
 
 def _measures(a: Array, b: Array) -> list[tuple[float, float]]:
@@ -337,13 +337,13 @@ def _centre(estimates: Sequence[float], *, of_maximum: bool = False) -> tuple[fl
 def _with_neighbours(
     chosen: int,
     estimates: Sequence[float],
-    found: Sequence[tuple[int, list[float]]],
+    pairs: Sequence[tuple[int, list[float]]],
     *,
     of_maximum: bool = False,
 ) -> tuple[float, float]:
     """Order and error with what the next coarser steps say: their mean where they agree."""
     order, error = _centre(estimates, of_maximum=of_maximum)
-    coarser = [_centre(e, of_maximum=of_maximum)[0] for i, e in found if i == chosen - 1]
+    coarser = [_centre(e, of_maximum=of_maximum)[0] for i, e in pairs if i == chosen - 1]
     if not coarser:
         error = max(error, UNVERIFIED * abs(order))
     for other in coarser:

@@ -80,8 +80,8 @@ def compare(mechanism: Mechanism, runs: Sequence[Trajectory]) -> Comparison:
 
 def _parting(t: Array, a: Array, b: Array, difference: float) -> float:
     """The last time before two motions (T, m) differ by so much."""
-    apart = np.sqrt(np.mean((a - b) ** 2, axis=1)) > difference
-    k = int(np.argmax(apart)) if apart.any() else len(t)
+    parted = np.sqrt(np.mean((a - b) ** 2, axis=1)) > difference
+    k = int(np.argmax(parted)) if parted.any() else len(t)
     return float(t[max(k - 1, 0)])
 
 
@@ -92,17 +92,17 @@ def common_times(times: Sequence[Array]) -> tuple[Array, list[Rows]]:
     shared = np.ones(len(fewest), dtype=np.bool_)
     for t in times:
         shared &= np.abs(t[nearest(t, fewest)] - fewest) <= allowed
-    wanted = fewest[shared]
-    return wanted, [nearest(t, wanted) for t in times]
+    times_shared = fewest[shared]
+    return times_shared, [nearest(t, times_shared) for t in times]
 
 
-def nearest(t: Array, wanted: Array) -> Rows:
+def nearest(t: Array, times: Array) -> Rows:
     """The rows whose times are nearest."""
-    right = np.clip(np.searchsorted(t, wanted), 1, max(len(t) - 1, 1))
+    right = np.clip(np.searchsorted(t, times), 1, max(len(t) - 1, 1))
     if len(t) == 1:
-        return np.zeros(len(wanted), dtype=np.intp)
-    left = right - 1
-    return np.where(wanted - t[left] <= t[right] - wanted, left, right).astype(np.intp)
+        return np.zeros(len(times), dtype=np.intp)
+    before = right - 1
+    return np.where(times - t[before] <= t[right] - times, before, right).astype(np.intp)
 
 
 def scaled_start(mechanism: Mechanism, runs: Sequence[Trajectory]) -> Array:
@@ -181,8 +181,8 @@ def _straightness(x: Array, y: Array) -> tuple[float, float]:
     """Slope, and the coefficient of determination, of the line through (x, y)."""
     slope, offset = np.polyfit(x, y, 1)
     spread = float(np.var(y))
-    left = float(np.var(y - slope * x - offset))
-    return float(slope), 1.0 - left / spread if spread > 0.0 else 1.0
+    residual = float(np.var(y - slope * x - offset))
+    return float(slope), 1.0 - residual / spread if spread > 0.0 else 1.0
 
 
 # --- which runs are of one motion and may be compared, and what is wrong with the others ---------
@@ -199,25 +199,25 @@ def disagreements(
     The finest run is taken for the motion that was meant.
     """
     usable = [entry for entry in runs if isinstance(entry, BalancedRun)]
-    found = list(_failures(runs))
+    findings = list(_failures(runs))
     if len(usable) < 2:
-        return usable, found
+        return usable, findings
     finest = usable[-1].run
     starts = scaled_start(mechanism, [entry.run for entry in usable])
     span = float(finest.t[-1] - finest.t[0])
-    kept: list[BalancedRun] = []
+    comparable: list[BalancedRun] = []
     for entry, start in zip(usable, starts):
         late = abs(entry.run.t[0] - finest.t[0]) > 1e-6 * span
-        off = float(np.abs(start - starts[-1]).max(initial=0.0))
-        if late or off > SAME_START:
-            found.append(_other_start(entry, finest, off, late=bool(late)))
-        elif kept and _same(kept[-1].run, entry.run):
-            found.append(_ignored(kept[-1], entry))
+        distance = float(np.abs(start - starts[-1]).max(initial=0.0))
+        if late or distance > SAME_START:
+            findings.append(_other_start(entry, finest, distance, late=bool(late)))
+        elif comparable and _same(comparable[-1].run, entry.run):
+            findings.append(_ignored(comparable[-1], entry))
         elif _diverged(entry, usable[-1]):
-            found += [] if entry.blown_up else [_of_divergence(entry, usable[-1])]
+            findings += [] if entry.blown_up else [_of_divergence(entry, usable[-1])]
         else:
-            kept.append(entry)
-    return kept, found
+            comparable.append(entry)
+    return comparable, findings
 
 
 def _diverged(entry: BalancedRun, finest: BalancedRun) -> bool:
@@ -272,8 +272,8 @@ def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
     conditions = [f for entry in runs for f in entry.findings if f.kind == "ill-conditioned"]
     yield from conditions[:1]  # all runs have one start
     for entry in runs:
-        told = ("ill-conditioned", *(("stopped",) if len(stopped) > 1 else ()))
-        yield from (f for f in entry.findings if f.kind not in told)
+        kinds = ("ill-conditioned", *(("stopped",) if len(stopped) > 1 else ()))
+        yield from (f for f in entry.findings if f.kind not in kinds)
         if entry.failure:
             yield Finding(
                 "run-failed",
@@ -283,11 +283,11 @@ def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
             )
 
 
-def _other_start(entry: BalancedRun, finest: Trajectory, off: float, *, late: bool) -> Finding:
+def _other_start(entry: BalancedRun, finest: Trajectory, distance: float, *, late: bool) -> Finding:
     evidence = (
         f"it starts at t = {entry.run.t[0]:g} s, the finest at {finest.t[0]:g} s"
         if late
-        else f"its first state is off by {off:.2g} of the range of the motion"
+        else f"its first state is off by {distance:.2g} of the range of the motion"
     )
     return Finding(
         "other-start",

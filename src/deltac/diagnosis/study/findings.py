@@ -83,16 +83,16 @@ def of_order(
                 "Either a force is not smooth (dry friction, contact, a table of values, a controller held "
                 "over the step), or the start violates the constraints, or the solver has a bug",
             )
-    for name, found in energy.items():
-        if found.order is None or found.trend != "falls to zero":
+    for name, convergence in energy.items():
+        if convergence.order is None or convergence.trend != "falls to zero":
             continue
-        error = found.order_error or 0.0
-        if found.order - error > nominal + 1 + BELOW:
+        error = convergence.order_error or 0.0
+        if convergence.order - error > nominal + 1 + BELOW:
             yield Finding(
                 "super-convergence",
-                f"ΔC of {name} falls at order {order_text(found)}, above {nominal + 1}: faster than the "
-                "method guarantees",
-                f"at steps {_listed(found.steps)}",
+                f"ΔC of {name} falls at order {order_text(convergence)}, above {nominal + 1}: faster than "
+                "the method guarantees",
+                f"at steps {_listed(convergence.steps)}",
                 "Where errors cancel over a period, or forces are symmetric, the energy is more accurate "
                 "than the motion",
             )
@@ -203,13 +203,13 @@ def of_constraints(
 
 def of_momentum(momentum: Mapping[str, Convergence], finest: Ledger) -> Iterator[Finding]:
     """Momentum balances that do not close, however small the step."""
-    for name, found in momentum.items():
-        if found.trend == "tends to a limit":
+    for name, convergence in momentum.items():
+        if convergence.trend == "tends to a limit":
             yield Finding(
                 "momentum",
-                f"the balance of {name} does not hold: it is off by {found.limit:.3g}, however small "
+                f"the balance of {name} does not hold: it is off by {convergence.limit:.3g}, however small "
                 "the step",
-                f"± {found.limit_error:.1g}",
+                f"± {convergence.limit_error:.1g}",
                 "A force or a gyroscopic term is wrong or missing; energy reveals it only if it does work",
                 element=name,
             )
@@ -217,8 +217,8 @@ def of_momentum(momentum: Mapping[str, Convergence], finest: Ledger) -> Iterator
 
 def of_impacts(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     """Impacts whose work the run does not hold: seen in its speeds, or else to be feared of its model."""
-    seen = list(_jumps(mechanism, run))
-    yield from seen or impacts_not_held(mechanism, run)
+    jumps = list(_jumps(mechanism, run))
+    yield from jumps or impacts_not_held(mechanism, run)
 
 
 def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:

@@ -9,21 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.at_samples import (
-    CLEAR,
-    LEAST,
-    EquationTerms,
-    constraint_rates,
-    equation_terms,
-    stale_stage,
-)
+from deltac.diagnosis.residuals.at_samples import RunResidual, run_residual, stale_stage
 from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.states import states_along
 from deltac.diagnosis.study.convergence import LEAST_ORDER, Convergence
 from deltac.diagnosis.study.curves import FEWEST
 from deltac.diagnosis.verdict import Finding, percent
@@ -118,33 +111,34 @@ def residuals_of(
     `own` are coordinates to express them in; `until` is when the runs part. `trusted`: the runs are our own
     solvers', and their u̇ is what the equations gave.
     """
-    known = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
-    if not known or not len(mechanism.free.u):
+    measured = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
+    if not measured or not len(mechanism.free.u):
         return None
-    finest = known[-1][1]
-    terms = equation_terms(mechanism, finest)
-    names, relative = _in_own(mechanism, finest, terms, own)
-    constraints = constraint_rates(terms, finest)
-    worst = [max(_worst(terms), *constraints.values(), 0.0)]
+    finest, kane = measured[-1][1], Kane(mechanism)
+    of_finest = run_residual(kane, finest)
+    blamed = _in_own(mechanism, finest, of_finest, own)
+    worst = [of_finest.largest(finest)]
     findings: list[Finding] = []
     if worst[0] > 0.0:
-        coarser = [_worst_of(mechanism, run) for _, run in known[:-1]]
+        coarser = [run_residual(kane, run).largest(run) for _, run in measured[:-1]]
         worst = [*coarser, worst[0]]
         if not trusted:
             from deltac.diagnosis.audit import conventions
 
-            findings += stale_stage(mechanism, finest, terms)
-            if not findings and terms.significant.any():
+            findings += stale_stage(finest, of_finest)
+            if not findings and of_finest.relative.any():
                 findings = [f for f in [conventions.units(mechanism, finest)] if f is not None]
     else:
-        worst = [0.0] * len(known)
+        worst = [0.0] * len(measured)
     order = 0.0
-    if len(known) > 1 and not trusted and min(worst) > 0.0:
-        order = _falling(mechanism, known[-2:], until)
+    if len(measured) > 1 and not trusted and min(worst) > 0.0:
+        order = _falling(kane, measured[-2:], until)
+    constraints = of_finest.constraints(finest)
+    names, relative = blamed.test.speeds, blamed.relative
     return Residuals(names, relative, constraints, tuple(worst), order, tuple(findings))
 
 
-def _falling(mechanism: Mechanism, runs: Sequence[tuple[float, Trajectory]], until: float) -> float:
+def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float) -> float:
     """Order at which residuals fall while two runs are in the same states; NaN where that is no time.
 
     Those of other states are larger or smaller for that reason alone.
@@ -152,19 +146,10 @@ def _falling(mechanism: Mechanism, runs: Sequence[tuple[float, Trajectory]], unt
     parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
     if min(len(part) for _, part in parts) < FEWEST:
         return math.nan
-    (h0, coarse), (h1, fine) = ((h, _worst_of(mechanism, part)) for h, part in parts)
+    (h0, coarse), (h1, fine) = ((h, run_residual(kane, part).largest(part)) for h, part in parts)
     if not (coarse > 0.0 and fine > 0.0):
         return math.nan
     return math.log(fine / coarse) / math.log(h1 / h0)
-
-
-def _worst_of(mechanism: Mechanism, run: Trajectory) -> float:
-    terms = equation_terms(mechanism, run)
-    return max(_worst(terms), *constraint_rates(terms, run).values(), 0.0)
-
-
-def _worst(terms: EquationTerms) -> float:
-    return float(np.where(terms.significant, terms.relative, 0.0).max(initial=0.0))
 
 
 def _measured(run: Trajectory, *, trusted: bool) -> bool:
@@ -198,25 +183,14 @@ def _differences(run: Trajectory) -> bool:
 
 
 def _in_own(
-    mechanism: Mechanism, run: Trajectory, terms: EquationTerms, own: CoordinateMap | None
-) -> tuple[tuple[str, ...], Array]:
-    """Names and relative residuals, in own speeds u = Y u′ + Z: the residual is Yᵀ times ours."""
-    ours = terms.speeds, np.where(terms.significant, terms.relative, 0.0)
-    if own is None:
-        return ours
-    kane = Kane(mechanism, own)
-    try:
-        states = states_along(kane, run, terms.rows)
-    except InputError:  # a map without inverse
-        return ours
-    Y = kane.point(states.t, states.q, states.u).Y
-    residual = np.einsum("tij,ti->tj", Y, terms.residual)
-    scale = np.sqrt(np.mean(np.einsum("tij,i->tj", np.abs(Y), terms.scale) ** 2, axis=0))
-    precision = np.sqrt(np.mean(np.einsum("tij,i->tj", np.abs(Y), terms.precision) ** 2, axis=0))
-    size = np.sqrt(np.mean(residual**2, axis=0))
-    relative = np.divide(size, scale, out=np.zeros_like(size), where=scale > 0.0)
-    clear = (size > CLEAR * precision) & (relative > LEAST)
-    return own.speeds or own.coordinates, np.where(clear, relative, 0.0)
+    mechanism: Mechanism, run: Trajectory, residual: RunResidual, own: CoordinateMap | None
+) -> RunResidual:
+    """The residual in the user's coordinates; in the mechanism's for a map without inverse."""
+    if own is None or not residual.relative.any():
+        return residual
+    with suppress(InputError):
+        return run_residual(Kane(mechanism, own), run)
+    return residual
 
 
 # --- the numbers that the verdict of a study rests on --------------------------------------------
@@ -282,8 +256,8 @@ class StudyMeasures:
     @property
     def resolved(self) -> bool:
         """Whether three runs or more are of one motion: differences of successive ones fall."""
-        seen = len(self.state.sizes) > 1 and self.state.trend == "does not settle"
-        return len(self.steps) > 2 and not seen
+        unsettled = len(self.state.sizes) > 1 and self.state.trend == "does not settle"
+        return len(self.steps) > 2 and not unsettled
 
     def has(self, *kinds: str) -> bool:
         """Whether one of these was found."""

@@ -54,7 +54,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
     def unresolved(why: str, *more: str) -> Verdict:
         return verdict("unresolved", "high", f"The runs do not decide: {why}.", *more)
 
-    left, bar = m.left[-1], m.bars[-1]
+    error, bar = m.left[-1], m.bars[-1]
     doubts = dict.fromkeys(f.what for f in m.findings if f.weight == "doubt")
     if doubts:
         return unresolved("; ".join(doubts))
@@ -69,22 +69,22 @@ def judge_study(m: StudyMeasures) -> Verdict:
         return verdict("integration-error", "high", _unstable(m))
     if m.blown_up and not _wrong_limit(m):
         return unresolved("even the finest run blows up", _advice(m))
-    astray = _astray(m)
+    momenta = _astray(m)
     still = m.reference_energy <= NOTHING * m.scale
-    if still and not astray:
+    if still and not momenta:
         return unresolved("hardly anything moves; use a run in which energy is exchanged")
-    if bar > m.allowed and left <= _decisive(m) * bar and not still:
+    if bar > m.allowed and error <= _decisive(m) * bar and not still:
         return unresolved(
             f"the uncertainty of the work, {bar:.2g} J, is as large as the energy error; log at a higher "
             "rate, or with more digits"
         )
-    if left <= m.allowed or still:
-        if astray:
-            return verdict("equation-error", "medium", _wrong_momentum(astray))
+    if error <= m.allowed or still:
+        if momenta:
+            return verdict("equation-error", "medium", _wrong_momentum(momenta))
         return verdict("consistent", _sure(m), _small(m))
     if m.has("impacts") and m.energy.trend != "falls to zero":
-        told = next(f.what for f in m.findings if f.kind == "impacts")
-        return unresolved(f"{told}: the runs do not hold the energy that impacts dissipate")
+        impact = next(f.what for f in m.findings if f.kind == "impacts")
+        return unresolved(f"{impact}: the runs do not hold the energy that impacts dissipate")
     if m.energy.trend == "falls to zero":
         if m.constrained and not m.equations_right and m.has("order-below-nominal"):
             return unresolved(_mended(m), _advice(m))
@@ -104,8 +104,8 @@ def judge_study(m: StudyMeasures) -> Verdict:
                 f"not those of the motion"
             )
         return verdict("equation-error", "medium", _wrong_equations(m))
-    if astray:
-        return verdict("equation-error", "low", _wrong_momentum(astray))
+    if momenta:
+        return verdict("equation-error", "low", _wrong_momentum(momenta))
     return unresolved(_why(m), _advice(m))
 
 
@@ -115,8 +115,9 @@ def _astray(m: StudyMeasures) -> list[str]:
         return []
     return [
         name
-        for name, found in m.momentum.items()
-        if found.trend == "tends to a limit" and found.limit > WELL_CLEAR * max(found.floors)
+        for name, convergence in m.momentum.items()
+        if convergence.trend == "tends to a limit"
+        and convergence.limit > WELL_CLEAR * max(convergence.floors)
     ]
 
 
@@ -352,8 +353,10 @@ def _why(m: StudyMeasures) -> str:
 
 
 def _advice(m: StudyMeasures) -> str:
-    known = "" if m.residuals is not None else ", and log the accelerations u̇ of the same instants"
+    accelerations = (
+        "" if m.residuals is not None else ", and log the accelerations u̇ of the same instants"
+    )
     if m.unit:
         smaller = [f"{m.steps[-1] / part:g}" for part in (2, 4, 8)]
-        return f"Study smaller steps, such as {smaller[0]}, {smaller[1]} and {smaller[2]} s{known}"
-    return f"Study tighter tolerances{known}"
+        return f"Study smaller steps, such as {smaller[0]}, {smaller[1]} and {smaller[2]} s{accelerations}"
+    return f"Study tighter tolerances{accelerations}"

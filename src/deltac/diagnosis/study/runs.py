@@ -112,19 +112,19 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
         values.append(number)
     if not values:
         raise InputError(f"no {what} was given; give three, each half of the previous one")
-    kept: list[float] = []
+    distinct: list[float] = []
     dropped: list[float] = []
     for number in sorted(values, reverse=True):
-        close = kept and kept[-1] / number < REFINES
-        (dropped if close else kept).append(number)
+        close = distinct and distinct[-1] / number < REFINES
+        (dropped if close else distinct).append(number)
     if not dropped:
-        return tuple(kept), []
-    if len(kept) == 1:
+        return tuple(distinct), []
+    if len(distinct) == 1:
         raise InputError(
             f"{what}s {', '.join(f'{x:g}' for x in values)} do not refine each other: give three, each "
             f"half of the previous one"
         )
-    return tuple(kept), [
+    return tuple(distinct), [
         Finding(
             "steps-do-not-refine",
             f"{', '.join(f'{x:g}' for x in dropped)}: too close to the {what} before, and left out",
@@ -153,10 +153,10 @@ def simulated(
     return runs
 
 
-def logged(mechanism: Mechanism, given: Sequence[Trajectory | str | Path]) -> list[StudyRun]:
+def logged(mechanism: Mechanism, sources: Sequence[Trajectory | str | Path]) -> list[StudyRun]:
     """Finished runs of one motion at several steps, the coarsest first."""
     runs = []
-    several = list(given) if isinstance(given, list | tuple) else [given]
+    several = list(sources) if isinstance(sources, list | tuple) else [sources]
     if not several:
         raise ArgumentsError("runs= is empty; give a run for each step, or a function of the step")
     for source in several:
@@ -197,9 +197,9 @@ def _simulated(
         )
     if not run.provenance.completed:
         stopped = run.provenance.message or "it stopped before its end"
-    made = _balanced(mechanism, run, step, trusted=trusted, simulated=True)
-    told = run.provenance.step
-    findings = list(made.findings)
+    entry = _balanced(mechanism, run, step, trusted=trusted, simulated=True)
+    own_step = run.provenance.step
+    findings = list(entry.findings)
     if stopped:
         findings.append(
             Finding(
@@ -219,17 +219,17 @@ def _simulated(
                 "doubt",
             )
         )
-    if told is not None and not trusted and abs(told - step) > 1e-6 * step:
+    if own_step is not None and not trusted and abs(own_step - step) > 1e-6 * step:
         findings.append(
             Finding(
                 "step-differs",
-                f"the simulator was asked for step {step:g} and says that it took {told:g}",
+                f"the simulator was asked for step {step:g} and says that it took {own_step:g}",
                 "provenance of the run",
                 "Make it use the step that it is given",
                 "doubt",
             )
         )
-    return replace(made, findings=tuple(findings), stiff=stiff)
+    return replace(entry, findings=tuple(findings), stiff=stiff)
 
 
 def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str, str]:
@@ -251,12 +251,12 @@ def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str, str]:
 
 
 def _balanced(
-    mechanism: Mechanism, given: Trajectory, step: float, *, trusted: bool, simulated: bool = False
+    mechanism: Mechanism, whole: Trajectory, step: float, *, trusted: bool, simulated: bool = False
 ) -> StudyRun:
-    run = before_blow_up(given)
+    run = before_blow_up(whole)
     if len(run) < LEAST_ROWS:
         few = f"{len(run)} rows; a balance needs {LEAST_ROWS} or more"
-        if run is given:
+        if run is whole:
             return StudyRun(step, failure=f"the run has {few}")
         return StudyRun(
             step,
@@ -266,23 +266,23 @@ def _balanced(
     try:
         log = read_log(mechanism, run, None, None, measured=not trusted)
     except InputError as error:
-        told = _absurd(run) if simulated else ""
-        return StudyRun(step, failure=told or str(error))
+        blow_up = _absurd(run) if simulated else ""
+        return StudyRun(step, failure=blow_up or str(error))
     ledger = log.ledger
-    left = dict(ledger.delta_c)
+    errors = dict(ledger.delta_c)
     bars, momentum_bars = dict(ledger.error_bar), dict(ledger.momentum_bar)
     if not trusted:
         unknown = _held_unknown(log, step if simulated else None)
-        held = held_between_rows(log) + unknown
+        uncertain = held_between_rows(log) + unknown
         digits = _of_digits(mechanism, log)
-        bars = {n: b + held + digits.get(n, 0.0) for n, b in bars.items()}
+        bars = {n: b + uncertain + digits.get(n, 0.0) for n, b in bars.items()}
         momentum_bars = {
             n: b + digits.get(n, 0.0) + (np.abs(ledger.momentum[n]) if unknown else 0.0)
             for n, b in momentum_bars.items()
         }
-    findings = log.findings if run is given else (*log.findings, _blown_up(given, run, step))
+    findings = log.findings if run is whole else (*log.findings, _blown_up(whole, run, step))
     return BalancedRun(
-        step, log.run, ledger, left, bars, momentum_bars, run is not given, findings=findings
+        step, log.run, ledger, errors, bars, momentum_bars, run is not whole, findings=findings
     )
 
 
@@ -297,11 +297,11 @@ def _absurd(run: Trajectory) -> str:
     return ""
 
 
-def _blown_up(given: Trajectory, run: Trajectory, step: float) -> Finding:
+def _blown_up(whole: Trajectory, run: Trajectory, step: float) -> Finding:
     return Finding(
         "blown-up",
         f"the run at step {step:g} blows up at t = {run.t[-1]:.4g} s",
-        f"speeds reach {np.abs(given.u).max():.2g}",
+        f"speeds reach {np.abs(whole.u).max():.2g}",
         "Later rows are left out; if the equations are right, use a smaller step",
     )
 
@@ -325,8 +325,8 @@ def unblinded(runs: Sequence[StudyRun]) -> tuple[StudyRun, ...]:
     def taken(entry: StudyRun) -> StudyRun:
         if entry.ledger is None:
             return entry
-        left = {n: without_corrections(entry.ledger, n) for n in hidden}
-        return replace(entry, energy_error={**entry.ledger.delta_c, **left})
+        errors = {n: without_corrections(entry.ledger, n) for n in hidden}
+        return replace(entry, energy_error={**entry.ledger.delta_c, **errors})
 
     return tuple(taken(entry) for entry in runs)
 
@@ -357,8 +357,8 @@ def _held_unknown(log: Log, asked: float | None) -> float:
     `asked` to take.
     """
     run, step = log.run, log.run.provenance.step or asked
-    told = run.provenance.held is not None or run.provenance.simulator == "deltac"
-    if told or not run.forces or len(run) < 2:
+    declared = run.provenance.held is not None or run.provenance.simulator == "deltac"
+    if declared or not run.forces or len(run) < 2:
         return 0.0
     spacing = float(np.median(np.diff(run.t)))
     if step is not None and spacing < 1.01 * step:
@@ -409,20 +409,20 @@ def lasting(runs: tuple[StudyRun, ...]) -> tuple[StudyRun, ...]:
     A step that is projected onto constraints, or a scheme of low order, moves q by something else than its
     speed. That shrinks with the step; a wrong clock, gear or column does not.
     """
-    made = [run for run in runs if not run.failure]
+    successful = [run for run in runs if not run.failure]
 
-    def lasts(found: Finding) -> bool:
+    def lasts(finding: Finding) -> bool:
         alike = [
             next(
-                (f for f in run.findings if (f.kind, f.element) == (found.kind, found.element)),
+                (f for f in run.findings if (f.kind, f.element) == (finding.kind, finding.element)),
                 None,
             )
-            for run in made
+            for run in successful
         ]
         if any(f is None for f in alike):
             return False
-        off = [f.factor - 1.0 for f in alike if f is not None and f.factor is not None]
-        return not off or min(x / off[0] for x in off) >= LASTING
+        departures = [f.factor - 1.0 for f in alike if f is not None and f.factor is not None]
+        return not departures or min(x / departures[0] for x in departures) >= LASTING
 
     return tuple(
         replace(run, findings=tuple(f for f in run.findings if f.kind not in RATES or lasts(f)))

@@ -45,21 +45,21 @@ class SimulationOptions(TypedDict, total=False):
 
 
 def handed_on(
-    verb: Callable[..., Any], given: Mapping[str, Any], *, own: Iterable[str] = ()
+    verb: Callable[..., Any], arguments: Mapping[str, Any], *, own: Iterable[str] = ()
 ) -> SimulationOptions:
     """What is handed on to `simulate`, with equations as `Equations`.
 
     UnknownName for what is no argument of the verb, nor one of `simulate` that it hands on; `own` are those
     that the verb sets itself.
     """
-    taken = [name for name in SimulationOptions.__annotations__ if name not in own]
-    for name in given:
-        if name not in taken:
-            known = [*named(inspect.signature(verb)), *taken]
-            raise unknown_argument(verb.__name__, name, known)
-    options = {name: value for name, value in given.items() if value is not None}
-    if "constraints" in given:
-        options["constraints"] = given["constraints"]  # None: nothing keeps the run on them
+    option_names = [name for name in SimulationOptions.__annotations__ if name not in own]
+    for name in arguments:
+        if name not in option_names:
+            names = [*named(inspect.signature(verb)), *option_names]
+            raise unknown_argument(verb.__name__, name, names)
+    options = {name: value for name, value in arguments.items() if value is not None}
+    if "constraints" in arguments:
+        options["constraints"] = arguments["constraints"]  # None: nothing keeps the run on them
     if "equations" in options:
         options["equations"] = as_equations(options["equations"])
     return cast(SimulationOptions, options)
@@ -103,19 +103,19 @@ def own_solver(
     if equations is not None:
         assert isinstance(equations, Equations)
         options = {**options, "equations": carefully(equations, mechanism, start)}
-    found = solver.solver
+    scheme = solver.solver
 
     def run(knob: float) -> Trajectory:
         step, chosen = (
             (knob, solver)
-            if found.takes_steps
+            if scheme.takes_steps
             else (duration / SAMPLES, solver.with_tolerance(knob))
         )
         return simulate(mechanism, start, duration, step, chosen, **options)  # type: ignore[arg-type]
 
     # The error of an adaptive solver follows its tolerance, not a power of a step.
-    nominal = found.order if found.takes_steps and order is None else order
-    return Maker(found.name, nominal, run, True, options.get("equations"))  # type: ignore[arg-type]
+    nominal = scheme.order if scheme.takes_steps and order is None else order
+    return Maker(scheme.name, nominal, run, True, options.get("equations"))  # type: ignore[arg-type]
 
 
 def in_mujoco(

@@ -222,35 +222,35 @@ def studied(
     """From runs to the study: compare, fit, look around, judge."""
     mechanism, solver, nominal = loaded.mechanism, maker.name, maker.order
     runs = lasting(unblinded(runs))
-    kept, found = disagreements(mechanism, runs)
-    findings = [*findings, *found]
-    finest = kept[-1]
+    comparable, disagreeing = disagreements(mechanism, runs)
+    findings = [*findings, *disagreeing]
+    finest = comparable[-1]
     ledger = finest.ledger
-    compared = compare(mechanism, [entry.run for entry in kept])
-    findings += noticed.of_comparison(compared, kept, "step" if unit else "tolerance")
-    function = _function(kept)
-    steps = np.array([entry.step for entry in kept])
+    compared = compare(mechanism, [entry.run for entry in comparable])
+    findings += noticed.of_comparison(compared, comparable, "step" if unit else "tolerance")
+    function = _function(comparable)
+    steps = np.array([entry.step for entry in comparable])
     first = _first_together(compared)
     over_all = (
-        compared.within < FEWEST or first > len(kept) - 2
+        compared.within < FEWEST or first > len(comparable) - 2
     )  # maxima are all there is to compare
     energy = {}
     for name in finest.energy_error:
-        if all(name in entry.energy_error for entry in kept):
-            curves = [entry.energy_error[name] for entry in kept]
-            bars = [entry.bar[name] for entry in kept]
+        if all(name in entry.energy_error for entry in comparable):
+            curves = [entry.energy_error[name] for entry in comparable]
+            bars = [entry.bar[name] for entry in comparable]
             if over_all:
                 y = np.array([[float(np.abs(c).max())] for c in curves])
                 energy[name] = towards_zero(steps, y, np.array([float(b.max()) for b in bars]))
             else:
                 energy[name] = _within(curves, bars, compared, first, steps)
             energy[name] = _kept(energy[name], ledger.energy_exchanged)
-    state = _state(compared, first, steps, [len(entry.run) for entry in kept])
+    state = _state(compared, first, steps, [len(entry.run) for entry in comparable])
     momentum = {}
     if not mechanism.constraints and not over_all:  # whose reactions these balances leave out
         for name in ledger.momentum:
-            curves = [entry.ledger.momentum[name] for entry in kept]
-            bars = [entry.momentum_bar[name] for entry in kept]
+            curves = [entry.ledger.momentum[name] for entry in comparable]
+            bars = [entry.momentum_bar[name] for entry in comparable]
             momentum[name] = _within(curves, bars, compared, first, steps)
     trusted = maker.trusted and maker.equations is None
     if trusted and finest.blown_up:  # what is left before that is no motion to have an order
@@ -262,7 +262,7 @@ def studied(
         )
     residuals = None
     if not trusted:
-        by_step = [(entry.step, entry.run) for entry in kept]
+        by_step = [(entry.step, entry.run) for entry in comparable]
         by_hand = None if maker.equations is None else maker.equations.coordinates
         residuals = residuals_of(
             mechanism,
@@ -271,16 +271,19 @@ def studied(
             until=compared.horizon,
             trusted=maker.trusted,
         )
-    left, bar = (
+    errors, bar = (
         tuple(float(np.abs(sizes[function]).max()) for sizes in each)
-        for each in ([entry.energy_error for entry in kept], [entry.bar for entry in kept])
+        for each in (
+            [entry.energy_error for entry in comparable],
+            [entry.bar for entry in comparable],
+        )
     )
     if residuals is not None:
         findings += residuals.findings
         if residuals.stays and max(residuals.by_step) > tolerance:
             findings.append(residuals.finding())
-    lacking = not_simulated(loaded.import_report) if maker.trusted else []
-    findings += lacking
+    omissions = not_simulated(loaded.import_report) if maker.trusted else []
+    findings += omissions
     if not maker.trusted:
         missing = assumed_zero(finest.run, loaded.import_report)
         findings += assumed_zero_finding(missing)
@@ -289,12 +292,12 @@ def studied(
     findings += noticed.of_growth(finest, function, ledger, solver, bar[-1])
     findings += unresolved_works(finest.run, ledger)
     findings += noticed.of_corrections(ledger, function, tolerance * ledger.reference_energy)
-    findings += noticed.of_constraints(kept, compared, tolerance, trusted=trusted)
+    findings += noticed.of_constraints(comparable, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
     measures = StudyMeasures(
         steps=tuple(map(float, steps)),
-        left=left,
+        left=errors,
         bars=bar,
         energy_exchanged=ledger.energy_exchanged,
         reference_energy=ledger.reference_energy,
@@ -325,22 +328,22 @@ def studied(
         comparison=compared,
         function=function,
         measures=measures,
-        verdict=_of_a_part(judge_study(measures), lacking),
+        verdict=_of_a_part(judge_study(measures), omissions),
         tolerance=tolerance,
         import_report=loaded.import_report,
     )
 
 
-def _of_a_part(verdict: Verdict, lacking: list[Finding]) -> Verdict:
+def _of_a_part(verdict: Verdict, omissions: list[Finding]) -> Verdict:
     """The verdict on a motion without all that moves the machine: not sure for the whole of it."""
-    if verdict.kind != "consistent" or not lacking:
+    if verdict.kind != "consistent" or not omissions:
         return verdict
     return replace(
         verdict,
         confidence="low",
         evidence=(
             *verdict.evidence,
-            f"Parts of the model's file were left out: {lacking[0].what}",
+            f"Parts of the model's file were left out: {omissions[0].what}",
         ),
     )
 
@@ -369,27 +372,32 @@ def _within(
     return towards_zero(steps[first:], y, floors)
 
 
-def _kept(found: Convergence, scale: float) -> Convergence:
+def _kept(convergence: Convergence, scale: float) -> Convergence:
     """Without an order where energy is kept at every step: what is left is the noise of the solver."""
-    if found.trend == "does not settle" and max(found.sizes) <= NOISE * scale:
-        return replace(found, trend="at its floor", order=None, order_error=None, end_order=None)
-    return found
+    if convergence.trend == "does not settle" and max(convergence.sizes) <= NOISE * scale:
+        return replace(
+            convergence, trend="at its floor", order=None, order_error=None, end_order=None
+        )
+    return convergence
 
 
-def _possible(found: Convergence, nominal: int) -> Convergence:
+def _possible(convergence: Convergence, nominal: int) -> Convergence:
     """Without an order that no method of that nominal one has: the coarse run was no approximation.
 
     Errors that cancel over a period, or by symmetry, double an order at most.
     """
-    if found.order is None or found.order - (found.order_error or 0.0) <= 2 * nominal + 1:
-        return found
-    return replace(found, order=None, order_error=None, end_order=None)
+    if (
+        convergence.order is None
+        or convergence.order - (convergence.order_error or 0.0) <= 2 * nominal + 1
+    ):
+        return convergence
+    return replace(convergence, order=None, order_error=None, end_order=None)
 
 
-def _none(found: Convergence) -> Convergence:
+def _none(convergence: Convergence) -> Convergence:
     """The same without an order."""
     return replace(
-        found, trend="does not settle", order=None, order_error=None, end_order=None, steps=()
+        convergence, trend="does not settle", order=None, order_error=None, end_order=None, steps=()
     )
 
 
@@ -402,9 +410,9 @@ def _state(compared: Comparison, first: int, steps: Array, rows: Sequence[int]) 
     return between_runs(steps[first:], states, floors * max(1.0, float(np.abs(states).max())))
 
 
-def _function(kept: Sequence[BalancedRun]) -> str:
+def _function(runs: Sequence[BalancedRun]) -> str:
     """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
-    names = kept[-1].energy_error
+    names = runs[-1].energy_error
     return next(
         (n for n in ("wang", "liu-huston", "kane-levinson-1990") if n in names), next(iter(names))
     )
@@ -468,9 +476,9 @@ def study(
     if runs is not None and not callable(runs):
         if steps is not None:
             raise ArgumentsError("runs= are finished: leave out steps")
-        made = logged(loaded.mechanism, runs)
-        maker = of_logs(made, order)
-        if all(r.run is None or _tells_tolerance(r.run) for r in made):
+        entries = logged(loaded.mechanism, runs)
+        maker = of_logs(entries, order)
+        if all(r.run is None or _tells_tolerance(r.run) for r in entries):
             unit = ""
     else:
         if callable(runs):
@@ -495,11 +503,11 @@ def study(
         values, findings = checked_steps(_default_steps(loaded) if steps is None else steps, what)
         assert maker.simulator is not None
         trusted = maker.trusted
-        made = simulated(loaded.mechanism, maker.simulator, values, progress, trusted=trusted)
-    if not any(isinstance(entry, BalancedRun) for entry in made):
-        told = "; ".join(dict.fromkeys(entry.failure for entry in made))
-        raise SolverError(f"no step gave a run that can be judged: {told}")
-    return studied(loaded, tuple(made), maker, findings, float(tolerance), unit=unit)
+        entries = simulated(loaded.mechanism, maker.simulator, values, progress, trusted=trusted)
+    if not any(isinstance(entry, BalancedRun) for entry in entries):
+        failures = "; ".join(dict.fromkeys(entry.failure for entry in entries))
+        raise SolverError(f"no step gave a run that can be judged: {failures}")
+    return studied(loaded, tuple(entries), maker, findings, float(tolerance), unit=unit)
 
 
 def _refined(solver: str | Options | Sequence[Options]) -> tuple[Options, tuple[float, ...]]:

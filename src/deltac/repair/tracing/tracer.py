@@ -220,7 +220,8 @@ class _Namespace(dict[str, Any]):
     """The names of a module: a statement is run when one that it sets is asked for."""
 
     def __init__(self, tracer: _Tracer, module: UserModule) -> None:
-        super().__init__(__name__=NAME, __builtins__=BUILTINS, __file__=str(module.path))
+        file = "" if module.path is None else str(module.path.absolute())
+        super().__init__(__name__=NAME, __builtins__=BUILTINS, __file__=file)
         self[instrument.HOOKS] = _Hooks(tracer, module)
         self.tracer, self.module = tracer, module
 

@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import butter, lfilter
+from scipy.signal import butter, group_delay, lfilter
 from scipy.stats import norm
 
 import deltac as dc
@@ -22,6 +22,7 @@ from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
 from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
 from deltac.diagnosis.inference.inference import _Inferring, infer
+from deltac.diagnosis.inference.integrators import INTEGRATORS, numbers_of
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.whitening import Innovations
@@ -684,3 +685,72 @@ def test_a_coarse_step_is_no_wrong_clock(scale: float) -> None:
     bare = replace(run, t=scale * run.t, works={}, integrals={}, udot=None, mechanism=None)
     doubts = {f.kind for f in dc.audit(mechanism, bare).findings if f.weight == "doubt"}
     assert doubts == (set() if scale == 1.0 else {"clock-scale"})
+
+
+@pytest.mark.parametrize("step", [explicit_euler, semi_implicit_euler])
+def test_causes_move_the_rows_as_the_integrator_does(step: Step) -> None:
+    """The column of a damper beside two steps of the textbook's equations: alike to second order in h.
+
+    The flow's own column is off by half of the displacement of the coordinates.
+    """
+    errors = []
+    for h in (4e-3, 2e-3):
+        run = log(step, h, duration=0.4)
+        model = Model(MECHANISM, run)
+        evaluator = LogEquations(MECHANISM, run)
+        rows = observations(model, run, 1000)
+        assert rows is not None
+        inferring = _Inferring(model, run, rows, evaluator, 1.0)
+        inferring.add(column_kernels(evaluator))
+        inferring.result()
+        damper = next(c for c in inferring.candidates if (c.kind, c.element) == ("damping", "j2"))
+        own = numbers_of(next(m for m in INTEGRATORS if m.name == step.__name__.replace("_", "-")))
+        column = inferring._moved_by(own, rows.intervals.h)[:, :, list(damper.columns)]
+        column = (column @ damper.linear)[:, :, 0]
+        gaps, sizes = [], []
+        for k in range(0, len(column), len(column) // 10):
+            x, d = absolute(run.q[k], run.u[k]), 1e-4
+            a, b, w, v = (
+                step(x, h, VALUES | {"c2": VALUES["c2"] + d})
+                - step(x, h, VALUES | {"c2": VALUES["c2"] - d})
+            ) / (2.0 * d)
+            expected = np.array([a, b - a, w, v - w]) / [h**2, h**2, h, h]
+            gaps.append(np.abs(column[k] / [h**2, h**2, h, h] - expected))
+            sizes.append(np.abs(expected))
+        errors.append(np.max(gaps) / np.max(sizes))
+    # What is left of each component is of the next order in h.
+    assert errors[0] < 0.02
+    assert errors[1] < 0.6 * errors[0]
+
+
+def driven(amplitude: float = 0.3) -> dc.Mechanism:
+    """A pendulum on a slide that is driven to and fro."""
+    return dc.Mechanism(
+        [dc.body("slide", mass=1.0, inertia=(1.0, 1.0, 1.0)), dc.point_mass("bob", 0.8)],
+        [
+            dc.prismatic("drive", "ground", "slide", "x", motion=f"{amplitude!r}*sin(4*t)"),
+            dc.revolute("swing", "slide", "bob", "z", child_position=(0, 0.6, 0), damping=0.02),
+        ],
+        gravity=(0, -G, 0),
+    )
+
+
+def test_laws_of_time_go_through_the_filter_of_a_log() -> None:
+    """A causal Butterworth filter is late by its group delay; an amplitude of 1.05 is no delay."""
+    model = driven()
+    run = dc.simulate(model, model.state({"swing": 0.7}), 3.0, 2e-3, "ode4")
+    b, a = butter(2, 40.0 * 2.0 * 2e-3)
+    q, u = (lfilter(b, a, x - x[0], axis=0) + x[0] for x in (run.q, run.u))
+    rows = slice(100, None)
+    late = dc.Trajectory(
+        t=run.t[rows], q=q[rows], u=u[rows], coordinates=run.coordinates, speeds=run.speeds
+    )
+    audit = dc.audit(model, late)
+    (cause,) = audit.causes
+    assert cause.kind == "late-laws" and audit.verdict.kind != "equation-error"
+    _, delay = group_delay((b, a), w=[1e-3])
+    assert cause.values[0] == pytest.approx(2e-3 * delay[0], rel=0.01)
+    (departs, *_) = [f for f in audit.findings if f.kind == "prescribed-departs"]
+    assert departs.weight == "note"
+    wrong = dc.audit(driven(0.3 / 1.05), late)
+    assert wrong.verdict.kind == "equation-error"

@@ -378,6 +378,10 @@ class Candidate:
             within = not own > 0.0 or 0.1 * own < sum_of < 10.0 * own
             triangle = principal[2] <= principal[0] + principal[1]
             return bool(principal[0] > 0.0 and triangle and within)
+        if self.kind == "late-laws" and len(theta) > 1:
+            # The variance of a kernel: an exponential's, the widest in use, is the square of its delay.
+            delay, square = theta[:2]
+            return bool(0.5 * delay**2 <= square <= 2.0 * delay**2)
         if self.kind == "body-moment":  # of a body without inertia and forces any equation closes
             return bool(np.all((value > 0.1 * self.base) & (value < 10.0 * self.base)))
         if self.sign == "positive":

@@ -66,6 +66,7 @@ from deltac.diagnosis.inference.integrators import (
     maps,
     numbers_of,
     parted,
+    step_of,
     steps_between,
     transition,
 )
@@ -123,6 +124,9 @@ ALIKE = 3
 HALF = 0.5
 """Standard deviation of what forces do between rows that a method does not see, in units of the difference
 between held and ramped ones: the latter are those of one in four."""
+
+SQUARES = 1e-4
+"""Share of what a method leaves that causes leave of it where that may be their squares: of a per cent."""
 
 LESS = 2.0
 """Ratio of standard deviations from which on noise is known better than before."""
@@ -187,6 +191,7 @@ class Inference:
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
         unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
             by its name.
+        between: standard error (J) of the integrator's energy by forces that may be held over a step or not.
         residual: what is left of the rows (N, 2n), in the units of the state.
         acceleration: u̇ (N, n) of the model at the starts of the intervals.
         w: prediction errors (N, 2n) of the flow.
@@ -214,6 +219,7 @@ class Inference:
     unexplained: float
     intermittent: tuple[float, NDArray[np.bool_]]
     unseen: dict[str, float]
+    between: float
     residual: Array
     acceleration: Array
     w: Array
@@ -326,15 +332,16 @@ class _Inferring:
         self.late: tuple[str, ...] = ()
         intervals = log.intervals
         h = float(np.median(intervals.h))
-        self.step = min(run.provenance.step or h, h)
+        self.step = min(run.provenance.step or step_of(intervals.h), h)
         self.counts = steps_between(intervals.h, run.provenance.step and self.step)
-        self.thinned = h > EVERY_STEP * self.step
+        self.thinned = intervals.h[:, 0] > EVERY_STEP * self.step
         self.whole = float(run.t[-1] - run.t[0]) / float(intervals.h.sum())
         self.force = LoggedForce.of(intervals, log.pieces)
         held = {str(name) for name in run.provenance.held or ()}
         names = [str(n) for n, at in model.log.columns.items() for _ in range(at.start, at.stop)]
         self.declared = ["start" if name in held else "" for name in names]
         self.kinds = tuple(kind or "smooth" for kind in self.declared)
+        self.told = run.provenance.held is not None
         self.steps, self.log = 0, log
         self.shortlist: tuple[Integrator, ...] = ()
         self.by_rates: tuple[Block, Posterior] | None = None
@@ -358,6 +365,7 @@ class _Inferring:
             self.log = log.without(lost)
             self.force = LoggedForce.of(self.log.intervals, self.log.pieces)
             self.counts = None if self.counts is None else self.counts[~lost]
+            self.thinned = self.thinned[~lost]
             self.whole = float(run.t[-1] - run.t[0]) / float(self.log.intervals.h.sum())
             self._predict()
             self.fields, self.J = self._integrator_columns()
@@ -371,6 +379,10 @@ class _Inferring:
 
     def add(self, kernels: ColumnKernels) -> None:
         """Columns more, and the causes that they allow."""
+        if self.plant is not self.model:
+            self.plant = self.model
+            self._predict()
+            self.fields, self.J = self._integrator_columns()
         self.kernels = (*self.kernels, kernels)
         columns = tuple(c for k in self.kernels for c in k.columns)
         self.candidates = candidates(self.equations, columns)
@@ -421,7 +433,7 @@ class _Inferring:
         self.force = LoggedForce.of(intervals, self.log.pieces)
         self.kinds = ("smooth",) * len(self.kinds)
         self.coefficients = self._of_filter(self.coefficients)
-        self.thinned = True  # the kernel is not that of the filter: what it lacks is unknown
+        self.thinned[:] = True  # the kernel is not that of the filter: what it lacks is unknown
 
     def _linearised_at(self, coefficients: Array) -> None:
         """Flow and columns of the model with causes of these coefficients in its equations."""
@@ -522,7 +534,8 @@ class _Inferring:
 
             between = max(SHARES, key=likelihood) ** 2 * between
         # What is left tells how large the unknown is; splines of forces have a doubt of their own.
-        self.uncertain = (Q + between, 0.0 * Q) if self.thinned else (Q, between)
+        lost = self.thinned[:, None, None]
+        self.uncertain = Q + np.where(lost, between, 0.0), np.where(lost, 0.0, between)
         Q = Q + between
         diagonal = np.arange(beyond.shape[1])
         across[:, diagonal, diagonal] += beyond**2
@@ -544,7 +557,7 @@ class _Inferring:
         # What mistakes do looks like filters and those like mistakes: filters are asked for beside causes.
         if self._act(self._of_equations(posterior.best), filters=True):
             posterior = self._compare()
-        if self.methods and self.methods[0].order == 1 and self._held():
+        if self.methods and self.methods[0].order == 1 and not self.told and self._held():
             posterior = self._compare()
         self.posterior = posterior
         return self._made(posterior)
@@ -644,7 +657,7 @@ class _Inferring:
         The iterated smoother is the method of Gauss and Newton for states and numbers together (Bell, The
         iterated Kalman smoother as a Gauss–Newton method, SIAM J. Optim. 1994).
         """
-        posterior = self._compare_once()
+        posterior = self._tried(self._compare_once())
         for _ in range(SMOOTHINGS if self.log.unknown.any() else 0):
             before, self.log = self.log.beyond[1], self._states(posterior.best)
             moved = np.linalg.norm(self.log.beyond[1] - before)
@@ -654,6 +667,30 @@ class _Inferring:
             self.fields, self.J = self._integrator_columns()
             self.causes = self._cause_columns()
             posterior = self._compare_once()
+        return posterior
+
+    def _tried(self, posterior: Posterior) -> Posterior:
+        """The posterior, or one linearised at causes beside which a method leaves but their squares.
+
+        The fields of an unknown integrator explain much: by the squares alone it would be preferred.
+        """
+        if self.promising is None or self.methods or self.refining:
+            return posterior
+        block = self._of_method(
+            self.promising, self.fields[0].shape[2] + np.arange(len(self.coefficients))
+        )
+        other = self._search(block)
+        if not other.best.chosen:
+            return posterior
+        state = dict(self.__dict__)
+        try:
+            self._linearised_at(other.best.coefficients)
+            other = self._compare_once()
+        except (FlowError, np.linalg.LinAlgError):
+            self.methods = ()
+        if self.methods:
+            return other
+        self.__dict__.update(state)
         return posterior
 
     def _states(self, best: Fit) -> Observations:
@@ -721,10 +758,13 @@ class _Inferring:
         measured = self._of_rates() if self._knows_accelerations else None
         posterior, series = (measured[1], series) if measured else self._of_series(series)
         self.methods: tuple[Integrator, ...] = ()
+        self.promising: Map | None = None
         self.defects, self.of_rows = list[Array](), series
         for ends in (self._maps(), self._maps_by_parts(series, posterior.best)):
             methods = self._closest([(of, self.log) for of in ends])
             if methods is None or not methods.may_close(series, posterior.best):
+                if methods is not None and methods.floor < SQUARES * methods.alone:
+                    self.promising = self.promising or methods.ends[0]
                 continue
             ends, closing, other = self._best_of(methods.ends, places, measured)
             gain = _log_evidence(closing, other.best, series, posterior.best)
@@ -1046,7 +1086,7 @@ class _Inferring:
         power = np.einsum("km,kmp->kp", self.gradient, self.B)
         gradient, ends = self.model.energy_gradient, (self.as_logged.end, log.intervals.end)
         slope, w = 0.5 * sum(map(gradient, ends)), self.model.difference(*ends)
-        jump = np.einsum("km,km->k", slope - self.slack, w)
+        jump, between = np.einsum("km,km->k", slope - self.slack, w), 0.0
         causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
         if self.methods:
             work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]
@@ -1054,7 +1094,9 @@ class _Inferring:
             curves = log.running(np.stack(work, axis=1)).T
             # Methods that close the rows alike do not make the same joules; nor do forces between rows of
             # which a method takes one alone.
-            others = np.stack([*curves, *(curves[0] + x for x in self._other_forces())])
+            forces = [curves[0] + x for x in self._other_forces()]
+            between = float(np.abs(forces - curves[0]).max(initial=0.0)) if forces else 0.0
+            others = np.stack([*curves, *forces])
             left = self.w - self.defects[0] - causes
             # Where they leave more than the rows' noise, the rest may be the integrator's.
             known = np.where(log.unknown, 0.0, self.gradient)
@@ -1129,8 +1171,9 @@ class _Inferring:
             energy=energy,
             generic=Generic(odds, float(unnamed), explained),
             unexplained=unexplained,
-            intermittent=_intermittent(rows, best),
+            intermittent=_intermittent(rows, best, self.thinned),
             unseen=unseen,
+            between=between,
             residual=left,
             acceleration=self.model.at(self.nominal.nodes[0]),
             w=w,
@@ -1161,7 +1204,7 @@ class _Inferring:
     def _other_forces(self) -> Iterator[Array]:
         """What forces that the closing method cannot tell from those assumed add to its joules, running."""
         step, force = self.methods[0].step, self.force(self.kinds)
-        if step is None or self.methods[0].order > 1 or not self.kinds:
+        if step is None or self.methods[0].order > 1 or not self.kinds or self.told:
             return
         for kind in ("start", "ramp"):
             other = self.force(tuple(own or kind for own in self.declared))
@@ -1211,7 +1254,7 @@ class _Inferring:
             deviation = _deviation(self.blocks, c, best, tau)
             name = f"{c.kind} {c.element}".strip()
             most = float(np.abs(curves[:, list(c.columns)] @ c.linear[:, 0]).max())
-            if most > 0.0:
+            if most > 0.0 and np.isfinite(deviation):  # else it is one of those found
                 joules[name] = max(joules.get(name, 0.0), deviation * most)
         return joules
 
@@ -1223,6 +1266,7 @@ class _Methods:
     ends: list[Map]
     floor: float
     floors: Array
+    alone: float
 
     @staticmethod
     def of(ends: list[Map], r: Array, D: Array, rounding: float) -> _Methods | None:
@@ -1242,7 +1286,8 @@ class _Methods:
         # Those that need no causes come first.
         alike = alike[np.argsort((y[:, alike] ** 2).sum(axis=0), kind="stable")]
         order = [finite[k] for k in alike]
-        return _Methods([ends[k] for k in order], float(floors[best]), every)
+        alone = float((y[:, best] ** 2).sum())
+        return _Methods([ends[k] for k in order], float(floors[best]), every, alone)
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""
@@ -1315,16 +1360,20 @@ def _jumps(w: Array) -> NDArray[np.bool_]:
     return np.asarray(size > ACTIVE * np.median(size))
 
 
-def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:
+def _intermittent(
+    block: Block, best: Fit, thinned: NDArray[np.bool_]
+) -> tuple[float, NDArray[np.bool_]]:
     """Log odds that what is left comes in intervals of their own, and these intervals (N,).
 
     Two variances, of quiet and of active intervals, against the one of the best causes; each spell of
-    activity costs its two ends.
+    activity costs its two ends. What logged forces did in intervals of which steps are lost is not known:
+    beside others that are whole, these tell nothing.
     """
-    r = block.residual(np.zeros(len(block.causes)))
+    none = np.zeros(len(block.r), dtype=np.bool_)
+    whole = np.flatnonzero(~thinned) if not thinned.all() else np.arange(len(block.r))
+    r = block.residual(np.zeros(len(block.causes)))[whole]
     n, d = r.shape
     size = np.mean(r**2, axis=1) + 1e-300
-    none = np.zeros(n, dtype=np.bool_)
     ordered = np.sort(size)
     quiet = float(np.median(ordered[: max(4, n // 2)])) + 1e-300
     active = size > ACTIVE * quiet
@@ -1338,19 +1387,20 @@ def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:
         return -np.inf, none
     if len(block.nuisance):
         # Nuisance columns of quiet intervals alone: what acts now and then must not bend them.
-        D, y = block.D[~active][:, :, block.nuisance], block.r[~active]
+        D, y = block.D[whole][:, :, block.nuisance], block.r[whole]
         ridge = np.diag(np.sqrt(block.floor) / block.prior)
-        A = np.concatenate([D.reshape(-1, D.shape[2]), ridge])
-        x = np.linalg.lstsq(A, np.concatenate([y.ravel(), np.zeros(len(ridge))]), rcond=1e-13)[0]
-        r = block.r - block.D[:, :, block.nuisance] @ x
+        A = np.concatenate([D[~active].reshape(-1, D.shape[2]), ridge])
+        b = np.concatenate([y[~active].ravel(), np.zeros(len(ridge))])
+        r = y - D @ np.linalg.lstsq(A, b, rcond=1e-13)[0]
     low, high = float(np.mean(r[~active] ** 2)), float(np.mean(r[active] ** 2))
     share = active.mean()
-    one = block.projected.left(best.coefficients) / block.r.size
+    one = float(np.mean(block.residual(best.coefficients)[whole] ** 2))
     tau = autocorrelation_time(r[~active])
     spells = int(np.count_nonzero(np.diff(active.astype(int)) == 1)) + 1
     two = (1 - share) * np.log(low + 1e-300) + share * np.log(high + 1e-300)
     odds = 0.5 * n * d / tau * (np.log(one + 1e-300) - two)
-    return float(odds - 2.0 * spells * np.log(n)), active
+    none[whole] = active
+    return float(odds - 2.0 * spells * np.log(n)), none
 
 
 ACTIVE = 100.0

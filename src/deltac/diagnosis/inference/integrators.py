@@ -175,14 +175,29 @@ MOST_STEPS = 12
 """Steps between two rows up to which a method is repeated: what takes longer is left to the series."""
 
 
+def step_of(h: Array) -> float:
+    """The step of a log that does not say its own, of intervals h (N, 1).
+
+    The shortest of them if all are a whole number of it, else a typical one.
+    """
+    shortest = float(h.min())
+    ratio = h / shortest
+    whole = bool(np.all(np.abs(ratio - np.rint(ratio)) <= WHOLE))
+    return shortest if whole else float(np.median(h))
+
+
+WHOLE = 1e-3
+"""How near to a whole number of steps intervals are, in steps: clocks are rounded."""
+
+
 def steps_between(h: Array, step: float | None) -> NDArray[np.intp] | None:
     """Steps (N,) between rows that lie h (N, 1) apart; None where they are no whole number of steps.
 
     Rows that are no whole number of some unknown step apart are the steps of a solver that chooses them.
     """
-    ratio = h[:, 0] / (step or float(np.median(h)))
+    ratio = h[:, 0] / (step or step_of(h))
     counts = np.rint(ratio).astype(np.intp)
-    if np.all(np.abs(ratio - counts) <= 1e-3) and counts.min() >= 1:
+    if np.all(np.abs(ratio - counts) <= WHOLE) and counts.min() >= 1:
         return counts
     return np.ones(len(h), dtype=np.intp) if step is None else None
 

@@ -221,13 +221,13 @@ def unknown(
     force: LoggedForce,
     kinds: Sequence[str],
     w: Array,
-    thinned: bool,
+    thinned: NDArray[np.bool_],
 ) -> tuple[Array, Array, Array]:
     """Covariances (N, 2n, 2n) of what the flow does not know: own, between rows, across constraints.
 
     Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep
-    them. Where steps were not all logged a force may have taken any way from one row to the next: by its
-    change, uniformly. Where they were, one that is smooth (`kinds`) may differ from its spline.
+    them. In intervals of which a step is lost (`thinned`, N) a force may have taken any way from one row to
+    the next: by its change, uniformly. In others, one that is smooth (`kinds`) may differ from its spline.
     """
     n, h, at = model.n, log.intervals.h, flow.nodes[0]
     Q = np.zeros((len(h), 2 * n, 2 * n))
@@ -237,15 +237,14 @@ def unknown(
     between = np.zeros_like(Q)
     smooth = np.array([kind == "smooth" for kind in kinds], dtype=bool)
     doubt = np.where(smooth, force.doubt, 0.0)
-    some = coarse.any() or thinned or doubt.any()
+    some = coarse.any() or thinned.any() or doubt.any()
     for k, response in enumerate(unit_responses(model, at) if some else ()):
         du = response * h * log.force_noise[:, k : k + 1]
         both = np.concatenate([0.5 * h * du, du], axis=1)
         Q += both[:, :, None] * both[:, None, :]
-        size = doubt[:, k]
-        if thinned:
-            bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
-            size = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
+        bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
+        lost = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
+        size = np.where(thinned, lost, doubt[:, k])
         if size.any():
             du = response * (h[:, 0] * size)[:, None]
             both = np.concatenate([0.5 * h * du, du], axis=1)

@@ -134,7 +134,7 @@ def holds(changed: Any, target: Any, blame: Any) -> bool | None:
 
     told = blame.solved or blame.terms
     if not told:
-        return True if blame.monomials else None
+        return None
     try:
         elsewhere = read(changed, target, fresh=True)
     except InputError:

@@ -133,13 +133,16 @@ PUBLIC_MODULES = (
     "laws",
     "solvers",
 )
-COMMON = ("deltac.arrays", "deltac.rotations", "deltac.errors")
-"""What every package may know: a type of arrays, rotations, errors."""
+COMMON = ("deltac.arrays", "deltac.rotations", "deltac.errors", "deltac.results")
+"""What every package may know: a type of arrays, rotations, errors, the base of what verbs return."""
 
 
-@pytest.mark.parametrize("client", ["problems"])
+@pytest.mark.parametrize("client", ["problems", "testing"])
 def test_clients_import_public_names_only(client: str) -> None:
-    """What a problem is made of, a user has as well; `deltac.energy` is the core of the verb `balance`."""
+    """What a problem or an assertion is made of, a user has as well.
+
+    `deltac.energy` is the core of the verb `balance`, which problems below the door call.
+    """
     public = public_names() | {("deltac.energy", "balance"), ("deltac.mechanism.laws", "LawLike")}
     private = [
         (module, statement.module, alias.name)

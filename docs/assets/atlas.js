@@ -1,4 +1,5 @@
-// The table of docs/atlas.md: sorted by a click on a heading, filtered by words and by choice.
+// The table of docs/atlas.md: sorted by a click on a heading, filtered by words and by choice. A line opens
+// to what its verdict rests on, and to the command that makes its report.
 document.addEventListener("DOMContentLoaded", () => {
   const place = document.getElementById("atlas");
   const atlas = window.ATLAS;
@@ -6,6 +7,9 @@ document.addEventListener("DOMContentLoaded", () => {
   const columns = ["model", "integrator", "motion", "verdict", "speeds", "step (s)", "error per joule", "order", "largest step (s)"];
   const rows = atlas.rows.map(([m, s, o, v, ...rest]) => [
     atlas.model[m], atlas.solver[s], atlas.motion[o], atlas.verdict[v], ...rest]);
+  const pictures = atlas.pictures;
+  const places = new Map(pictures.models.map((model, k) => [model, k]));
+  const sheet = new URL("../images/atlas-models.webp", document.querySelector("script[src$='assets/atlas.js']").src);
   const shown = 200;
   let key = 0, sign = 1;
 
@@ -28,6 +32,38 @@ document.addEventListener("DOMContentLoaded", () => {
     return element("th", { scope: "col" }, button);
   }));
   const body = element("tbody");
+  const picture = model => {
+    const k = places.get(model), box = element("span", { className: "atlas-picture", role: "img", ariaLabel: "" });
+    box.style.width = `${pictures.width}px`;
+    box.style.height = `${pictures.height}px`;
+    if (k !== undefined) {
+      box.style.backgroundImage = `url(${sheet})`;
+      box.style.backgroundPosition = `-${k % pictures.columns * pictures.width}px -${Math.floor(k / pictures.columns) * pictures.height}px`;
+    }
+    return box;
+  };
+  const details = row => {
+    const command = `deltac atlas benchmarks/atlas/plan.toml --only ${row[10]} --report run.html`;
+    const copy = element("button", { className: "md-button", textContent: "Copy", onclick: () => {
+      navigator.clipboard.writeText(command);
+      copy.textContent = "Copied";
+    } });
+    const cell = element("td", { colSpan: columns.length });
+    cell.append(element("div", { className: "atlas-details" }, picture(row[0]), element("div", {},
+      atlas.why[row[9]] ? element("p", { textContent: atlas.why[row[9]] }) : "",
+      element("p", {}, "The report of this run, with the motion: ", element("code", { textContent: command }), " ", copy))));
+    return element("tr", { className: "atlas-open" }, cell);
+  };
+  const open = (line, row, button) => {
+    const isOpen = line.nextSibling && line.nextSibling.className === "atlas-open";
+    if (isOpen) line.nextSibling.remove(); else line.after(details(row));
+    button.ariaExpanded = String(!isOpen);
+  };
+  const name = row => {
+    const button = element("button", { className: "atlas-name", ariaExpanded: "false" }, picture(row[0]), element("span", { textContent: row[0] }));
+    button.onclick = () => open(button.closest("tr"), row, button);
+    return element("td", {}, button);
+  };
   const number = x => x === null ? "" : x !== 0 && (Math.abs(x) < 1e-3 || Math.abs(x) >= 1e4) ? x.toExponential(1) : String(x);
 
   function draw() {
@@ -40,9 +76,12 @@ document.addEventListener("DOMContentLoaded", () => {
       return sign * (typeof x === "number" ? x - y : x.localeCompare(y));
     });
     [...head.children].forEach((cell, k) => cell.ariaSort = k !== key ? "none" : sign > 0 ? "ascending" : "descending");
-    body.replaceChildren(...own.slice(0, shown).map(row => element("tr", { title: row[9] || "" },
-      ...columns.map((_, k) => element("td", { className: k > 3 ? "number" : k === 3 ? row[3] : "",
-        textContent: typeof row[k] === "number" || row[k] === null ? number(row[k]) : row[k] })))));
+    body.replaceChildren(...own.slice(0, shown).map(row => element("tr", { title: atlas.why[row[9]] }, name(row),
+      ...columns.slice(1).map((_, j) => {
+        const k = j + 1;
+        return element("td", { className: k > 3 ? "number" : k === 3 ? row[3].replace(" ", "-") : "",
+          textContent: typeof row[k] === "number" || row[k] === null ? number(row[k]) : row[k] });
+      }))));
     count.textContent = `${own.length} of ${rows.length}${own.length > shown ? `, the first ${shown} shown` : ""}`;
   }
   place.replaceChildren(element("div", { className: "atlas-filters" }, words, ...filters), count,

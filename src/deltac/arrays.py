@@ -28,3 +28,20 @@ SUM_OF_FORCES = 1e-9
 
 Some hundred products lose 10⁻¹³; the rest is room for what cancels inside a simulator's own sums.
 """
+
+PHYSICAL = 1e50
+"""No coordinate, speed or force is larger in SI units; squares of squares of these do not overflow."""
+
+SAME = 1e-9
+"""Relative difference of numbers that are the same but for rounding.
+
+Hundreds of operations lose 10⁻¹³; the rest is room for what cancels, and for numbers that were written with
+ten digits. Of singular values, by the largest: those that are zero.
+"""
+
+HALF_DIGITS = 1e-7
+"""Relative difference of what agrees to half of a double's digits.
+
+Numbers that a small linear problem, a square or a difference quotient gave have lost the other half; that
+measured or fitted numbers agree so well is no coincidence.
+"""

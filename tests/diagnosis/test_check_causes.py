@@ -17,7 +17,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.check import whole
-from deltac.diagnosis.check.numbers import formula
+from deltac.diagnosis.check.matching import formula
 from deltac.diagnosis.check.table import check_table
 from deltac.dynamics import system
 
@@ -309,14 +309,14 @@ def test_hypotheses_about_parameters_share_one_trace(monkeypatch: pytest.MonkeyP
     assert len(made) == 2 and sum(map(bool, made)) == 1
 
 
-def test_a_slow_function_ends_the_search_for_other_coordinates(
+def test_the_search_for_other_coordinates_is_bounded_by_calls(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Right in degrees: calls in other coordinates show it, and without time for any it stays unknown."""
+    """Right in degrees: calls in other coordinates show it, and without any it stays unknown."""
 
     def rhs(t: float, q: Any, u: Any) -> Any:
         return np.degrees(arm(t, np.radians(q), np.radians(u)))
 
     assert "coordinates" in {f.kind for f in dc.check_equations(ARM, rhs).findings}
-    monkeypatch.setattr(whole, "PATIENCE", 0.0)
+    monkeypatch.setattr(whole, "MOST", 0)
     assert "coordinates" not in {f.kind for f in dc.check_equations(ARM, rhs).findings}

@@ -65,3 +65,33 @@ def test_a_motion_that_cannot_be_followed_is_cut_or_refused() -> None:
         exact = dc.simulate(top, None, 1.0, 1e-3, "ode8", dc.Record([], every=4))
         error = np.abs(correction.run.q - exact.q[:count]).max()
         assert error <= 10.0 * correction.remaining.max() + 1e-6
+
+
+@pytest.mark.parametrize("noise", [1e-8, 1e-6, 1e-4])
+def test_what_the_noise_of_the_first_row_makes_of_the_motion_is_told(noise: float) -> None:
+    pendulum = dc.problems.load("double-pendulum")
+    log = log_of(pendulum, "semi-implicit-euler", 0.6, 2e-3)
+    exact = dc.simulate(pendulum, None, 0.6, 5e-4, "ode8", dc.Record([], every=4))
+    rng = np.random.default_rng(3)
+    q, u = (
+        x + size * rng.standard_normal(x.shape) for x, size in ((log.q, noise), (log.u, 10 * noise))
+    )
+    correction = dc.correct_trajectory(pendulum, replace(log, q=q, u=u))
+    n = pendulum.mechanism.coordinates
+    left = np.abs(correction.run.q - exact.q).max(axis=0)
+    assert np.all(left <= correction.remaining[: len(n)])
+    assert correction.remaining.max() < 500.0 * noise
+    assert left.max() < 0.2 * np.abs(log.q - exact.q).max()
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_an_error_that_is_not_seen_is_not_corrected(noise: float) -> None:
+    """ode8 leaves less than the digits of the rows, and less than their noise: the log is as good."""
+    pendulum = dc.problems.load("double-pendulum")
+    log = log_of(pendulum, "ode8", 0.6, 2e-3)
+    rng = np.random.default_rng(4)
+    q, u = (
+        x + size * rng.standard_normal(x.shape) for x, size in ((log.q, noise), (log.u, 10 * noise))
+    )
+    with pytest.raises(dc.InputError, match="not seen"):
+        dc.correct_trajectory(pendulum, replace(log, q=q, u=u))

@@ -9,6 +9,7 @@ import pytest
 
 import deltac as dc
 from deltac import Trajectory
+from deltac.arrays import HALF_DIGITS
 from deltac.diagnosis.measurements import kinematics
 from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.measurements.kinematics import (
@@ -131,4 +132,4 @@ def test_the_comparison_of_a_scheme_is_that_of_splines(
         assert own.late == 0.5 and other.late == pytest.approx(0.5, abs=1e-6)
         assert own.ratio == 1.0 and other.ratio == pytest.approx(1.0, abs=1e-8)
         assert own.instant == other.instant and not own.scaled and not other.scaled
-        assert own.off < kinematics.EXACT and not other.outliers.any()
+        assert own.off < HALF_DIGITS and not other.outliers.any()

@@ -65,7 +65,7 @@ def _unused(setting: float) -> dc.Trajectory:
 class Invented:
     """Trials of solvers whose errors and times follow laws: what a search should find is known."""
 
-    reference_energy, still = 1.0, False
+    reference_energy, still, native = 1.0, False, math.inf
 
     def __init__(self, constant: dict[str, float], verified_error: float = 1.0) -> None:
         self.constant, self.verified_error, self.trials, self.verifications = (

@@ -19,6 +19,7 @@ from deltac.errors import InputError
 from deltac.fleets.atlas import atlas, plan_atlas
 from deltac.recorders import experiments
 from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
+from deltac.recorders.mujoco_recorder import compiled_model
 
 pytest.importorskip("mujoco", reason="URDF files are read by MuJoCo")
 
@@ -180,7 +181,7 @@ def test_what_is_not_installed_is_skipped_by_name(
     (tmp_path / "plan.toml").write_text(text)
     plan = plan_atlas(tmp_path / "plan.toml")
     assert plan.skipped == ("package no-such", "simulator pybullet")
-    assert {setting.simulator for setting, _ in plan.rows} == {"deltac"}
+    assert {run.setting.simulator for run in plan.rows} == {"deltac"}
 
 
 @pytest.mark.parametrize(
@@ -212,3 +213,161 @@ def test_only_what_others_read_is_given_to_them(tmp_path: Path) -> None:
             with pytest.raises(InputError, match="MJCF"):
                 simulator.run(experiment, 0.01, next(iter(simulator.orders)))
         assert name
+
+
+# --- what the atlas' own runs taught -----------------------------------------------------------------
+
+
+def test_models_that_cannot_be_run_are_rows_with_their_reason(tmp_path: Path) -> None:
+    body = '<body><joint name="j"/>{}</body>'
+    for name, inside in {
+        "massless": '<inertial pos="0 0 0" mass="0" diaginertia="0 0 0"/>',
+        "stiff": '<geom size="0.1"/>',
+    }.items():
+        text = f"<mujoco><worldbody>{body.format(inside)}</worldbody></mujoco>"
+        if (
+            name == "stiff"
+        ):  # a time scale of microseconds: every explicit step of milliseconds blows up
+            text = text.replace('name="j"', 'name="j" damping="1e5"')
+        (tmp_path / f"{name}.xml").write_text(text)
+    (tmp_path / "plan.toml").write_text(PLAN.replace("*.urdf", "*.xml"))
+    frame = atlas(tmp_path / "plan.toml", tmp_path / "out", workers=1).frame
+    rows = list(frame.filter(frame["model"] == "massless.xml").iter_rows(named=True))
+    assert len(rows) == 1 and rows[0]["code"] == "E-MODEL" and "mass" in rows[0]["message"]
+    stiff = frame.filter(frame["model"] == "stiff.xml")
+    assert len(stiff) == 12 and stiff["message"].null_count() == 0
+    assert set(stiff["verdict"]) <= {"failed", "unresolved", "integration-error"}
+    assert all(build.startswith(dc.__version__) for build in frame["build"])
+
+
+def test_an_atlas_that_was_stopped_is_a_sample_of_all(tmp_path: Path, arm: Path) -> None:
+    (tmp_path / "other.urdf").write_text(ARM.replace("1.5", "1.4"))
+    (tmp_path / "plan.toml").write_text(PLAN)
+    rows = plan_atlas(tmp_path / "plan.toml").rows
+    assert sorted(run.setting.label for run in rows[:2]) == ["arm.urdf", "other.urdf"]
+    assert {run.factor for run in rows[:2]} == {1.0}
+    assert {run.factor for run in rows[2:6]} == {2.0, 0.5}
+    one = {(run.setting.label, run.setting.solver, run.setting.motion) for run in rows[:2]}
+    assert one == {(r.setting.label, r.setting.solver, r.setting.motion) for r in rows[2:6]}
+    runs = {(r.setting.label, r.setting.solver, r.setting.motion) for r in rows[:12]}
+    assert len(runs) == 4 and len({(label, motion) for label, _, motion in runs}) == 2
+
+
+def test_models_are_read_once(tmp_path: Path, arm: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DELTAC_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("DELTAC_CACHE", "on")
+    (tmp_path / "plan.toml").write_text(PLAN)
+    first = plan_atlas(tmp_path / "plan.toml")
+
+    def refuse(*_: Any) -> None:
+        raise AssertionError("read again")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("deltac.fleets.atlas.Reading", refuse)
+        assert plan_atlas(tmp_path / "plan.toml").addresses == first.addresses
+    arm.write_text(ARM.replace("1.5", "1.4"))
+    assert plan_atlas(tmp_path / "plan.toml").addresses != first.addresses
+
+
+def kutta(step: float) -> dc.Trajectory:
+    """The arm's pendulum by Kutta's method of third order, in a loop of our own, its damper logged."""
+    rows = [np.array([1.0, 0.3])]
+
+    def rate(x: Any) -> Any:
+        return np.array([x[1], (-9.81 * 0.8 * np.sin(x[0]) - 0.3 * x[1]) / 0.64])
+
+    for _ in range(round(3.0 / step)):
+        x = rows[-1]
+        k1 = rate(x)
+        k2 = rate(x + step / 2 * k1)
+        rows.append(x + step / 6 * (k1 + 4 * k2 + rate(x - step * k1 + 2 * step * k2)))
+    y = np.array(rows)
+    return dc.Trajectory(
+        t=np.arange(len(y)) * step, q=y[:, :1], u=y[:, 1:], coordinates=("j",), speeds=("j",),
+        forces={"damper j": -0.3 * y[:, 1:]},
+        provenance=dc.Provenance("own loop", solver="kutta", step=step, order=3),
+    )  # fmt: skip
+
+
+def test_a_force_that_the_model_has_too_is_the_models_between_rows() -> None:
+    """Rows then follow from each other by the method itself, to their digits."""
+    mechanism = dc.Mechanism(
+        [dc.point_mass("bob", 1.0)],
+        [dc.revolute("j", "ground", "bob", child_position=(0, 0.8, 0), damping=0.3)],
+        gravity=(0, -9.81, 0),
+    )
+    for step, kind in ((0.02, "consistent"), (0.15, "integration-error")):
+        report = dc.audit(mechanism, kutta(step))
+        assert report.verdict.kind == kind, report.explain()
+        assert report.integrator is not None and report.integrator.names == ("kutta-3",)
+
+
+LIMITED = """<mujoco><option timestep="0.004" integrator="{}"/><worldbody>
+ <body><joint name="j" axis="0 1 0" range="-30 30" limited="true"/><geom type="capsule" fromto="0 0 0 0.4 0 0"
+  size="0.03"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicitfast"])
+def test_in_the_loop_the_works_of_the_steps_decide(tmp_path: Path, integrator: str) -> None:
+    """Against a stop the works of a step's force and of the flow differ: ΔC is of the former, and known."""
+    path = tmp_path / "limited.xml"
+    path.write_text(LIMITED.format(integrator))
+    experiment = Experiment.of(path, "fall", 0.6)
+    reports = [
+        dc.audit(experiment.model, SIMULATORS["mujoco"].run(experiment, step, integrator.lower()))
+        for step in (4e-3, 1e-5)
+    ]
+    assert [r.verdict.kind for r in reports] == ["integration-error", "consistent"]
+    assert reports[0].integrator is not None
+    assert "semi-implicit-euler" in reports[0].integrator.names
+
+
+def test_stages_over_a_contact_leave_a_balanced_run_consistent(tmp_path: Path) -> None:
+    """Forces of the stages are in no row; their works are in the balance."""
+    path = tmp_path / "limited.xml"
+    path.write_text(LIMITED.format("RK4"))
+    experiment = Experiment.of(path, "fall", 0.6)
+    report = dc.audit(experiment.model, SIMULATORS["mujoco"].run(experiment, 5e-4, "rk4"))
+    assert report.relative < 1e-3 and report.verdict.kind == "consistent", report.explain()
+
+
+def test_forces_of_constraints_that_cancel_add_up(tmp_path: Path) -> None:
+    """A slider wedged deep between two balls across its axis: forces 10⁸ times what it feels of them."""
+    path = tmp_path / "wedge.xml"
+    path.write_text(
+        """<mujoco><option timestep="0.002"/><worldbody><geom pos="0 0.5 0" size="0.6"/>
+        <geom pos="1e-9 -0.5 0" size="0.6"/><body><joint name="j" type="slide" axis="1 0 0"/>
+        <geom size="0.3" mass="0.1"/></body></worldbody></mujoco>"""
+    )
+    experiment = Experiment.of(path, "fall", 0.1)
+    run = SIMULATORS["mujoco"].run(experiment, 0.002, "euler")
+    total = sum(force[:, 0] for force in run.forces.values())
+    mass = compiled_model(path).body_mass[1]
+    size = np.abs(total).max()
+    assert (
+        run.udot is not None and np.abs(mass * run.udot[:, 0] - total).max() < 1e-11 * size + 1e-12
+    )
+    assert dc.audit(experiment.model, run).verdict.kind != "equation-error"
+
+
+def test_a_recording_ends_where_the_run_blew_up() -> None:
+    from deltac.recorders.recorder import Recorder
+
+    class Own(Recorder):
+        def row(self, t: float, u: float) -> None:
+            self._instant(
+                t, np.array([0.1]), np.array([u]), np.array([0.0]), {"actuator m": np.array([u])}
+            )
+
+        def trajectory(self) -> dc.Trajectory:
+            return self._trajectory(dc.Provenance("own loop"))
+
+    recorder = Own(("j",), ("j",))
+    for k, u in enumerate([1.0, 2.0, 1e60, np.nan]):
+        recorder.row(0.1 * k, u)
+    run = recorder.trajectory()
+    assert run.u[:, 0].tolist() == [1.0, 2.0] and "0.2 s" in run.provenance.message
+    with pytest.raises(InputError, match="blew up"):
+        recorder = Own(("j",), ("j",))
+        recorder.row(0.0, np.inf)
+        recorder.trajectory()

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from deltac.analysis.evaluate import evaluate
-from deltac.arrays import ASSEMBLED, Array
+from deltac.arrays import ASSEMBLED, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.states import random_states
 from deltac.dynamics.constraints import Rows
@@ -36,9 +36,6 @@ RANDOM_STATES = 8
 EXAMINED = 150
 """Free speeds up to which constants of the motion and energies are sought: the mass matrix in symbols grows
 with their square, and takes 20 s of processor time for a chain of 200 hinges."""
-
-POWER_ROUNDING = 1e-9
-"""A power below this fraction of the terms that it is a sum of is zero."""
 
 
 @dataclass(frozen=True)
@@ -359,7 +356,7 @@ def _constant(
     )
     f = ca.Function("powers", [s.t, s.q, s.u, s.udot, lam], columns, {"cse": True})
     power, size = evaluate_at(f, t[None, :], q, u, udot.T, lam_values.T)
-    vanishing = np.asarray((np.abs(power) <= POWER_ROUNDING * size).all(axis=1)).tolist()
+    vanishing = np.asarray((np.abs(power) <= SAME * size).all(axis=1)).tolist()
     order = {"energy": 0, "Jacobi integral": 1}
     constants = [name for name, zero in zip(names, vanishing) if zero]
     return tuple(sorted(constants, key=lambda name: order.get(name, 2)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.analysis.model import instants
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, closest
@@ -19,9 +19,6 @@ from deltac.models import ModelLike, load_model
 from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
 from deltac.trajectories.rates import with_accelerations
-
-ZERO_SINGULAR_VALUE = 1e-9
-"""Singular values below this share of the largest count as zero."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -152,7 +149,7 @@ def _solved(columns: Array, needed: Array, drives: int) -> tuple[Array, NDArray[
     """Least solutions x (T, n) of A x = b, and samples at which the first entries are not determined."""
     basis, values, right = np.linalg.svd(columns, full_matrices=False)
     largest = values.max(axis=1, initial=1e-300)[:, None]
-    present = values > ZERO_SINGULAR_VALUE * largest
+    present = values > SAME * largest
     inverse = np.where(present, 1.0 / np.where(present, values, 1.0), 0.0)
     x = np.einsum("tkn,tk->tn", right, inverse * np.einsum("tmk,tm->tk", basis, needed))
     # What the kept directions leave of a unit force of a drive is not determined.

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deltac import rotations
 from deltac.analysis.model import instants
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.maximal import maximal
 from deltac.dynamics.singular_inertia import singular_inertia, without_inertia
@@ -32,9 +32,6 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike
 from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
-
-ILL_CHOSEN = 1e-7
-"""Dependent speeds that follow from the independent ones only with errors of 1/this are ill chosen."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -365,7 +362,7 @@ class _Instant:
                 # The first of those that are largest to rounding: symmetry makes some equal.
                 largest = block >= (1.0 - 1e-9) * block.max()
                 at = np.unravel_index(int(largest.argmax()), block.shape)
-                if block[at] <= ILL_CHOSEN:
+                if block[at] <= HALF_DIGITS:
                     break
                 i, j = open_rows[int(at[0])], open_columns[int(at[1])]
                 if allowed is not columns:

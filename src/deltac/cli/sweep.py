@@ -33,7 +33,7 @@ Only = Annotated[
     str | None,
     typer.Option(
         metavar="ADDRESS",
-        help="Make only this run, in this process, and show its row; nothing is kept.",
+        help="Make only this run, in this process, and show its row, and its page with --report.",
     ),
 ]
 
@@ -133,6 +133,8 @@ def deliver(
 
         import polars
 
+        if page is not None:
+            plan.write_case(only, page)
         (row,) = polars.read_parquet(io.BytesIO(plan.piece_at(only)())).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit

@@ -18,7 +18,7 @@ from deltac.arrays import EPS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
-from deltac.diagnosis.audit.audit import Audit, audit
+from deltac.diagnosis.audit.audit import NORMAL_95, Audit, audit
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.inputs.logs import LogLike
@@ -46,6 +46,9 @@ FLOW = 1e-9
 LOST = 1e-3
 """A motion that the last sweep still moves by so much is not found, as a share of the same sizes."""
 
+BEYOND = 2.0
+"""A correction is this many times what is not known of the corrected motion, or the log may be as good."""
+
 LEAST_ROWS = 10
 """Rows of a corrected motion."""
 
@@ -58,7 +61,8 @@ class Correction(Report, omit=("run", "audit")):
         run: the corrected motion at the rows of the log, up to where it can be followed. Logged forces are
             kept.
         log_error: of the log, at each row (T, 2n): along the n free speeds (m, rad), then of these speeds.
-        remaining: estimate of the largest error that is left of each of these (2n,).
+        remaining: estimate of the largest error that is left of each of these (2n,): of the last correction,
+            of the flow, and of what the noise of the first row makes of the motion (twice its deviation).
         sweeps: the largest correction of each sweep, in the order of the sweeps.
         delta_c: largest |ΔC| of the corrected motion, J, Wang's function along the rows; `log_delta_c`: of
             the log; `error_bar`: how far both may be off by the interpolation between rows.
@@ -118,7 +122,7 @@ def correct_trajectory(
     Raises:
         InputError: as `audit`; a log that contradicts the equations, which a correction would replace by the
             model's motion; impacts; a motion that cannot be followed from its first row on, as where it is
-            chaotic.
+            chaotic; noise or digits that hide the error of the integrator.
     """
     result = audit(model, log, mapping=mapping, coordinates=coordinates)
     mechanism, run = result.mechanism, result.run
@@ -135,11 +139,15 @@ def correct_trajectory(
     forces = smooth if result.inference is None else result.inference.forces
     scale = _sizes(rows)
     total, sizes = np.zeros((len(run), 2 * model_of_rows.n)), list[float]()
+    # The digits and the noise of the first row: the motion through it is off by what becomes of them.
+    noise = np.zeros(2 * model_of_rows.n)
+    if result.inference is not None:
+        noise = result.inference.log.noise[0][0]
     before: Array | None = (
         None  # the largest correction of the last sweep up to each row, shares of the scale
     )
     for _ in range(SWEEPS):
-        error = _error(model_of_rows, rows, forces)
+        error, doubt = _error(model_of_rows, rows, forces, noise)
         now = np.maximum.accumulate(
             np.max(np.abs(np.nan_to_num(error, nan=np.inf)) / scale, axis=1)
         )
@@ -158,8 +166,14 @@ def correct_trajectory(
         before = now[:count]
         if now[count - 1] <= FLOW:
             break
-    # What is left is to the last correction as that is to the one before; or it is the flow's error.
-    remaining = np.abs(error).max(axis=0) * min(ratio, 1.0) + FLOW * scale
+    # What is left is to the last correction as that is to the one before; and what is not known.
+    remaining = np.abs(error).max(axis=0) * min(ratio, 1.0) + NORMAL_95 * doubt[:count].max(axis=0)
+    if np.max(np.abs(total) / scale) < BEYOND * np.max(remaining / scale):
+        raise _refused(
+            f"the log is off by up to {np.abs(total).max():.2g} from the motion through its first row, which "
+            f"is known to {remaining.max():.2g} only, for the noise and digits of that row: the error of the "
+            "integrator is not seen"
+        )
     corrected = _trajectory(mechanism, run, rows)
     part = _trajectory(mechanism, run, model_of_rows.rows(run).take(slice(len(rows.t))))
     ledger, log_ledger = (balance(mechanism, r, "samples", ("wang",)) for r in (corrected, part))
@@ -190,8 +204,12 @@ def _outer_forces(mechanism: Mechanism, run: Trajectory) -> dict[ChannelName, Ar
     }
 
 
-def _error(model: Model, rows: Rows, forces: tuple[str, ...]) -> Array:
-    """The error (T, 2n) of rows against the motion through the first of them, to first order."""
+def _error(model: Model, rows: Rows, forces: tuple[str, ...], noise: Array) -> tuple[Array, Array]:
+    """The error (T, 2n) of rows against the motion through the first of them, to first order; its deviation.
+
+    The `noise` (2n,) of the first row moves the whole motion, and so does the flow's own error, which may be
+    the same in every interval.
+    """
     last = len(rows.t) - 1
     intervals = Intervals(rows.take(slice(last)), rows.take(slice(1, last + 1)))
     force = LoggedForce.of(intervals, [(0, last)])(forces)
@@ -203,9 +221,13 @@ def _error(model: Model, rows: Rows, forces: tuple[str, ...]) -> Array:
         none = [np.zeros((last, 2 * model.n, 0))] * 3
         Phi, _ = transported(intervals.h, [model.jacobian(node) for node in nodes], none)
         error = np.zeros((last + 1, 2 * model.n))
+        doubt = np.zeros_like(error)
+        doubt[0], covariance = noise, np.diag(noise**2)
         for k in range(last):
             error[k + 1] = Phi[k] @ error[k] + defect[k]
-    return error
+            covariance = Phi[k] @ covariance @ Phi[k].T + np.diag(last * flow.error[k] ** 2)
+            doubt[k + 1] = np.sqrt(np.diag(covariance))
+    return error, doubt
 
 
 def _sizes(rows: Rows) -> Array:

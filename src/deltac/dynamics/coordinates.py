@@ -8,16 +8,13 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
-
-SATISFIED_SHARE = 1e-7
-"""Own speeds that move a constraint by less than this share of its terms satisfy it."""
 
 INDEPENDENT_COLUMNS = 1e-6
 """Own speeds whose constraint columns are independent by less than this are not taken as dependent."""
@@ -301,7 +298,7 @@ def check_split(
         function.map(count)(t[None, :], q, np.repeat(np.reshape(p, (-1, 1)), count, 1))
     )
     worst = np.nan_to_num(share, nan=0.0).max(axis=1, initial=0.0)
-    if worst.max(initial=0.0) > SATISFIED_SHARE:
+    if worst.max(initial=0.0) > HALF_DIGITS:
         name = rows.names[int(np.argmax(worst))]
         raise ModelError(
             f"the own speeds do not satisfy constraint {name!r} (they violate it by "

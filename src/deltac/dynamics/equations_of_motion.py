@@ -187,6 +187,11 @@ class EquationsOfMotion:
             "terms", arguments, [ca.densify(ca.vec(x)) for x in columns], {"cse": True}
         )
 
+    @property
+    def instructions(self) -> int:
+        """Size of the terms of the equations: about that of an evaluation of u̇."""
+        return int(self._terms.n_instructions())
+
     @cached_property
     def _onto(self) -> Any:
         s, r = self.system, self.rows

@@ -7,32 +7,40 @@ from __future__ import annotations
 
 import fnmatch
 import hashlib
+import json
+import math
 import random
 import time
-from collections.abc import Iterator, Sequence
+import zlib
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, distribution
+from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+import deltac
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.diagnosis.verdict import RUN_TOLERANCE
 from deltac.errors import FileError, InputError, SpecificationError, UnknownName, closest
+from deltac.fleets.execution import local_crew
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
 from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, digest, versions
-from deltac.foreign.files import read_text
+from deltac.foreign.files import appearing, read_text
 from deltac.foreign.isolation import Failure
-from deltac.foreign.limits import parse_toml
+from deltac.foreign.limits import parse_json, parse_toml
+from deltac.kernels.cache import cache_folder, cache_wanted
 from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
 
 OUTCOME: dict[str, str] = {
@@ -50,17 +58,25 @@ OUTCOME: dict[str, str] = {
     },
     "speeds": NUMBER,
     "samples": NUMBER,
+    "lasted": NUMBER,
     "exit_code": NUMBER,
     "integrator_name": TEXT,
     "causes": TEXT,
     "findings": TEXT,
     "run_seconds": NUMBER,
     "seconds": NUMBER,
+    "build": TEXT,
     "code": TEXT,
     "message": TEXT,
     "details": TEXT,
 }
 """What the table says of every run; energies in J, see docs/atlas.md."""
+
+CHUNK = 8
+"""Runs of a model that a worker does in one go."""
+
+READING = 120.0
+"""Seconds that reading a model may take."""
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
@@ -114,53 +130,64 @@ def _experiment(path: str, motion: str, duration: float) -> Experiment:
     return Experiment.of(Path(path), motion, duration)
 
 
+@dataclass(frozen=True)
+class Run:
+    """A setting at one step: `factor` times the model's own, s; None where it is not run."""
+
+    setting: Setting
+    factor: float | None = None
+    step: float | None = None
+
+
 @dataclass(frozen=True, eq=False)
 class AtlasPiece(Piece):
-    """A model by one integrator in one motion, at several `steps`, s."""
+    """Runs of one model, which is read once, as its equations are compiled once."""
 
     needs = ("polars", "deltac.diagnosis.audit.audit", "deltac.recorders.experiments")
     kinds = OUTCOME
-    per_row = "steps"
+    per_row = "runs"
 
-    setting: Setting
-    steps: tuple[float | None, ...]
+    runs: tuple[Run, ...]
 
     def outcome(self) -> dict[str, list[Any]]:
-        """Step by step; a run that cannot be made is a row that says why."""
-        rows = [self._row(step) for step in self.steps]
+        """Run by run; one that cannot be made is a row that says why."""
+        rows = [{**_row(run), "build": build()} for run in self.runs]
         return {name: [row.get(name) for row in rows] for name in OUTCOME}
-
-    def _row(self, step: float | None) -> dict[str, Any]:
-        own = self.setting
-        if own.failure is not None or step is None:
-            return _failed(own.failure or Failure("E-MODEL", "not run"))
-        try:
-            return judged(own, step)
-        except InputError as error:
-            return _failed(Failure(error.code, str(error)))
-        except (RuntimeError, ValueError, ArithmeticError, LookupError, TypeError) as error:
-            # What simulators written in C++ say of a model that they do not take.
-            return _failed(Failure("E-RECORDING", f"{type(error).__name__}: {error}"[:500]))
 
     def about(self) -> dict[str, Any]:
         """The first row."""
-        own = self.setting
+        own = self.runs[0].setting
         return {
             "model": own.label,
             "solver": solver_label(own),
             "motion": own.motion,
-            "step": self.steps[0],
+            "step": self.runs[0].step,
         }
 
     def point(self) -> dict[str, tuple[str, Any]]:
         """Model, solver, motion, step."""
-        own = self.setting
-        texts = {"model": own.label, "solver": solver_label(own), "motion": own.motion}
+        own = [run.setting for run in self.runs]
         return {
-            **{name: (TEXT, [value] * self.rows) for name, value in texts.items()},
-            "step": (NUMBER, list(self.steps)),
-            "duration": (NUMBER, [own.duration] * self.rows),
+            "model": (TEXT, [setting.label for setting in own]),
+            "solver": (TEXT, [solver_label(setting) for setting in own]),
+            "motion": (TEXT, [setting.motion for setting in own]),
+            "step": (NUMBER, [run.step for run in self.runs]),
+            "factor": (NUMBER, [run.factor for run in self.runs]),
+            "duration": (NUMBER, [setting.duration for setting in own]),
         }
+
+
+def _row(run: Run) -> dict[str, Any]:
+    own = run.setting
+    if own.failure is not None or run.step is None:
+        return _failed(own.failure or Failure("E-MODEL", "not run"))
+    try:
+        return judged(own, run.step)
+    except InputError as error:
+        return _failed(Failure(error.code, str(error)))
+    except (RuntimeError, ValueError, ArithmeticError, LookupError, TypeError) as error:
+        # What simulators written in C++ say of a model that they do not take.
+        return _failed(Failure("E-RECORDING", f"{type(error).__name__}: {error}"[:500]))
 
 
 def solver_label(setting: Setting) -> str | None:
@@ -201,6 +228,7 @@ def judged(setting: Setting, step: float) -> dict[str, Any]:
         **shares,
         "speeds": float(len(experiment.model.mechanism.speeds.names)),
         "samples": float(report.samples),
+        "lasted": float(run.t[-1] - run.t[0]) + step,
         "exit_code": float(report.exit_code),
         "integrator_name": None
         if report.integrator is None
@@ -225,7 +253,7 @@ class AtlasPlan(Plan):
 
     spec: AtlasSpec
     source: str
-    rows: tuple[tuple[Setting, float | None], ...]
+    rows: tuple[Run, ...]
     skipped: tuple[str, ...]
 
     def folder(self) -> Path:
@@ -240,13 +268,19 @@ class AtlasPlan(Plan):
         }
 
     def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
-        """The steps of a setting together: the model is read and compiled once."""
-        places: dict[Setting, list[int]] = {}
-        for k in missing:
-            places.setdefault(self.rows[k][0], []).append(k)
-        for setting, rows in places.items():
-            addresses = tuple(self.addresses[k] for k in rows)
-            yield AtlasPiece(addresses, setting, tuple(self.rows[k][1] for k in rows))
+        """Runs of a model in a simulator that follow each other, at most `chunk`.
+
+        One that hangs or crashes costs few others; the next piece finds the model's equations compiled.
+        """
+
+        def group(k: int) -> tuple[str, str | None]:
+            return self.rows[k].setting.label, self.rows[k].setting.simulator
+
+        for _, own in groupby(missing, group):
+            for some in _batched(list(own), chunk or CHUNK):
+                yield AtlasPiece(
+                    tuple(self.addresses[k] for k in some), tuple(self.rows[k] for k in some)
+                )
 
     def command(self, piece: Piece) -> str:
         """The command with the address of the run."""
@@ -255,21 +289,25 @@ class AtlasPlan(Plan):
     def piece_at(self, address: str) -> AtlasPiece:
         """The piece of one run, by its address or the beginning of it; InputError if there is none."""
         place = self.place(address)
-        setting, step = self.rows[place]
-        return AtlasPiece((self.addresses[place],), setting, (step,))
+        return AtlasPiece((self.addresses[place],), (self.rows[place],))
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one run, with the mechanism moving."""
         from deltac.diagnosis.audit.audit import audit
 
-        piece = self.piece_at(address)
-        own, (step,) = piece.setting, piece.steps
+        (run,) = self.piece_at(address).runs
+        own, step = run.setting, run.step
         if own.failure is not None or step is None:
             raise InputError(f"{own.label}: {own.failure.message if own.failure else 'not run'}")
         assert own.simulator and own.solver and own.motion and own.duration
         experiment = _experiment(own.path, own.motion, own.duration)
-        run = SIMULATORS[own.simulator].run(experiment, step, own.solver)
-        audit(experiment.model, run, tolerance=own.tolerance).report(path)
+        motion = SIMULATORS[own.simulator].run(experiment, step, own.solver)
+        audit(experiment.model, motion, tolerance=own.tolerance).report(path)
+
+
+def _batched(places: list[int], most: int) -> Iterator[list[int]]:
+    for start in range(0, len(places), most):
+        yield places[start : start + most]
 
 
 def read_atlas(path: Path) -> AtlasSpec:
@@ -330,6 +368,9 @@ def _matches(name: str, patterns: Sequence[str]) -> bool:
 def plan_atlas(path: Path) -> AtlasPlan:
     """Find the models and the simulators of a plan; nothing is run.
 
+    Models are read in worker processes, so one that brings MuJoCo down is a row. What was found of models
+    of installed packages is kept in the user's cache.
+
     Raises InputError where the plan cannot be read, or no model or simulator of it is installed.
     """
     spec = read_atlas(path)
@@ -342,29 +383,26 @@ def plan_atlas(path: Path) -> AtlasPlan:
         raise FileError(
             f"{path}: no {'model' if not files else 'simulator'} of it is there{lacking}"
         )
-    rounds: list[list[tuple[Setting, float | None]]] = []
-    for label, file in files.items():
+    sizes = model_sizes(files, spec.execution)
+    rounds: dict[int, list[Run]] = {}
+    for label in random.Random(0).sample(sorted(files), len(files)):
         common = Setting(
-            label, str(file), tolerance=spec.tolerance, audit_seconds=spec.audit_seconds
+            label,
+            str(files[label]),
+            tolerance=spec.tolerance,
+            audit_seconds=spec.audit_seconds,
         )
-        settings = list(_settings(spec, common, simulators))
-        # In rounds over all models, so that an atlas that is not complete is a sample of all.
-        random.Random(label).shuffle(settings)
-        for k, (setting, steps) in enumerate(settings):
-            while len(rounds) <= k:
-                rounds.append([])
-            rounds[k] += [(setting, step) for step in steps]
-    rows = [row for one in rounds for row in one]
+        for k, run in _runs(spec, common, sizes[label], simulators):
+            rounds.setdefault(k, []).append(run)
+    rows = [run for k in sorted(rounds) for run in rounds[k]]
     versions_of = {**versions(), **_versions(simulators)}
-    contents = {
-        s: hashlib.blake2b(Path(s).read_bytes()).hexdigest() for s in map(str, files.values())
-    }
+    contents = {label: _content(file) for label, file in files.items()}
     addresses = []
-    for setting, step in rows:
+    for run in rows:
         about = {
-            **asdict(setting),
-            "path": contents[setting.path],
-            "step": step,
+            **asdict(run.setting),
+            "path": contents[run.setting.label],
+            "step": run.step,
             "versions": versions_of,
         }
         addresses.append(hashlib.blake2b(digest(about), digest_size=ADDRESS).hexdigest())
@@ -373,31 +411,115 @@ def plan_atlas(path: Path) -> AtlasPlan:
     )
 
 
-def _settings(
-    spec: AtlasSpec, common: Setting, simulators: dict[str, list[str]]
-) -> Iterator[tuple[Setting, list[float | None]]]:
-    """The settings of one model, with their steps; one that says why for a model that is not run."""
-    try:
-        experiment = Experiment.of(Path(common.path), spec.motions[0], spec.duration)
-        count = len(experiment.model.mechanism.speeds.names)
-        if count > spec.speeds:
-            raise InputError(f"{count} speeds, more than the {spec.speeds} of this atlas")
-        step = experiment.own_step or spec.step
-        duration = max(spec.duration, spec.rows * step)
-    except InputError as error:
-        yield replace(common, failure=Failure(error.code, str(error))), [None]
+def _runs(
+    spec: AtlasSpec, common: Setting, size: Size | Failure, simulators: dict[str, list[str]]
+) -> Iterator[tuple[int, Run]]:
+    """The runs of one model, each with its round; one that says why for a model that is not run.
+
+    An atlas that is not complete is a fair sample: the first round has every model in every simulator, by
+    one of its integrators and in one motion, by turns, at the own step; the second the other steps of these;
+    then the other integrators, then the other motions.
+    """
+    if isinstance(size, Size) and size.speeds > spec.speeds:
+        size = Failure(
+            "E-MODEL", f"{size.speeds} speeds, more than the {spec.speeds} of this atlas"
+        )
+    if isinstance(size, Failure):
+        yield 0, Run(replace(common, failure=size))
         return
-    for motion in spec.motions:
-        for name, solvers in simulators.items():
-            if SIMULATORS[name].mjcf or experiment.is_urdf:
-                for solver in solvers:
-                    own = replace(
-                        common, simulator=name, solver=solver, motion=motion, duration=duration
-                    )
-                    yield own, [step * factor for factor in spec.steps]
+    step = size.step or spec.step
+    duration = max(spec.duration, spec.rows * step)
+    urdf = Path(common.path).suffix.lower() == ".urdf"
+    turn = zlib.crc32(common.label.encode())
+    integrators = [
+        (name, solver, (k + turn) % len(solvers) > 0)
+        for name, solvers in simulators.items()
+        if SIMULATORS[name].mjcf or urdf
+        for k, solver in enumerate(solvers)
+    ]
+    first = turn % len(spec.motions)
+    middle = min(spec.steps, key=lambda factor: abs(math.log(factor)))
+    for k, motion in enumerate(spec.motions[first:] + spec.motions[:first]):
+        for name, solver, later in integrators:
+            own = replace(common, simulator=name, solver=solver, motion=motion, duration=duration)
+            for factor in spec.steps:
+                yield 4 * k + 2 * later + (factor != middle), Run(own, factor, step * factor)
 
 
-def _versions(simulators: dict[str, list[str]]) -> dict[str, str]:
+# --- models -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Size:
+    """How many speeds a model has, and the step that it names, s."""
+
+    speeds: int
+    step: float | None
+
+
+@dataclass(frozen=True)
+class Reading:
+    """The call that finds the size of a model, in a worker process."""
+
+    needs: ClassVar[tuple[str, ...]] = ("deltac.recorders.experiments",)
+
+    path: str
+
+    def __call__(self) -> Size:
+        """Read it; InputError where that cannot be."""
+        experiment = Experiment.of(Path(self.path), MOTIONS[0], 1.0)
+        return Size(len(experiment.model.mechanism.speeds.names), experiment.own_step)
+
+
+def model_sizes(files: dict[str, Path], execution: Execution) -> dict[str, Size | Failure]:
+    """The sizes of all models, or why one cannot be read; kept by content and what reads it."""
+    place = cache_folder() if cache_wanted() else None
+    store = None if place is None else place / "models.json"
+    kept: dict[str, Any] = {}
+    if store is not None:
+        with suppress(OSError, InputError):
+            kept = parse_json(store.read_bytes(), "the cache of models")
+    reader = "".join([build("importers"), build("recorders"), *_versions(["mujoco"]).values()])
+    keys = {label: f"{reader} {file} {_content(file)}" for label, file in files.items()}
+    sizes: dict[str, Size | Failure] = {}
+    for label, key in keys.items():
+        if isinstance(entry := kept.get(key), dict):
+            sizes[label] = Failure(**entry) if "code" in entry else Size(**entry)
+    if missing := [label for label in files if label not in sizes]:
+        with local_crew(execution.workers) as crew:
+            answers = {
+                label: crew.executor.submit(crew.call, Reading(str(files[label])), READING)
+                for label in missing
+            }
+            sizes |= {label: answer.result() for label, answer in answers.items()}
+        if store is not None:
+            transient = {k for k, s in sizes.items() if isinstance(s, Failure) and s.transient}
+            kept = {k: entry for k, entry in kept.items() if k.startswith(reader)}
+            kept |= {keys[k]: asdict(s) for k, s in sizes.items() if k not in transient}
+            with suppress(OSError):
+                store.parent.mkdir(parents=True, exist_ok=True)
+                with appearing(store) as file:
+                    file.write(json.dumps(kept).encode())
+    return sizes
+
+
+def _content(file: Path) -> str:
+    """A digest of a model's file."""
+    return hashlib.blake2b(file.read_bytes(), digest_size=16).hexdigest()
+
+
+@cache
+def build(*packages: str) -> str:
+    """The version of deltac with a digest of its sources, or of those of some of its packages."""
+    root = Path(deltac.__file__).parent
+    sources = [path for name in packages or (".",) for path in (root / name).rglob("*.py")]
+    state = hashlib.blake2b(digest_size=4)
+    for path in sorted(sources):
+        state.update(path.read_bytes())
+    return f"{deltac.__version__}+{state.hexdigest()}"
+
+
+def _versions(simulators: Iterable[str]) -> dict[str, str]:
     """Versions of the simulators' distributions."""
     names = {"drake": "drake", "pinocchio": "pin"}
     found = {}

@@ -52,7 +52,7 @@ class Crew:
 
     executor: Executor
     size: int
-    call: Callable[[Piece, float], Any] = isolated
+    call: Callable[[Callable[[], Any], float], Any] = isolated
     check: Callable[[], None] = field(default=lambda: None)
 
 

@@ -15,14 +15,17 @@ from typing import Any
 import numpy as np
 
 from deltac.calls.arguments import checked
+from deltac.constraints import holonomic, loop_spherical, loop_weld
 from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType, shown
 from deltac.foreign.files import read_bytes
+from deltac.foreign.isolation import INSIDE
 from deltac.foreign.limits import Limits, free_memory
-from deltac.importers.equalities import read_equalities
 from deltac.importers.files import BASES, with_base
 from deltac.importers.names import (
     actuator_names,
     body_names,
+    equality_names,
+    geom_names,
     joint_names,
     motor_strengths,
     tendon_names,
@@ -30,12 +33,16 @@ from deltac.importers.names import (
 from deltac.importers.passive import Findings, disabled, read_passive, total_armature
 from deltac.importers.report import ImportReport, Remark
 from deltac.importers.sdf import read_sdf
-from deltac.importers.tree import read_tree
+from deltac.importers.tree import read_tree, turned
 from deltac.importers.urdf import Urdf, read_urdf, transmissions
-from deltac.importers.visuals import read_visuals
+from deltac.laws import q
 from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
-from deltac.mechanism.quantities import vector
+from deltac.mechanism.quantities import as_rotation, vector
+from deltac.mechanism.scene import Constraint
+from deltac.mechanism.scope import GROUND
+from deltac.mechanism.shapes import VisualKind
 from deltac.mechanism.state import State
+from deltac.shapes import Visual
 
 
 def require_mujoco() -> Any:
@@ -135,8 +142,11 @@ def _try_apart(path: Path) -> None:
 
     A few lines can ask for millions of bodies (<replicate>), and nothing stops MuJoCo once it compiles.
 
-    Raises LimitError for a file that takes too long, ModelError for one that brings MuJoCo down.
+    A worker process is bounded already. Raises LimitError for a file that takes too long, ModelError for
+    one that brings MuJoCo down.
     """
+    if INSIDE:
+        return
     limits = Limits.current()
     text = read_bytes(path, "model").decode("utf-8", "replace")
     for name in _FILES.findall(text):
@@ -382,3 +392,158 @@ def _model_name(model: Any, source: str) -> str:
     """The name the model gives itself, the first of its names."""
     text = bytes(model.names).split(b"\0", 1)[0].decode("utf-8", "replace")
     return text if text and text != "MuJoCo Model" else source
+
+
+# --- geoms of mujoco models as pictures of bodies: `read_visuals` --------------------------------
+
+
+PLANE, SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX, MESH = 0, 2, 3, 4, 5, 6, 7
+"""Values of `mjtGeom`."""
+
+FIRST_HIDDEN_GROUP = 3
+"""Geoms of this group and above are not drawn by MuJoCo's viewer: they are there to collide."""
+
+
+def read_visuals(model: Any) -> tuple[Visual, ...]:
+    """What the bodies of a compiled `mujoco.MjModel` look like: the geoms that MuJoCo's viewer draws.
+
+    Of a body whose geoms are all in the groups for collisions, these. Height fields and flexes are left out.
+    """
+    bodies, names = body_names(model), geom_names(model)
+    visuals: list[Visual] = []
+    for k, body in enumerate(bodies):
+        own = [int(i) for i in np.flatnonzero(np.asarray(model.geom_bodyid) == k)]
+        visible = [i for i in own if model.geom_group[i] < FIRST_HIDDEN_GROUP] or own
+        visuals += [v for i in visible if (v := _visual(model, i, body, names[i])) is not None]
+    return tuple(visuals)
+
+
+def _visual(model: Any, i: int, body: str, name: str) -> Visual | None:
+    material = int(model.geom_matid[i])
+    r, g, b, opacity = (
+        float(x) for x in (model.mat_rgba[material] if material >= 0 else model.geom_rgba[i])
+    )
+    kind = int(model.geom_type[i])
+    if kind not in _SIZES or opacity == 0.0 or (kind == PLANE and body != GROUND):
+        return None
+    x, y, z = (float(v) for v in model.geom_pos[i])
+    shape, sizes = _SIZES[kind]
+    vertices = faces = None
+    if kind == MESH:
+        mesh = int(model.geom_dataid[i])
+        if mesh < 0:
+            return None
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        vertices = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+        first, count = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+        faces = np.array(model.mesh_face[first : first + count], dtype=np.intp)
+    return Visual(
+        body,
+        shape,
+        tuple(factor * float(model.geom_size[i][axis]) for axis, factor in sizes),
+        (x, y, z),
+        as_rotation([float(v) for v in model.geom_quat[i]], f"geom {name}"),
+        (r, g, b, opacity),
+        vertices,
+        faces,
+        name,
+    )
+
+
+_SIZES: dict[int, tuple[VisualKind, tuple[tuple[int, float], ...]]] = {
+    PLANE: ("plane", ((0, 2.0), (1, 2.0))),
+    SPHERE: ("sphere", ((0, 1.0),)),
+    CAPSULE: ("capsule", ((0, 1.0), (1, 2.0))),
+    ELLIPSOID: ("ellipsoid", ((0, 1.0), (1, 1.0), (2, 1.0))),
+    CYLINDER: ("cylinder", ((0, 1.0), (1, 2.0))),
+    BOX: ("box", ((0, 2.0), (1, 2.0), (2, 2.0))),
+    MESH: ("mesh", ()),
+}
+"""Of each kind of geom: what it is called here, and its sizes as (entry, factor) of MuJoCo's."""
+
+
+# --- equality constraints of a mujoco model as constraints of a mechanism ------------------------
+# MuJoCo's are soft: they give way under load and do work. Ours are exact, so that reading them as
+# constraints is for models rather than for logs, whose equality forces are channels of their own.
+
+
+def read_equalities(model: Any, as_constraints: bool, findings: Findings) -> tuple[Constraint, ...]:
+    """Constraints for connect, weld and joint equalities if wanted; the others go into `findings`."""
+    constraints: list[Constraint] = []
+    for e, name in enumerate(equality_names(model)):
+        if not model.eq_active0[e]:
+            findings.ignored.append(Remark(name, "equality, not active at the start"))
+            continue
+        constraint = _constraint(model, e, name)
+        if constraint is not None and as_constraints:
+            constraints.append(constraint)
+            findings.read.append(Remark(name, "equality, as an exact constraint"))
+            findings.assumed.append(
+                Remark(
+                    name,
+                    "the equality is exact",
+                    "MuJoCo's is soft: a log violates it and does work",
+                )
+            )
+        else:
+            findings.equalities += [constraint] if constraint is not None else []
+            findings.ignored.append(
+                Remark.logged(name, "equality, soft in MuJoCo", f"constraint {name}")
+            )
+    return tuple(constraints)
+
+
+def _constraint(model: Any, e: int, name: str) -> Constraint | None:
+    import mujoco
+
+    kinds, data = mujoco.mjtEq, [float(x) for x in model.eq_data[e]]
+    match int(model.eq_type[e]):
+        case kinds.mjEQ_CONNECT:
+            if int(model.eq_objtype[e]) == int(mujoco.mjtObj.mjOBJ_SITE):
+                return loop_spherical(name, **_sites(model, e)[0])
+            return loop_spherical(name, **_bodies(model, e), point1=data[:3], point2=data[3:6])
+        case kinds.mjEQ_WELD:
+            if int(model.eq_objtype[e]) == int(mujoco.mjtObj.mjOBJ_SITE):
+                placed, relative = _sites(model, e)
+                return loop_weld(name, **placed, rotation=relative)
+            return loop_weld(
+                name,
+                **_bodies(model, e),
+                point1=data[3:6],
+                point2=data[:3],
+                rotation=turned(data[6:10]),
+            )
+        case kinds.mjEQ_JOINT:
+            return holonomic(name, _polynomial_of_joints(model, e, data))
+    return None
+
+
+def _bodies(model: Any, e: int) -> dict[str, Any]:
+    names = body_names(model)
+    return {"body1": names[model.eq_obj1id[e]], "body2": names[model.eq_obj2id[e]]}
+
+
+def _sites(model: Any, e: int) -> tuple[dict[str, Any], Any]:
+    """Bodies and points of two sites, and the second body's axes in the first when the sites align."""
+    one, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+    names = body_names(model)
+    placed = {
+        "body1": names[model.site_bodyid[one]],
+        "body2": names[model.site_bodyid[other]],
+        "point1": model.site_pos[one],
+        "point2": model.site_pos[other],
+    }
+    return placed, turned(model.site_quat[one]) @ turned(model.site_quat[other]).T
+
+
+def _polynomial_of_joints(model: Any, e: int, a: Any) -> Any:
+    """(y − y0) − Σ aₙ (x − x0)ⁿ, or y − y0 − a₀ without a second joint."""
+    names = joint_names(model)
+    one, other = int(model.eq_obj1id[e]), int(model.eq_obj2id[e])
+
+    def moved(joint: int) -> Any:
+        return q(names[joint]) - float(model.qpos0[model.jnt_qposadr[joint]])
+
+    if other < 0:
+        return moved(one) - float(a[0])
+    return moved(one) - sum(float(c) * moved(other) ** n for n, c in enumerate(a[:5]))

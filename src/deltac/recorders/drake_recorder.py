@@ -61,6 +61,9 @@ GAUSS = np.polynomial.legendre.leggauss(3)
 QUADRATURE = 1e-9
 """Works of a part of a step are found when halving it changes them by less, relative to all work so far."""
 
+MOST_PARTS = 1000
+"""Parts of a step, at most: some twenty contacts open or close in it; beyond that the run blows up."""
+
 LEAST_PART = 2.0**-20
 """Parts of a step that are smaller are not halved: there is a jump in them."""
 
@@ -228,16 +231,18 @@ class DrakeRecorder(Recorder):
                     sums[name] = sums.get(name, 0.0) + work
             return sums
 
-        parts = [(0.0, 1.0, works(0.0, 1.0))]
+        parts, count = [(0.0, 1.0, works(0.0, 1.0))], 0
         while parts:
             first, last, whole = parts.pop()
+            count += 1
             middle = 0.5 * (first + last)
             halves = works(first, middle), works(middle, last)
             names = whole.keys() | halves[0].keys() | halves[1].keys()
             finer = {n: halves[0].get(n, 0.0) + halves[1].get(n, 0.0) for n in names}
             self._exchanged += sum(map(abs, finer.values())) if last - first == 1.0 else 0.0
             change = max((abs(finer[n] - whole.get(n, 0.0)) for n in names), default=0.0)
-            if change <= QUADRATURE * self._exchanged or last - first < LEAST_PART:
+            fine = change <= QUADRATURE * self._exchanged or last - first < LEAST_PART
+            if fine or count > MOST_PARTS:
                 self._builder.work(finer)
             else:
                 parts += [(first, middle, halves[0]), (middle, last, halves[1])]

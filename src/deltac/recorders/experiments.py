@@ -50,6 +50,9 @@ SWAY = (2.0, 5.0)
 HOLD = (1.5, 0.7)
 """Of held joints: frequency, Hz, and damping ratio of one that is held alone."""
 
+DIVERGED = 1e6
+"""Coordinates and speeds beyond which a run blew up, in SI units."""
+
 MOTIONS = ("fall", "sway", "hold")
 """No motor acts; small controls that are functions of time; springs and dampers hold the joints."""
 
@@ -270,6 +273,8 @@ def run_drake(experiment: Experiment, step: float, solver: str) -> Trajectory:
             if k:
                 drive(k * step)
             simulation.AdvanceTo((k + 1) * step)
+            if not np.abs(plant.GetPositionsAndVelocities(context)).max() <= DIVERGED:
+                break  # Drake does not come back from states that are not finite
     return recorder.trajectory()
 
 
@@ -410,7 +415,11 @@ EXUDYN = {
 
 
 def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
-    """Exudyn's kinematic tree, from the file as Pinocchio reads it; torques are those of each instant."""
+    """Exudyn's kinematic tree, from the file as Pinocchio reads it.
+
+    Explicit solvers hold the torques over each step. Implicit ones go on from the accelerations at the end of
+    the step before, so theirs are functions of the instant.
+    """
     exudyn = simulator("exudyn", "exudyn")
     items: Any = import_module("exudyn.itemInterface")
 
@@ -454,8 +463,13 @@ def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
         return np.asarray(values[order])
 
     options: dict[str, Any] = {}
+    name, power = EXUDYN[solver]
+    holds = name in ("RK44", "VelocityVerlet")
+    present = np.zeros(n)
     if experiment.motion != "fall":
-        options["forceUserFunction"] = lambda _, t, item, q, u: torque(t, q, u)
+        options["forceUserFunction"] = lambda _, t, item, q, u: (
+            present if holds else torque(t, q, u)
+        )
     mbs.AddObject(
         items.ObjectKinematicTree(
             nodeNumber=node,
@@ -485,7 +499,6 @@ def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
     time.verboseMode = 0
     time.newton.relativeTolerance, time.newton.absoluteTolerance = 1e-12, 1e-14
     settings.solution.file.write = False
-    name, power = EXUDYN[solver]
 
     def of_joint(k: int) -> Callable[[float, Array, Array], Array]:
         return lambda t, q, u: np.eye(n)[k] * torque(t, q, u)[k]
@@ -495,6 +508,21 @@ def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
         if experiment.motion == "fall"
         else {f"actuator {x}": of_joint(k) for k, x in enumerate(names)}
     )
+
+    def before_step(mbs: Any, t: float) -> bool:
+        # Called with the time at the end of the step.
+        q, u = (
+            np.atleast_1d(mbs.GetNodeOutput(node, kind))
+            for kind in (
+                exudyn.OutputVariableType.CoordinatesTotal,
+                exudyn.OutputVariableType.Coordinates_t,
+            )
+        )
+        present[:] = torque(t - step, q, u)
+        return True
+
+    if driven and holds:
+        mbs.SetPreStepUserFunction(before_step)
     with record_exudyn(
         mbs,
         node,
@@ -503,7 +531,7 @@ def run_exudyn(experiment: Experiment, step: float, solver: str) -> Trajectory:
         accelerations=name in ("GeneralizedAlpha", "TrapezoidalIndex2"),
     ) as recorder:
         mbs.SolveDynamic(settings, solverType=getattr(exudyn.DynamicSolverType, name))
-    return recorder.trajectory(solver, step, order=power)
+    return recorder.trajectory(solver, step, order=power, held=list(driven) if holds else None)
 
 
 def _axis(pin: Any, joint: Any) -> Array:

@@ -113,8 +113,12 @@ class ExudynRecorder(Recorder):
         step: float | None = None,
         model: str | None = None,
         order: int | None = None,
+        held: Sequence[str] | None = None,
     ) -> Trajectory:
-        """The samples so far, with what the caller says of the solver: name, step and order."""
+        """The samples so far, with what the caller says of the solver: name, step, order, what it held.
+
+        `held` are channels whose force at a row is that of the whole step from it.
+        """
         version = getattr(self._exudyn, "__version__", "")
         provenance = Provenance(
             simulator=f"Exudyn {version}".strip(),
@@ -123,6 +127,7 @@ class ExudynRecorder(Recorder):
             order=order,
             model=model,
             stage=INSTANT,
+            held=None if held is None else tuple(held),
         )
         run = self._trajectory(provenance)
         return replace(run, forces={**run.forces, **self._constraint_forces()})

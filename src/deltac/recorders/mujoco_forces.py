@@ -140,7 +140,7 @@ def generalized_forces(model: Model, data: Data, elements: Elements, plastic: Ar
     total = np.sum([*forces.values(), np.zeros(model.nv)], axis=0)
     summed = data.qfrc_smooth + data.qfrc_constraint + data.qfrc_bias
     lost.check("applied", summed, total[None])
-    residual = _solver_residual(model, data)
+    residual = _solver_residual(model, data, summed - total)
     if residual is not None:
         forces[SOLVER] = residual
     return forces
@@ -290,21 +290,23 @@ def _constraints(
     for row, key in enumerate(zip(data.efc_type.tolist(), data.efc_id.tolist(), strict=True)):
         rows.setdefault(key, []).append(row)
     total = np.zeros(model.nv)
-    if data.nefc:
-        if _mujoco().mj_isSparse(model):
-            jacobian = _dense(
-                data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind, model.nv
-            )
-        else:
-            jacobian = data.efc_J.reshape(data.nefc, model.nv)
-        for (kind, element), own in rows.items():
-            force = data.efc_force[own] @ jacobian[own]
-            total += force
-            yield _constraint(model, data, elements, kind, element), force
+    for (kind, element), own in rows.items():
+        force = data.efc_force[own] @ lost.jacobian[own]
+        total += force
+        yield _constraint(model, data, elements, kind, element), force
     flex = data.qfrc_constraint - total if model.nflex else np.zeros(model.nv)
     lost.check("constraint", data.qfrc_constraint, np.vstack([total, flex]))
     if flex.any():
         yield "contact flex", flex
+
+
+def _jacobian(model: Model, data: Data) -> Array:
+    """The Jacobian (nefc, nv) of all rows of constraints."""
+    if not data.nefc:
+        return np.zeros((0, model.nv))
+    if _mujoco().mj_isSparse(model):
+        return _dense(data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind, model.nv)
+    return np.asarray(data.efc_J.reshape(data.nefc, model.nv))
 
 
 def _constraint(model: Model, data: Data, elements: Elements, kind: int, element: int) -> str:
@@ -334,15 +336,17 @@ def _geom(elements: Elements, index: int) -> str:
 # --- sums ----------------------------------------------------------------------------------------
 
 
-def _solver_residual(model: Model, data: Data) -> Array | None:
+def _solver_residual(model: Model, data: Data, rounding: Array) -> Array | None:
     """What the iterative constraint solver left of the equations of motion, if it is not rounding.
+
+    `rounding` is what MuJoCo's sum of forces has beyond that of the channels: much, where forces cancel.
 
     InputError where there is no constraint to be solved: then the data are not of one instant.
     """
     if discrete(model):
         return None  # its q̈ is that of the step: the implicit terms hold this one too
     summed = data.qfrc_smooth + data.qfrc_constraint
-    residual = mass_times(model, data, data.qacc) - summed
+    residual = mass_times(model, data, data.qacc) - summed + rounding
     size = np.abs(residual).max(initial=0.0)
     scale = sum(
         np.abs(f).max(initial=0.0) for f in (data.qfrc_smooth, data.qfrc_constraint, data.qfrc_bias)
@@ -361,18 +365,24 @@ def _solver_residual(model: Model, data: Data) -> Array | None:
 class _Remainders:
     """Compares sums of channels with MuJoCo's own.
 
-    scale: the largest force of inertia and weight, N or N·m. Forces that are nothing beside it, such as
-        what a solver leaves of a constraint that does not act, add up to their own rounding only.
+    jacobian: of the rows of constraints (nefc, nv).
+    scale: the largest force of inertia and weight, with those of constraints as if they did not cancel, N
+        or N·m. Forces that are nothing beside it, such as what a solver leaves of a constraint that does
+        not act, add up to their own rounding only.
     """
 
     model: Model
     elements: Elements
+    jacobian: Array
     scale: float
 
     @staticmethod
     def of(model: Model, data: Data, elements: Elements) -> _Remainders:
         """Of the forward pass that `data` holds."""
-        return _Remainders(model, elements, float(np.abs(data.qfrc_bias).max(initial=0.0)))
+        jacobian = _jacobian(model, data)
+        acting = np.abs(data.efc_force) @ np.abs(jacobian)
+        scale = np.abs(data.qfrc_bias).max(initial=0.0) + acting.max(initial=0.0)
+        return _Remainders(model, elements, jacobian, float(scale))
 
     def check(self, group: str, total: Array, parts: Array) -> None:
         """InputError where the parts (n, nv) do not add up to MuJoCo's own sum (nv,)."""

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import EPS, SUM_OF_FORCES, Array
+from deltac.arrays import EPS, SAME, SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
 from deltac.calls.progress import Progress
 from deltac.errors import (
@@ -63,9 +63,6 @@ MOST_SKIPPED = 100_000
 
 ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
 """Order of each integrator in the state, for smooth forces."""
-
-SAME_DURATION = 1e-9
-"""Durations that differ by less (relative) are the same: steps are often written in decimals."""
 
 REPLAY = 1e-6
 """How far a replayed step may be off, relative: the constraint solver's tolerance, not more."""
@@ -454,7 +451,7 @@ def run_mujoco(
     # A reset to the initial state in the middle of a run would hide that it blew up.
     own.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     h = float(own.opt.timestep)
-    steps = math.ceil(_positive("duration", duration) / h * (1.0 - SAME_DURATION))
+    steps = math.ceil(_positive("duration", duration) / h * (1.0 - SAME))
     state = mujoco.MjData(own)
     if data is not None:
         mujoco.mj_copyData(state, own, data)
@@ -481,7 +478,7 @@ def run_mujoco(
 
 def _divides(step: float, duration: float) -> bool:
     steps = max(1, round(duration / step))
-    return abs(steps * step - duration) <= SAME_DURATION * duration
+    return abs(steps * step - duration) <= SAME * duration
 
 
 def compiled_model(model: Model | str | Path, base: str = "fixed") -> Model:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import PHYSICAL, Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, LogError, PackageError, RecordingError, UnknownName, closest
 from deltac.mechanism.channels import ChannelName
@@ -153,6 +153,29 @@ class TrajectoryBuilder:
             self._forces.setdefault(channel, {})
             steps = self._works.setdefault(channel, {})
             steps[row] = steps.get(row, 0.0) + float(work)
+
+    def end(self) -> float | None:
+        """Forget the first row with numbers that are not physical and all after it.
+
+        Its time, s, or None without one.
+        """
+        row = next((k for k in range(len(self._rows)) if not self._is_physical(k)), None)
+        if row is None:
+            return None
+        t = self._rows[row][0]
+        del self._rows[row:]
+        tables: list[dict[int, Any]] = [*self._forces.values(), *self._works.values()]
+        for of_rows in tables:
+            for place in [k for k in of_rows if k >= row]:
+                del of_rows[place]
+        self._steps = {k for k in self._steps if k < row}
+        return t
+
+    def _is_physical(self, row: int) -> bool:
+        _, q, u, udot = self._rows[row]
+        columns = [q, u, np.zeros(0) if udot is None else udot]
+        columns += [rows[row] for rows in self._forces.values() if row in rows]
+        return bool((np.abs(np.concatenate(columns)) <= PHYSICAL).all())
 
     def trajectory(self, provenance: Provenance) -> Trajectory:
         """The samples so far.
@@ -339,6 +362,12 @@ class Recorder:
     def _trajectory(self, provenance: Provenance) -> Trajectory:
         if self.monitor is not None:
             raise RecordingError("the rows went to the monitor; record without one to keep them")
+        t = self._builder.end()
+        if t is not None:
+            message = f"the run blew up: numbers at t = {t:g} s are beyond any physical quantity"
+            if len(self._builder) < 2:
+                raise RecordingError(f"{message}, and fewer than two rows were before it")
+            provenance = replace(provenance, message=message)
         return self._builder.trajectory(provenance)
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.dynamics.system import System, trace
 from deltac.errors import LogError, ModelError, WrongType, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -28,9 +28,6 @@ from deltac.trajectories.trajectory import INTERPOLATED, ROWS, SolverResult
 
 MISREAD = 0.3
 """Changes of the coordinates that differ by more than this (relative) from the integrals of their rates."""
-
-EQUIDISTANT = 1e-9
-"""Spacings that differ by less than this (relative) were asked for by t_eval: a solver's own steps adapt."""
 
 
 AT_ROWS = "accelerations: the equations that were integrated, at each row"
@@ -177,7 +174,7 @@ def _states(source: Any, width: int) -> tuple[Array, Array, Provenance]:
 def _between(t: Array) -> dict[str, str]:
     """A note that rows lie between the steps of the solver, where their times show it."""
     h = np.diff(t)
-    even = len(h) > 2 and float(np.ptp(h)) <= EQUIDISTANT * float(np.abs(h).max())
+    even = len(h) > 2 and float(np.ptp(h)) <= SAME * float(np.abs(h).max())
     return {ROWS: INTERPOLATED} if even else {}
 
 

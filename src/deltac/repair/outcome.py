@@ -216,7 +216,7 @@ def suspects(source: Source, places: Iterable[int]) -> list[str]:
 
 def blamed_terms(blamed: Iterable[Blame]) -> tuple[str, ...]:
     """What each wrong equation's residual consists of, where that could be told, in words."""
-    return tuple(str(b) for b in blamed if b.terms or b.solved or b.monomials)
+    return tuple(str(b) for b in blamed if b.terms or b.solved)
 
 
 def undefined(program: Program, target: Target) -> str:

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.location import blame, blame_at
@@ -63,14 +63,11 @@ ALIKE = 4
 DEARER = 1.6
 """Edits that cost this much more than the least one are not reported."""
 
-FAILING_TIME = 8.0
-"""Time of the processor for edits of a statement that raises an error (s)."""
+FAILING_EDITS = 400
+"""Edits that are tried of a statement that raises an error."""
 
-MORE_TIME = 3.0
-"""Time of the processor in which other ways are looked for when a repair is found (s)."""
-
-SAME_RESULT = 1e-7
-"""Two results that differ by less than this (relative) are the same: rounding is amplified by solving."""
+MORE = 40
+"""Edits that are tried for other ways when a repair is found."""
 
 TWO = 2.5
 """Edits that cost more than this are compared with two plain ones."""
@@ -309,10 +306,8 @@ def _failing(
         for line in failed.lines
     )
     right: list[tuple[tuple[EditCandidate, ...], Source]] = []
-    end = time.process_time() + FAILING_TIME
-    for candidate in text_edits(source, [nodes[-1] for nodes in covering if nodes]):
-        late = time.monotonic() > deadline or time.process_time() > end
-        if late or (right and candidate.cost > right[0][0][0].cost):
+    for candidate in text_edits(source, [nodes[-1] for nodes in covering if nodes])[:FAILING_EDITS]:
+        if time.monotonic() > deadline or (right and candidate.cost > right[0][0][0].cost):
             break
         changed = apply(source, [candidate])
         with contextlib.suppress(InputError):
@@ -383,11 +378,10 @@ def _confirm(
     right: list[tuple[tuple[EditCandidate, ...], Source]] = []
     texts: set[str] = set()
     places: Counter[tuple[int, ...]] = Counter()
-    cheapest, end = np.inf, np.inf
+    cheapest, most = np.inf, MOST_VALIDATED
     for count, edits in enumerate(candidates):
         cost = sum(e.cost for e in edits)
-        late = time.monotonic() > deadline or time.process_time() > end
-        if count >= MOST_VALIDATED or late or cost > cheapest + DEARER:
+        if count >= most or time.monotonic() > deadline or cost > cheapest + DEARER:
             break
         lines = tuple(reading.source.statement(e.place).lineno for e in edits)
         if places[lines] >= ALIKE:
@@ -397,7 +391,7 @@ def _confirm(
             texts.add(changed.text)
             places[lines] += 1
             cheapest = min(cheapest, cost)
-            end = min(end, time.process_time() + MORE_TIME)
+            most = min(most, count + MORE)
             right.append((edits, changed))
     return right
 
@@ -550,7 +544,7 @@ def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], boo
             )
         size = np.abs(result).max() + 1e-300
         same = (
-            k for k, other in enumerate(kinds) if np.abs(other - result).max() <= SAME_RESULT * size
+            k for k, other in enumerate(kinds) if np.abs(other - result).max() <= HALF_DIGITS * size
         )
         formulas.append(next(same, len(kinds)))
         if formulas[-1] == len(kinds):

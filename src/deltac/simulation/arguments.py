@@ -198,9 +198,9 @@ def check_accelerations(
         return _start_error(flow, mechanism, controller, state, x0, p, vary, rows)
 
     if flow.traced and controller is None:
-        kept = flow.once("starts", lambda: LRUCache[float](16))
+        cache = flow.once("starts", lambda: LRUCache[float](16))
         place = (state.t, *(a.tobytes() for a in (state.q, state.u, x0, p)))
-        error = kept.get(place, look)
+        error = cache.get(place, look)
     else:  # a function of the user may answer otherwise the next time
         error = look()
     _tell_digits(mechanism, vary, error, state, p, tied=bool(rows))

@@ -95,11 +95,11 @@ class Equations:
         return value
 
 
-def as_equations(given: Equations | Callable[..., Any]) -> Equations:
+def as_equations(equations: Equations | Callable[..., Any]) -> Equations:
     """Equations as they are, or those of a bare function, which gives them its name."""
-    if isinstance(given, Equations):
-        return given
-    return Equations(given, name=str(getattr(given, "__name__", "equations by hand")))
+    if isinstance(equations, Equations):
+        return equations
+    return Equations(equations, name=str(getattr(equations, "__name__", "equations by hand")))
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,24 +128,24 @@ def state_symbols(
 
     `rows` are the mechanism's independent constraints, all of them by default.
     """
-    given = own_coordinates(system.mechanism, coordinates)
+    coordinate_map = own_coordinates(system.mechanism, coordinates)
     names = tuple(system.mechanism.coordinates[i].name for i in system.free_q)
     speeds = tuple(system.mechanism.speeds[i].name for i in system.free_u)
-    if given is None:
+    if coordinate_map is None:
         q, qdot = system.q, system.qdot
         return StateSymbols(None, q, system.u, qdot, q, qdot, names, speeds)
-    own = trace_map(system, given, equations_of(system).rows if rows is None else rows)
-    names = given.coordinates if own.mapped or own.told is not None else names
-    told = own.own_q if own.told is None else own.told
+    own = trace_map(system, coordinate_map, equations_of(system).rows if rows is None else rows)
+    names = coordinate_map.coordinates if own.mapped or own.told is not None else names
+    own_q = own.own_q if own.told is None else own.told
     return StateSymbols(
         own,
         own.own_q,
         own.own_u,
         own.own_qdot,
-        told,
+        own_q,
         own.told_rate(system),
         names,
-        given.speeds or names,
+        coordinate_map.speeds or names,
     )
 
 
@@ -159,8 +159,8 @@ class _Explicit:
     nu: int
 
     def __call__(self, t: Any, q: Any, u: Any) -> Any:
-        found = self.rhs(*self.form.given(t, q, u, np.array, 0.0))
-        return np.array(self.form.split(list(np.ravel(found)), self.nq, self.nu)[1])
+        answer = self.rhs(*self.form.given(t, q, u, np.array, 0.0))
+        return np.array(self.form.split(list(np.ravel(answer)), self.nq, self.nu)[1])
 
     @property
     def __code__(self) -> Any:  # where messages look for the user's line
@@ -174,25 +174,25 @@ def explicit(system: System, equations: Equations) -> Equations:
 
     Raises InputError where it takes no state of this size, or returns other rates than those of the speeds.
     """
-    known = signature(equations.rhs)
-    told = equations.form is not None or equations.order is not None
-    if not told and (known is None or known[1] >= len(PLAIN.arguments)):
+    parameters = signature(equations.rhs)
+    declared = equations.form is not None or equations.order is not None
+    if not declared and (parameters is None or parameters[1] >= len(PLAIN.arguments)):
         return equations
     state = state_symbols(system, equations.coordinates)
     coordinates, speeds = state.coordinates, state.speeds
     nq, nu = len(coordinates), len(speeds)
     place = [system.t, state.q, state.u]
-    seen = ca.Function("told", place, [state.told, state.told_rate])
+    own_state = ca.Function("told", place, [state.told, state.told_rate])
     names = coordinates
     if state.own is not None and state.own.told is not None:  # the state holds the mechanism's
         names = tuple(system.mechanism.coordinates[i].name for i in system.free_q)
     drawn = _some_states(names, nu)
-    values = [[np.array(x).ravel() for x in seen(*at)] for at in drawn]
+    values = [[np.array(x).ravel() for x in own_state(*at)] for at in drawn]
     states = [(t, y, u) for (t, _, u), (y, _) in zip(drawn, values)]
     right = np.array([rate for _, rate in values]).T
 
     def evaluate(form: StateForm) -> tuple[Array, Array]:
-        found = []
+        answer = []
         for at, position, speed in states:
             arguments = form.given(at, position.copy(), speed.copy(), np.array, 0.0)
             with np.errstate(all="ignore"):
@@ -201,8 +201,8 @@ def explicit(system: System, equations: Equations) -> Equations:
                 value = value.ravel()
             if value.ndim != 1:
                 raise ValueError(f"it returns an array of shape {value.shape}")
-            found.append(np.array(sum(form.split(list(value), nq, nu), [])))
-        table = np.array(found).T
+            answer.append(np.array(sum(form.split(list(value), nq, nu), [])))
+        table = np.array(answer).T
         return (table[:nq], table[nq:]) if len(table) > nu else (table[:0], table)
 
     motors = len(system.mechanism.motors)
@@ -211,15 +211,17 @@ def explicit(system: System, equations: Equations) -> Equations:
     )
     form = likeliest(candidates, evaluate, right, np.empty((0, len(states))))
     if form is None or form.plain:
-        if form is None and (told or len(known[0] if known else ()) < len(PLAIN.arguments)):
+        if form is None and (
+            declared or len(parameters[0] if parameters else ()) < len(PLAIN.arguments)
+        ):
             raise _no_form(equations, candidates, evaluate, nq, nu)
         return equations  # called as it is: its own error says what does not fit
-    found, _ = evaluate(form)
+    answer, _ = evaluate(form)
     size = np.abs(right).max(axis=1, initial=0.0) + 1e-300
     wrong = [
-        f"{name} ({found[k, 0]:.6g} where its speed is {right[k, 0]:.6g})"
+        f"{name} ({answer[k, 0]:.6g} where its speed is {right[k, 0]:.6g})"
         for k, name in enumerate(coordinates)
-        if len(found) and not np.abs(found[k] - right[k]).max() <= MATCH * size[k]
+        if len(answer) and not np.abs(answer[k] - right[k]).max() <= MATCH * size[k]
     ]
     if wrong:
         raise SourceError(

@@ -177,7 +177,7 @@ class Flow(Once):
 
     def powers(
         self,
-        known: Terms,
+        all_terms: Terms,
         parts: tuple[Channel, ...],
         reactions: Reactions,
         bound: Constrained | None,
@@ -188,7 +188,7 @@ class Flow(Once):
         momenta = None
         if any(name.startswith(MOMENTUM) for name in self.integrals):
             momenta = _momenta(self.system, parts, reactions, bound, self.split)
-        return _integrands(known, working, self.testing, self.integrals, momenta)
+        return _integrands(all_terms, working, self.testing, self.integrals, momenta)
 
     def booked(self, changes: SX) -> SX:
         """What integrals take of `changes` of the testing functions' energies and of what follows them."""
@@ -220,8 +220,8 @@ class Flow(Once):
         """The accelerations that equations by hand, called from Python, give at a state."""
         assert self.equations is not None
         q, u, _ = self.parts
-        told = x[q].copy() if self.told is None else evaluate_at(self._told, t, x, p)[0]
-        return self.equations(t, told, x[u].copy())
+        own_q = x[q].copy() if self.told is None else evaluate_at(self._told, t, x, p)[0]
+        return self.equations(t, own_q, x[u].copy())
 
     def kernel(self, name: str, outputs: Mapping[str, SX], **further: SX) -> Kernel:
         """Compiled: (t, x, p, …) -> outputs."""
@@ -244,8 +244,8 @@ class Flow(Once):
             own_q, own_u = self.own.own_state(system)
             inputs = [system.t, system.q, system.u, system.p]
             values = ca.Function("own", inputs, [own_q, own_u])
-            found = values(state.t, q, u, p)
-            q, u = (np.array(part).ravel() for part in found)
+            column = values(state.t, q, u, p)
+            q, u = (np.array(part).ravel() for part in column)
         x = np.concatenate([q, u, np.zeros(len(self.works) + len(self.integrals))])
         if self.correcting:  # the energy as it should be starts at K + V
             x[-1] = float(np.array(self.energy(state.t, x, p))[-2:].sum())
@@ -296,7 +296,7 @@ def build_flow(
     damping = (0.0, 0.0)
     if isinstance(constraints, Baumgarte):
         damping = (constraints.alpha, constraints.beta)
-    given, told = ca.SX(0, 1), None
+    rates, own_q = ca.SX(0, 1), None
     if written is None:
         motion = mechanics.motion(rows, damping)
         udot_all, reactions = motion.udot, Reactions(motion.driving, motion.multipliers)
@@ -304,16 +304,16 @@ def build_flow(
     else:
         state = written.state
         own, q, u, qdot = state.own, state.q, state.u, state.qdot
-        told = None if state.told is q else state.told
+        own_q = None if state.told is q else state.told
         if written.udot is None:
-            given = ca.SX.sym("given", u.shape[0])
-        udot = given if written.udot is None else written.udot
+            rates = ca.SX.sym("given", u.shape[0])
+        udot = rates if written.udot is None else written.udot
         udot_all = ca.SX(system.udot_all)
         reactions = reactions_from(system, udot_all, parts, bound)
 
     # Equations in fewer speeds keep ψ = 0 by themselves, and the coordinates that follow are brought back.
-    held = own is None or own.removal is not None
-    projecting = bound is not None and held and isinstance(constraints, Projection)
+    closed = own is None or own.removal is not None
+    projecting = bound is not None and closed and isinstance(constraints, Projection)
     if correcting and own is not None and bound is not None:
         raise ArgumentsError(
             f"{written.equations.name if written else 'equations'}: the energy of equations in own "
@@ -328,7 +328,7 @@ def build_flow(
     restored, due = ((ENERGY_CORRECTION,), (ENERGY_DUE,)) if correcting else ((), ())
     integrals = (*names, *booked, *restored, *of_speeds, *due)
 
-    known = terms(system, udot_all, parts, split_own, bound, reactions)
+    all_terms = terms(system, udot_all, parts, split_own, bound, reactions)
     by_channel = _powers(system, parts, reactions, bound) if works and functions else {}
     potential = {part.name for part in parts if part.potential is not None}
     working = {n: p for n, p in by_channel.items() if n not in potential and ca.sparsify(p).nnz()}
@@ -339,8 +339,10 @@ def build_flow(
         "u": ca.SX(system.u_all),
         "udot": udot_all,
         "driving": reactions.driving,
-        "P": _integrands(known, list(working.values()), names, integrals, momenta),
-        "E": ca.vertcat(*(function.E(known) for function in functions), known.K, known.V),
+        "P": _integrands(all_terms, list(working.values()), names, integrals, momenta),
+        "E": ca.vertcat(
+            *(function.E(all_terms) for function in functions), all_terms.K, all_terms.V
+        ),
         "slip": mechanics.rows.psi[idle, :],
         **{str(name): force for name, force in tied.items()},
     }
@@ -357,7 +359,7 @@ def build_flow(
         works=tuple(working),
         integrals=integrals,
         equations=None if written is None else written.equations,
-        told=told,
+        told=own_q,
         own=own,
         split=split_own,
         bound=bound,
@@ -367,7 +369,7 @@ def build_flow(
         t=system.t,
         x=x,
         inputs=system.inputs,
-        given=given,
+        given=rates,
         p=system.p,
         xdot=ca.vertcat(qdot, udot, outputs["P"]),
         q_size=q.shape[0],
@@ -384,7 +386,7 @@ def build_flow(
 
 
 def _integrands(
-    known: Terms,
+    all_terms: Terms,
     working: Sequence[SX],
     testing: Sequence[str],
     integrals: Sequence[str],
@@ -394,8 +396,8 @@ def _integrands(
 
     Of momentum functions, N or N·m: what changes `momenta`.
     """
-    rates: dict[str, SX] = {f.name: f.P(known) for f in testing_functions(testing)}
-    rates[ENERGY_DUE] = known.nonpotential_power + known.prescribed_power
+    rates: dict[str, SX] = {f.name: f.P(all_terms) for f in testing_functions(testing)}
+    rates[ENERGY_DUE] = all_terms.nonpotential_power + all_terms.prescribed_power
     if momenta is not None:
         of_speeds = zip(momenta.names, ca.vertsplit(momenta.rate))
         rates |= {f"{MOMENTUM} {name}": rate for name, rate in of_speeds}

@@ -45,16 +45,16 @@ class Record:
     coordinates: CoordinateMap | str | None = None
 
     @staticmethod
-    def of(given: Record | Sequence[str] | int) -> Record:
+    def of(record: Record | Sequence[str] | int) -> Record:
         """What the argument `record` says: names of testing functions alone, or every how many steps."""
-        if isinstance(given, Record):
-            return given
-        if isinstance(given, int | np.integer) and not isinstance(given, bool):
-            return Record(every=int(given))
-        if isinstance(given, list | tuple) and all(isinstance(name, str) for name in given):
-            return Record(testing=tuple(given))
+        if isinstance(record, Record):
+            return record
+        if isinstance(record, int | np.integer) and not isinstance(record, bool):
+            return Record(every=int(record))
+        if isinstance(record, list | tuple) and all(isinstance(name, str) for name in record):
+            return Record(testing=tuple(record))
         raise InputError(
-            f"record is {given!r}; expected names of testing functions, a whole number (every so many "
+            f"record is {record!r}; expected names of testing functions, a whole number (every so many "
             "steps), or deltac.Record(testing=..., every=...)"
         )
 
@@ -98,7 +98,7 @@ def observed(flow: Flow, observe: Kernel, motion: Motion, p: Array) -> dict[str,
 def recorded(
     mechanism: Mechanism,
     flow: Flow,
-    seen: dict[str, Array],
+    columns: dict[str, Array],
     motion: Motion,
     p: Array,
     provenance: Provenance,
@@ -110,14 +110,16 @@ def recorded(
     `guarded` tells that steps near dependent constraints were taken with care.
     """
     rows, (_, _, summed) = len(motion.t), flow.parts
-    seen = {name: values[:rows] for name, values in seen.items()}
-    singular = _singular(flow, seen, motion, p)
+    columns = {name: values[:rows] for name, values in columns.items()}
+    singular = _singular(flow, columns, motion, p)
     note = ""
     if singular.size:
         note = _where(singular)
     elif not guarded and provenance.step is None:
-        note = _near(seen, motion, provenance)
-    q, u, udot, driving = (seen[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving"))
+        note = _near(columns, motion, provenance)
+    q, u, udot, driving = (
+        columns[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving")
+    )
     if not (np.isfinite(udot).all() and np.isfinite(driving).all()):
         # The last state before a run broke down may have no acceleration.
         good = np.isfinite(udot).all(axis=1) & np.isfinite(driving).all(axis=1)
@@ -127,7 +129,7 @@ def recorded(
                 f"the accelerations are not finite at the start; {provenance.message}"
             )
     forces = {
-        name: force[:rows] for name, force in logged_forces(flow, seen, motion.inputs).items()
+        name: force[:rows] for name, force in logged_forces(flow, columns, motion.inputs).items()
     }
     if note:
         provenance = replace(provenance, singular=note)
@@ -147,19 +149,19 @@ def recorded(
     )
 
 
-def logged_forces(flow: Flow, seen: dict[str, Array], inputs: Array) -> dict[ChannelName, Array]:
+def logged_forces(flow: Flow, columns: dict[str, Array], inputs: Array) -> dict[ChannelName, Array]:
     """Forces (T, nu) that a run records: of prescribed joints, constraints, and motors without a law."""
     mechanism = flow.system.mechanism
     rows, nu = len(inputs), len(mechanism.speeds)
     forces: dict[ChannelName, Array] = {}
-    driving = seen["driving"].reshape(rows, -1)
+    driving = columns["driving"].reshape(rows, -1)
     for joint in mechanism.joints:
         if joint.prescribed:
             place = mechanism.speeds.of(joint.name)
             force = np.zeros((rows, nu))
             force[:, place] = driving[:, place]
             forces[ChannelName("prescribed", joint.name)] = force
-    forces.update({name: seen[name].reshape(rows, -1) for name in flow.reactions})
+    forces.update({name: columns[name].reshape(rows, -1) for name in flow.reactions})
     for name, place_in in flow.system.input_places.items():
         element = next(e for e in mechanism.motors if e.name == name)
         force = np.zeros((rows, nu))
@@ -168,22 +170,22 @@ def logged_forces(flow: Flow, seen: dict[str, Array], inputs: Array) -> dict[Cha
     return forces
 
 
-def while_assembled(flow: Flow, motion: Motion, seen: dict[str, Array]) -> Motion:
+def while_assembled(flow: Flow, motion: Motion, columns: dict[str, Array]) -> Motion:
     """The motion up to where its constraints can no longer be met, and words for it.
 
     A mechanism at the end of its reach cannot follow a constraint that moves on: projection fails, and
     what comes after is no motion. Motion constraints that were redundant at the start may cease to be so.
     """
-    if "departures" not in seen:
+    if "departures" not in columns:
         return motion
-    off = np.abs(seen["departures"].reshape(len(motion.t), -1))
-    if off.max(initial=0.0) <= LOST:  # no NaN is
+    violation = np.abs(columns["departures"].reshape(len(motion.t), -1))
+    if violation.max(initial=0.0) <= LOST:  # no NaN is
         if not motion.message or not flow.projecting:
             return motion
         locked = "; or the mechanism is locked, and its constraints cannot be met any further"
         return replace(motion, message=motion.message + locked)
-    first = max(1, int(np.argmax(~(off <= LOST).all(axis=1))))
-    worst = int(np.nanargmax(off[first]))
+    first = max(1, int(np.argmax(~(violation <= LOST).all(axis=1))))
+    worst = int(np.nanargmax(violation[first]))
     if worst < len(flow.slipping):
         unit = "m/s"
         why = "it followed from the other constraints at the start, and does not any more"
@@ -194,37 +196,39 @@ def while_assembled(flow: Flow, motion: Motion, seen: dict[str, Array]) -> Motio
     name, t = flow.departures[0][worst], motion.t[first]
     message = (
         f"stopped: constraint {name!r} can no longer be met at t = {t:.9g} s (off by "
-        f"{off[first, worst]:.2g} {unit}): {why}. What was computed until then is kept; {remedy}"
+        f"{violation[first, worst]:.2g} {unit}): {why}. What was computed until then is kept; {remedy}"
     )
     return Motion(motion.t[:first], motion.x[:first], motion.inputs[:first], message)
 
 
-def _singular(flow: Flow, seen: dict[str, Array], motion: Motion, p: Array) -> Array:
+def _singular(flow: Flow, columns: dict[str, Array], motion: Motion, p: Array) -> Array:
     """Times of samples at which the constraints are dependent; there, what was seen is seen anew.
 
     The factorisation fails at such a sample, but least squares tell what the mechanism does.
     """
     if (
-        "pivot" not in seen
+        "pivot" not in columns
         or flow.equations is not None
-        or seen["pivot"].min(initial=1.0) > SMALLEST_PIVOT
+        or columns["pivot"].min(initial=1.0) > SMALLEST_PIVOT
     ):
         return np.empty(0)
-    flagged = np.flatnonzero(~(seen["pivot"] > SMALLEST_PIVOT) & np.isfinite(motion.x).all(axis=1))
+    flagged = np.flatnonzero(
+        ~(columns["pivot"] > SMALLEST_PIVOT) & np.isfinite(motion.x).all(axis=1)
+    )
     if flagged.size and not flow.inputs.shape[0]:
         again = SingularMotion(flow, p)
         for k in flagged:
             for name, value in again.observed(float(motion.t[k]), motion.x[k]).items():
-                seen[name][k] = value
+                columns[name][k] = value
     return motion.t[flagged]
 
 
-def _near(seen: dict[str, Array], motion: Motion, provenance: Provenance) -> str:
+def _near(columns: dict[str, Array], motion: Motion, provenance: Provenance) -> str:
     """What a run whose steps pass singular configurations unguarded has to know, or an empty text."""
-    if "pivot" not in seen:
+    if "pivot" not in columns:
         return ""
-    nearest = int(np.argmin(seen["pivot"]))
-    if seen["pivot"][nearest] > NEARLY_DEPENDENT:
+    nearest = int(np.argmin(columns["pivot"]))
+    if columns["pivot"][nearest] > NEARLY_DEPENDENT:
         return ""
     return (
         f"the constraints are nearly dependent at t = {motion.t[nearest]:.9g} s, where {provenance.solver} "
@@ -245,14 +249,14 @@ def with_occurrences(
     events = [e for e in happened if run.t[0] <= e.t <= run.t[-1]]
     if not events:
         return run
-    seen = []
+    occurrences = []
     t, inputs = np.array([e.t for e in events]), np.array([e.inputs for e in events])
     for state, sides in (("before", "p_before"), ("after", "p_after")):
         x, p = (np.array([getattr(e, name) for e in events]) for name in (state, sides))
         values = observed(flow, observe, Motion(t, x, inputs), p)
         shaped = {name: value.reshape(len(events), -1) for name, value in values.items()}
-        seen.append((shaped, logged_forces(flow, shaped, inputs)))
-    (before, forces_before), (after, forces_after) = seen
+        occurrences.append((shaped, logged_forces(flow, shaped, inputs)))
+    (before, forces_before), (after, forces_after) = occurrences
     made = tuple(
         Occurrence(
             t=e.t,

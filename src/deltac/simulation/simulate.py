@@ -91,42 +91,42 @@ def simulate(
     """Simulate a mechanism from a state: the core of `deltac.simulate`, which says what the arguments are."""
     vary = mechanism.varied
     options = solver_options(solver)
-    found, wanted, kept = options.solver, Record.of(record), keeping(constraints)
+    scheme, recording, policy = options.solver, Record.of(record), keeping(constraints)
     equations = None if equations is None else as_equations(equations)
     duration = positive(duration, "duration")
-    every = 1 if wanted.every is None else count(wanted.every, "record: every")
-    check_request(mechanism, state, found, equations, controller, step)
+    every = 1 if recording.every is None else count(recording.every, "record: every")
+    check_request(mechanism, state, scheme, equations, controller, step)
     watching = check_events(mechanism, equations, options.switches)
-    check_correction(kept, found, watching=watching)
-    steps = whole_steps(duration, step, every) if found.takes_steps else 0
-    check_start(mechanism, state, found, step)
-    rows = constraint_start(mechanism, state, found, kept)
+    check_correction(policy, scheme, watching=watching)
+    steps = whole_steps(duration, step, every) if scheme.takes_steps else 0
+    check_start(mechanism, state, scheme, step)
+    rows = constraint_start(mechanism, state, scheme, policy)
     made = _compiled(
         mechanism,
-        found,
-        wanted,
+        scheme,
+        recording,
         equations,
         vary,
         rows,
-        kept,
+        policy,
         watching=watching,
         switches=options.switches,
     )
     flow = made.flow
-    check_derivatives(flow, found, controller)
+    check_derivatives(flow, scheme, controller)
     p = np.array([mechanism.parameters[name] for name in vary])
     if flow.split is not None and flow.bound is not None:
         q0 = state.q[mechanism.free.q][:, None]
         check_split(flow.system, flow.split, flow.bound.rows, np.array([state.t]), q0, p)
     x0 = flow.start(state, p)
     check_accelerations(flow, mechanism, controller, state, x0, p, vary, rows)
-    if found.takes_steps:
+    if scheme.takes_steps:
         h = duration / steps
         grid: StepGrid | None = StepGrid(state.t, h, steps, state.t + steps * h, every)
     else:
-        grid = sample_grid(state.t, duration, step, found, watching=watching)
-    ready, moving = made.events, made.moving
-    rate = StageRate(moving, controller, p)
+        grid = sample_grid(state.t, duration, step, scheme, watching=watching)
+    ready, flow_in_motion = made.events, made.moving
+    rate = StageRate(flow_in_motion, controller, p)
     events = None
     if ready is not None:
         events = EventRun(ready.watch, ready.collider, rate, p)  # gives the rate sides of its laws
@@ -138,13 +138,13 @@ def simulate(
     compiled = flow.traced and controller is None
     stepper = _stepper(made, options, rate, p_run, state.t, x0, duration, compiled=compiled)
     careful = None
-    if found.passes_singular and compiled and flow.bound is not None and equations is None:
-        explicit = found if found.step else find_solver("ode5")
-        careful = CarefulStep(moving, explicit, p_run, getattr(options, "tolerance", 0.0))
+    if scheme.passes_singular and compiled and flow.bound is not None and equations is None:
+        explicit = scheme if scheme.step else find_solver("ode5")
+        careful = CarefulStep(flow_in_motion, explicit, p_run, getattr(options, "tolerance", 0.0))
     loop = Loop(
         stepper,
         rate,
-        Finish(moving, p_run),
+        Finish(flow_in_motion, p_run),
         state.t,
         x0,
         grid.end if grid is not None else state.t + duration,
@@ -154,33 +154,33 @@ def simulate(
         progress,
     )
     motion = loop.run()
-    if found.family == "fixed":
-        motion = explained(flow, found, duration / steps, p, x0, motion)
-    seen = observed(flow, made.observe, motion, p)
-    motion = while_assembled(flow, motion, seen)
-    error = energy_error(flow, seen, motion) if flow.testing else None
+    if scheme.family == "fixed":
+        motion = explained(flow, scheme, duration / steps, p, x0, motion)
+    columns = observed(flow, made.observe, motion, p)
+    motion = while_assembled(flow, motion, columns)
+    error = energy_error(flow, columns, motion) if flow.testing else None
     provenance = Provenance(
         simulator="deltac",
-        solver=found.name,
-        step=step if found.takes_steps else None,
+        solver=scheme.name,
+        step=step if scheme.takes_steps else None,
         tolerance=getattr(options, "tolerance", None),
         model=mechanism.name,
         model_hash=mechanism.hash,
         completed=not motion.message,
         energy_error=None if error is None else error.largest,
-        **_circumstances(mechanism, equations, controller, flow, events, wanted.coordinates),
+        **_circumstances(mechanism, equations, controller, flow, events, recording.coordinates),
     )
     if error is not None:
-        motion = refuted(flow, found, error, motion, p, provenance)
+        motion = refuted(flow, scheme, error, motion, p, provenance)
     if motion.message:
         warn_user(motion.message, SimulationStoppedWarning)
         provenance = replace(provenance, message=motion.message)
     if flow.correcting:
         check_correction_held(flow, motion.t, motion.x, p)
-    run = recorded(mechanism, flow, seen, motion, p, provenance, guarded=careful is not None)
+    run = recorded(mechanism, flow, columns, motion, p, provenance, guarded=careful is not None)
     if events is None:
         return run
-    return with_occurrences(moving, made.observe_events, events.happened, run)
+    return with_occurrences(flow_in_motion, made.observe_events, events.happened, run)
 
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
@@ -246,12 +246,17 @@ def _compiled(
     def make() -> Compiled:
         flow = build_flow(mechanism, record.testing, written, split, vary, rows, constraints)
         events = eventful(flow, split, switches) if watching else None
-        moving = flow if events is None else events.flow
+        flow_in_motion = flow if events is None else events.flow
         own = METHODS.get(solver.family)
-        method = None if own is None else own(moving, solver)
+        method = None if own is None else own(flow_in_motion, solver)
         observe = observer(flow)
         return Compiled(
-            flow, moving, method, events, observe, observer(moving) if switches else observe
+            flow,
+            flow_in_motion,
+            method,
+            events,
+            observe,
+            observer(flow_in_motion) if switches else observe,
         )
 
     return _KEPT.get(key, make)
@@ -300,9 +305,9 @@ def _circumstances(
 ) -> dict[str, Any]:
     """What is said in the provenance of how the run was made."""
     own = own_coordinates(mechanism, coordinates)
-    held: tuple[ChannelName, ...] | None = None
+    channels: tuple[ChannelName, ...] | None = None
     if controller is not None and controller.hold:
-        held = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
+        channels = tuple(ChannelName("actuator", motor.name) for motor in mechanism.motors)
     notes = {}
     if events is not None and events.simultaneous:
         laws = (f"{law!r} at {n} instants" for law, n in events.simultaneous.items())
@@ -314,6 +319,6 @@ def _circumstances(
         "corrected": "energy" if flow.correcting else "",
         "ended": "" if events is None else events.ended,
         "equations": "" if equations is None else equations.name,
-        "held": held,
+        "held": channels,
         "coordinates": {} if own is None else own.to_dict(),
     }

@@ -203,31 +203,31 @@ def solver_options(solver: str | Options, tolerance: float | None = None) -> Opt
         if tolerance is not None:
             raise SolverError(f"tolerance= was given beside {solver!r}; give it to that object")
         return solver
-    found = find_solver(solver)
-    if tolerance is not None and found.takes_steps:
+    scheme = find_solver(solver)
+    if tolerance is not None and scheme.takes_steps:
         raise SolverError(
-            f"solver {found.name!r} takes fixed steps and no tolerance; give a smaller step, or use an "
+            f"solver {scheme.name!r} takes fixed steps and no tolerance; give a smaller step, or use an "
             "adaptive solver such as deltac.solvers.Scipy('DOP853', tolerance=...)"
         )
-    if found.name == "generalized-alpha":
+    if scheme.name == "generalized-alpha":
         return GeneralizedAlpha(DEFAULT_RADIUS)
-    if found.takes_steps:
-        return FixedStep(found.name)
-    if found.family == "taylor":
-        return Taylor(tolerance, found.name == "taylor-quad")
-    kept = DEFAULT_TOLERANCE if tolerance is None else tolerance
-    return Scipy(found.name, kept) if found.family == "scipy" else Sundials(found.name, kept)
+    if scheme.takes_steps:
+        return FixedStep(scheme.name)
+    if scheme.family == "taylor":
+        return Taylor(tolerance, scheme.name == "taylor-quad")
+    chosen = DEFAULT_TOLERANCE if tolerance is None else tolerance
+    return Scipy(scheme.name, chosen) if scheme.family == "scipy" else Sundials(scheme.name, chosen)
 
 
 def _check(options: FixedStep | Scipy | Sundials, name: str) -> None:
     """InputError unless it is a solver of the families that an option object is for."""
-    found = find_solver(name)
-    if found.family in options.families:
+    scheme = find_solver(name)
+    if scheme.family in options.families:
         return
     proper = type(solver_options(name))
     takes = ", ".join(field.name for field in fields(proper))
     raise SolverError(
-        f"solver {found.name!r} is not one of {type(options).__name__}; write "
+        f"solver {scheme.name!r} is not one of {type(options).__name__}; write "
         f"deltac.solvers.{proper.__name__}(...), which takes {takes}"
     )
 
@@ -275,9 +275,9 @@ def find_solver(name: object) -> Solver:
         )
     if name in SOLVERS:
         return SOLVERS[name]
-    known = {**_BY_ALIAS, **SOLVERS}
-    alike = {n: s for n, s in known.items() if n.lower() == name.lower()}
-    solver = known.get(name) or (next(iter(alike.values())) if len(alike) == 1 else None)
+    by_name = {**_BY_ALIAS, **SOLVERS}
+    alike = {n: s for n, s in by_name.items() if n.lower() == name.lower()}
+    solver = by_name.get(name) or (next(iter(alike.values())) if len(alike) == 1 else None)
     if solver is None:
         listed = ", ".join(
             s.name + (f" ({', '.join(s.aliases)})" if s.aliases else "") for s in SOLVERS.values()

@@ -82,7 +82,7 @@ class StateForm:
         def vector(values: list[Any]) -> Any:
             return join(values).reshape(-1, 1) if self.column else join(values)
 
-        known = {
+        arguments = {
             "t": lambda: t,
             "q": lambda: vector([*q]) if self.column else q,
             "u": lambda: vector([*u]) if self.column else u,
@@ -90,22 +90,22 @@ class StateForm:
             "augmented": lambda: vector([entries[k] for k in self.order] + zeros),
             "control": lambda: vector(zeros) if self.controls else zero,
         }
-        return [known[what]() for what in self.arguments]
+        return [arguments[what]() for what in self.arguments]
 
     @property
     def appended(self) -> int:
         """How many numbers follow the state in its vector."""
         return self.controls if "augmented" in self.arguments else 0
 
-    def split(self, found: Sequence[Any], nq: int, nu: int) -> tuple[list[Any], list[Any]]:
+    def split(self, rates: Sequence[Any], nq: int, nu: int) -> tuple[list[Any], list[Any]]:
         """q̇ (empty if not returned) and u̇ of the numbers that a function returned; ValueError for others."""
-        if len(found) == nu:
-            return [], list(found)
-        if len(found) != nq + nu + self.appended:
-            raise ValueError(f"it returns {len(found)} numbers")
-        found = found[: nq + nu]  # what follows are rates of what follows the state
-        back: list[Any] = [None] * len(found)
-        for entry, k in zip(found, self.order or range(nq + nu)):
+        if len(rates) == nu:
+            return [], list(rates)
+        if len(rates) != nq + nu + self.appended:
+            raise ValueError(f"it returns {len(rates)} numbers")
+        rates = rates[: nq + nu]  # what follows are rates of what follows the state
+        back: list[Any] = [None] * len(rates)
+        for entry, k in zip(rates, self.order or range(nq + nu)):
             back[k] = entry
         return back[:nq], back[nq:]
 
@@ -114,8 +114,8 @@ class StateForm:
         names = state_names(coordinates, speeds)
         if self.momenta:
             names[len(coordinates) :] = [f"∂K/∂u.{name}" for name in speeds]
-        said = {"state": "y", "control": "0", "augmented": f"[y{', 0' * self.controls}]"}
-        text = f"f({', '.join(said.get(a, a) for a in self.arguments)})"
+        words = {"state": "y", "control": "0", "augmented": f"[y{', 0' * self.controls}]"}
+        text = f"f({', '.join(words.get(a, a) for a in self.arguments)})"
         if self.column:
             text += " of columns"
         if self.order:
@@ -245,29 +245,29 @@ def candidate_forms(
     motors: int = 0,
 ) -> list[StateForm]:
     """Forms in which a function may take the state, as its arguments and its user say, likeliest first."""
-    known = signature(function)
-    told = None if order is None else told_order(order, coordinates, speeds)
-    if known is None:
-        found = [
+    parameters = signature(function)
+    places = None if order is None else told_order(order, coordinates, speeds)
+    if parameters is None:
+        candidates = [
             StateForm(("t", "state"), order)
             for order in usual_orders(len(coordinates), len(speeds))
         ]
-        found = found if form == "ode" or told is not None else [PLAIN]
+        candidates = candidates if form == "ode" or places is not None else [PLAIN]
     else:
-        found = list(forms(*known, len(coordinates), len(speeds), motors))
-    return as_told(found, form, told)
+        candidates = list(forms(*parameters, len(coordinates), len(speeds), motors))
+    return as_told(candidates, form, places)
 
 
 def as_told(
-    found: Iterable[StateForm], form: str | None, order: tuple[int, ...] | None
+    candidates: Iterable[StateForm], form: str | None, order: tuple[int, ...] | None
 ) -> list[StateForm]:
     """Of some forms those that the user tells: of a state vector ("ode"), its entries in that order."""
-    kept = list(found)
+    fitting = list(candidates)
     if form == "ode" or order is not None:
-        kept = [one for one in kept if one.order]
+        fitting = [one for one in fitting if one.order]
     if order is not None:
-        kept = list(dict.fromkeys(replace(one, order=order) for one in kept))
-    return kept
+        fitting = list(dict.fromkeys(replace(one, order=order) for one in fitting))
+    return fitting
 
 
 def likeliest(
@@ -290,14 +290,14 @@ def likeliest(
         if kind in failed or fitted.get(alike, form.controls) != form.controls:
             continue  # it does not fit, or another length of the control did
         try:
-            found = evaluate(form)
+            answer = evaluate(form)
         except (InputError, ArithmeticError, LookupError, TypeError, ValueError, AttributeError):
             failed.add(kind)
             continue
         fitted[alike] = form.controls
-        if form.plain and not len(found[0]):
+        if form.plain and not len(answer[0]):
             return form
-        score = (matching(found[0], rates), matching(found[1], accelerations))
+        score = (matching(answer[0], rates), matching(answer[1], accelerations))
         if best is None or score > best:
             best, chosen = score, form
         if score == (len(rates), len(accelerations)):
@@ -305,10 +305,10 @@ def likeliest(
     return chosen
 
 
-def matching(found: Array, right: Array) -> int:
+def matching(values: Array, right: Array) -> int:
     """How many rows of rates or accelerations agree with the right ones."""
-    if np.shape(found) != np.shape(right):
+    if np.shape(values) != np.shape(right):
         return 0
     size = np.abs(right).max(axis=1, initial=0.0) + 1e-300
     with np.errstate(invalid="ignore"):
-        return int((np.abs(found - right).max(axis=1, initial=0.0) <= MATCH * size).sum())
+        return int((np.abs(values - right).max(axis=1, initial=0.0) <= MATCH * size).sum())

@@ -10,8 +10,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from deltac.diagnosis.verdict import REFINED_TOLERANCE, RUN_TOLERANCE
-
 if TYPE_CHECKING:
     from deltac.diagnosis.audit.audit import Audit
     from deltac.diagnosis.check.check import EquationCheck
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
     from deltac.models import ModelLike
     from deltac.results import Report
     from deltac.simulation.equations import Equations
-    from deltac.trajectories import LogMapping, Trajectory
+    from deltac.trajectories import Trajectory
 
 __all__ = ["assert_balanced", "assert_converges", "assert_equations"]
 
@@ -29,19 +27,17 @@ Found = TypeVar("Found", bound="Report")
 def assert_balanced(
     model: ModelLike,
     run: Trajectory | str | Path,
-    tolerance: float = RUN_TOLERANCE,
-    *,
-    work: str | None = None,
-    mapping: LogMapping | str | Path | None = None,
+    tolerance: float | None = None,
+    **options: Any,
 ) -> Audit:
     """Assert that a run's energy balance holds, and hand back its audit.
 
     Args:
         model: a Mechanism, a Problem or its name, a MuJoCo model, a file; see `deltac.audit`.
         run: a Trajectory, or the path of a log.
-        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
-        work: how works are taken, as for `deltac.balance`.
-        mapping: path of a mapping file, where the log's columns have other names or units.
+        tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V);
+            by default that of `deltac.audit`.
+        options: further arguments of `deltac.audit`: work, mapping, coordinates, …
 
     Raises:
         AssertionError: it does not hold, or the log does not decide; the message has the verdict, the
@@ -51,7 +47,7 @@ def assert_balanced(
     __tracebackhide__ = True  # pytest shows the caller's line
     from deltac.diagnosis.audit.audit import audit
 
-    return _passing(audit(model, run, tolerance=tolerance, work=work, mapping=mapping))
+    return _passing(audit(model, run, **_given(tolerance), **options))
 
 
 def assert_equations(
@@ -79,15 +75,13 @@ def assert_equations(
     __tracebackhide__ = True
     from deltac.diagnosis.check.check import check_equations
 
-    if tolerance is not None:
-        options["tolerance"] = tolerance
-    return _passing(check_equations(model, equations, **options))
+    return _passing(check_equations(model, equations, **_given(tolerance), **options))
 
 
 def assert_converges(
     model: ModelLike,
     steps: Sequence[float] | None = None,
-    tolerance: float = REFINED_TOLERANCE,
+    tolerance: float | None = None,
     *,
     order: float | None = None,
     **options: Any,
@@ -97,7 +91,8 @@ def assert_converges(
     Args:
         model: a Mechanism, a Problem or its name, a MuJoCo model, a file.
         steps: three or more, each half of the previous one; see `deltac.study`.
-        tolerance: accepted |ΔC| at the finest step, as a fraction of the energy that the system has.
+        tolerance: accepted |ΔC| at the finest step, as a fraction of the energy that the system has; by
+            default that of `deltac.study`.
         order: if given, the motion must converge at this order, within its error and half an order.
         options: further arguments of `deltac.study`: state, duration, solver, equations, runs, …
 
@@ -108,7 +103,7 @@ def assert_converges(
     __tracebackhide__ = True
     from deltac.diagnosis.study.study import study
 
-    report = _passing(study(model, steps=steps, tolerance=tolerance, **options))
+    report = _passing(study(model, steps=steps, **_given(tolerance), **options))
     if order is not None:
         observed = report.observed_order["state"]
         if observed.order is None or observed.order + (observed.order_error or 0.0) < order - 0.5:
@@ -116,6 +111,11 @@ def assert_converges(
                 f"the motion converges at {observed}, expected order {order:g}\n\n{report.explain()}"
             )
     return report
+
+
+def _given(tolerance: float | None) -> dict[str, Any]:
+    """A tolerance as an argument of a verb, which has its own default."""
+    return {} if tolerance is None else {"tolerance": tolerance}
 
 
 def _passing(report: Found) -> Found:

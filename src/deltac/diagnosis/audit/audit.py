@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -42,6 +42,7 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.results import Section, Table, number, percent
+from deltac.simulation.step_size.energy_error import CREDIBLE
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.mapping import MappingLike
 
@@ -148,13 +149,14 @@ class Audit(
 
         Predicted from this log, not run: a known method is tried at other steps from the rows of the log; of
         one that only its numbers tell, the joules grow with the power of the step that is its order. At most
-        ten times the step of the log: what longer ones would do its rows do not tell.
+        ten times the step of the log, and of no more than a tenth of that energy: the rows do not tell what
+        longer steps would do, or a motion that is another one.
 
         Raises InputError (E-SOLVER) where that is not known: wrong equations, constraints or impacts, whose
         errors have no such order, an integrator that is not identified, joules within their own error or
         beside others that nothing explains.
         """
-        accepted = check_tolerance(tolerance) * self.reference_energy
+        accepted = min(check_tolerance(tolerance), CREDIBLE) * self.reference_energy
         if self._unpredictable or self.inference is None or self.attribution is None:
             raise SolverError(
                 f"step_for: {self._unpredictable}. `deltac.recommend` finds a step by running the model"
@@ -573,9 +575,13 @@ def _judgement(
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     inference = None
     if doubts <= set(checks.OF_RATES):
-        inference = infer(mechanism, log.consecutive, ledger.energy_exchanged, limit)
-    if doubts and inference is not None and inference.closes:
+        rows = _without_own_laws(mechanism, log.consecutive)
+        inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
+    error = np.abs(ledger.uncorrected(function_of(ledger))).max()
+    balanced = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
+    if doubts and inference is not None and (inference.closes or balanced):
         # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
+        # Nor do works of the loop that balance with energies of these speeds and coordinates.
         findings = [f for f in findings if f.kind not in doubts]
     elif doubts:
         inference = None
@@ -611,6 +617,29 @@ def _judgement(
     return Judgement(
         run, ledger, function, log.consecutive, inference, attribution, tuple(findings), tolerance
     )
+
+
+def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
+    """A run of every step without the forces that are the model's own at its rows: they are so between rows.
+
+    A spline through their rows would only repeat them with an error. What is held over a step is not the
+    model's there.
+    """
+    held, step = set(map(str, run.provenance.held or ())), run.provenance.step
+    every = step is not None and len(run) > 1 and np.median(np.diff(run.t)) < 1.01 * step
+    if not len(mechanism.free.u) or not every or set(map(str, run.forces)) <= held:
+        return run
+    rows, laws = checks.own_laws(mechanism, run)
+    own = set[ChannelName]()
+    for name, law in laws.items():
+        if name in run.forces and str(name) not in held:
+            difference = run.forces[name][np.ix_(rows, mechanism.free.u)] - law
+            if np.abs(difference).max() <= SAME * np.abs(law).max():
+                own.add(name)
+    if not own:
+        return run
+    forces = {name: values for name, values in run.forces.items() if name not in own}
+    return replace(run, forces=forces, integrals={}, works={})
 
 
 def _audit(reference: Reference, judged: Judgement, strict: bool) -> Audit:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.calls.progress import TimeLimit
@@ -317,6 +318,17 @@ PASSIVE = ("spring", "damper")
 """Kinds that a simulator takes from its model alone: active there, they belong in ours."""
 
 
+def own_laws(
+    mechanism: Mechanism, run: Trajectory
+) -> tuple[NDArray[np.intp], dict[ChannelName, Array]]:
+    """Some rows of a run, and there the generalized forces (T, n) of the channels that the model computes."""
+    rows, free, motion = some_rows(run, MOST_ROWS), mechanism.free, equations_of_motion(mechanism)
+    columns = (run.q[np.ix_(rows, free.q)].T, run.u[np.ix_(rows, free.u)].T)
+    lawless = {part.name for part in motion.channels if part.logged}
+    forces = motion.terms(run.t[rows], *columns).forces
+    return rows, {name: force.T for name, force in forces.items() if name not in lawless}
+
+
 def differing_channels(
     mechanism: Mechanism, log: Log, report: ImportReport | None, tolerance: float
 ) -> list[Finding]:
@@ -324,15 +336,13 @@ def differing_channels(
     run, ledger = log.run, log.ledger
     if not run.forces or not len(mechanism.free.u) or len(run) < 3:
         return []
-    rows, free, motion = some_rows(run, MOST_ROWS), mechanism.free, equations_of_motion(mechanism)
-    t, u = run.t[rows], run.u[np.ix_(rows, free.u)]
-    of_model = motion.terms(t, run.q[np.ix_(rows, free.q)].T, u.T).forces
-    lawless = {part.name for part in motion.channels if part.logged}
+    rows, of_model = own_laws(mechanism, run)
+    t, u = run.t[rows], run.u[np.ix_(rows, mechanism.free.u)]
     findings: list[Finding] = []
     left_to_log = " ".join(str(r) for r in report.ignored) if report else ""
     for name, force in run.forces.items():
-        logged = force[np.ix_(rows, free.u)]
-        own = None if name in lawless or name not in of_model else of_model[name].T
+        logged = force[np.ix_(rows, mechanism.free.u)]
+        own = of_model.get(name)
         passive = name.kind in PASSIVE and f"'{name}'" not in left_to_log
         if ledger.basis.get(name) != "measured" or (own is None and not passive):
             continue

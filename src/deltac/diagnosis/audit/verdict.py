@@ -151,8 +151,15 @@ class Judgement:
     @cached_property
     def integrator(self) -> float:
         """Probability that the integrator's joules exceed what is allowed."""
-        share = self.attribution.integrator if self.attribution is not None else None
-        return 0.0 if share is None else float(self._beyond(share.curve, share.curve_error).max())
+        if self.attribution is None:
+            return 0.0
+        share, error = self.attribution.integrator, self.attribution.integrator.curve_error
+        if self.ledger.method == "in-loop":
+            # ΔC is of the steps' own works. By those of the flow the integrator has other joules, which is
+            # no doubt of whose these are.
+            bar = self.ledger.error_bar[self.function]
+            error = np.hypot(bar, self.attribution.equations.curve_error)
+        return float(self._beyond(share.curve, error).max())
 
     @cached_property
     def hidden(self) -> float:
@@ -182,9 +189,13 @@ class Judgement:
     @cached_property
     def unexplained(self) -> float:
         """Probability that what nothing explains matters."""
+        error, bar = self.energy_error
         if self.inference is None:
-            error, bar = self.energy_error
             return 1.0 if error > self.allowed else float(bar > self.allowed)
+        # Forces that varied between the rows, which no row shows, did work that was taken in the loop.
+        varying = set(map(str, self.run.forces)) - set(map(str, self.run.provenance.held or ()))
+        if self.ledger.method == "in-loop" and varying and error <= self.allowed:
+            return 0.0
         return float(self.inference.unexplained > self.allowed)
 
     @cached_property

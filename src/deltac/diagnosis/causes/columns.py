@@ -107,25 +107,41 @@ def column_kernels(equations: LogEquations) -> ColumnKernels:
     """All columns of a mechanism whose forces are those of `equations`."""
     symbols = equations.symbols
     s = symbols.system
+    # Of logs of one mechanism only the places of stops differ: all else is written out once.
+    rates, residual, shared = symbols.once("columns", lambda: _written_out(equations))
+    columns = {**shared, **_columns(equations, _stops(equations))}
+    inputs = (s.t, s.q, s.u, s.udot, symbols.logged, *rates)
+    expression = ca.horzcat(residual, *columns.values())
+    return ColumnKernels(tuple(columns), len(s.free_u), expression, inputs)
+
+
+def _written_out(equations: LogEquations) -> tuple[tuple[SX, SX], SX, dict[Column, SX]]:
+    """Symbols of the rates of logged forces and of their rates, the residual, all columns but stops."""
+    symbols = equations.symbols
+    s, bound = symbols.system, symbols.constrained
     rate, curve = (ca.SX.sym(name, symbols.logged.shape[0]) for name in ("rate", "curve"))
-    changes: dict[Column, SX] = {}
-    for part in (_inertia, _gravity, _joints, _wrenches):
-        changes.update(part(equations))
-    changes.update(_channels(equations, rate, curve))
+    key = ("columns", computes_weight(equations), "gravity" in equations.log.places)
+    changes = {**s.once(key, lambda: _of_mechanism(equations)), **_channels(equations, rate, curve)}
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
     changes.update(_laws(s.t, residual))
-    nonzero = {column: x for column, x in changes.items() if not ca.SX(x).is_zero()}
-    bound = symbols.constrained
     if bound is None:  # else the constraints show it
-        offsets = _offsets(equations, residual)
-        nonzero |= {column: x for column, x in offsets.items() if not ca.SX(x).is_zero()}
-    columns = [_projected(equations, x) for x in nonzero.values()]
+        changes.update(_offsets(equations, residual))
     if symbols.with_measured is not None and bound is not None:
         first = residual + ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
     else:
         first = _projected(equations, residual)
-    inputs = (s.t, s.q, s.u, s.udot, symbols.logged, rate, curve)
-    return ColumnKernels(tuple(nonzero), len(s.free_u), ca.horzcat(first, *columns), inputs)
+    return (rate, curve), first, _columns(equations, changes)
+
+
+def _of_mechanism(equations: LogEquations) -> dict[Column, SX]:
+    """Columns that are the same whatever the log holds but gravity."""
+    parts = (_inertia, _gravity, _joints, _wrenches)
+    return {column: x for part in parts for column, x in part(equations).items()}
+
+
+def _columns(equations: LogEquations, changes: dict[Column, SX]) -> dict[Column, SX]:
+    """Those that are not zero, as the constraints leave them."""
+    return {c: _projected(equations, x) for c, x in changes.items() if not ca.SX(x).is_zero()}
 
 
 def _projected(equations: LogEquations, x: SX) -> SX:
@@ -220,17 +236,33 @@ def _joints(equations: LogEquations) -> dict[Column, SX]:
             Column("constant", entry.name): ca.SX(1),
         }
         if KINDS[joint.kind].rates:
-            first = mechanism.coordinates.of(joint.name).start
-            at = first + place - mechanism.speeds.of(joint.name).start
-            q = s.q_all[at]
-            force |= {Column("spring", entry.name): -q} | {
-                Column("stop", entry.name, k): -ca.fmax(q - c, 0)
-                for k, c in enumerate(stops(equations, int(at)))
-            }
+            force[Column("spring", entry.name)] = -s.q_all[_coordinate(equations, int(place))]
         for column, value in force.items():
             x = ca.SX(n, 1)
             x[row] = value
             changes[column] = x
+    return changes
+
+
+def _coordinate(equations: LogEquations, place: int) -> int:
+    """The place of the coordinate whose rate is the speed at a place."""
+    mechanism = equations.mechanism
+    joint = mechanism.joint(mechanism.speeds[place].joint).name
+    start = mechanism.coordinates.of(joint).start
+    return int(start + place - mechanism.speeds.of(joint).start)
+
+
+def _stops(equations: LogEquations) -> dict[Column, SX]:
+    s, mechanism = equations.symbols.system, equations.mechanism
+    changes: dict[Column, SX] = {}
+    for row, place in enumerate(map(int, s.free_u)):
+        entry = mechanism.speeds[place]
+        if KINDS[mechanism.joint(entry.joint).kind].rates:
+            at = _coordinate(equations, place)
+            for k, c in enumerate(stops(equations, at)):
+                x = ca.SX(len(s.free_u), 1)
+                x[row] = -ca.fmax(s.q_all[at] - c, 0)
+                changes[Column("stop", entry.name, k)] = x
     return changes
 
 
@@ -252,8 +284,7 @@ def _offsets(equations: LogEquations, residual: SX) -> dict[Column, SX]:
     for place in s.free_u:
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
-        first = mechanism.coordinates.of(joint.name).start
-        row = free.get(int(first + place - mechanism.speeds.of(joint.name).start))
+        row = free.get(_coordinate(equations, int(place)))
         if len(joint.speeds) == 1 and KINDS[joint.kind].rates and row is not None:
             along = ca.SX.zeros(s.q.shape[0])
             along[row] = -1

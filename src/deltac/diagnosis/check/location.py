@@ -13,31 +13,18 @@ from deltac.calls.progress import Parts, Progress, counted, untold
 from deltac.diagnosis.check.matching import (
     Match,
     explain_acceleration,
-    explain_by,
     explain_plainly,
     explain_residual,
     explain_row,
 )
-from deltac.diagnosis.check.terms import (
-    FEW,
-    plain_parts,
-    polarised,
-    product_of,
-    rays,
-    with_rates,
-)
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
-from deltac.diagnosis.residuals.kane import times
 from deltac.diagnosis.residuals.states import States, joined
 from deltac.mechanism.joints import KINDS
 from deltac.results import Serialisable, fraction
 
 BASES = 16
 """States at which single variables are changed, or all speeds scaled."""
-
-MOST_MONOMIALS = 4
-"""Products of rates that are told of."""
 
 SCALINGS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Factors of all speeds; five, so that polynomials up to the fourth degree are told apart."""
@@ -57,7 +44,6 @@ class Blame(Serialisable):
         terms: what it consists of, if that could be told.
         solved: what the error of u̇ consists of, where only some accelerations are wrong and the equations
             seem to be solved for them by hand: terms of the model as M⁻¹ brings them into this acceleration.
-        monomials: where the terms could not be told: by product of rates, what is there and what should be.
     """
 
     speed: str
@@ -71,7 +57,6 @@ class Blame(Serialisable):
     depends_on: tuple[str, ...] | None = None
     terms: tuple[Match, ...] = ()
     solved: tuple[Match, ...] = ()
-    monomials: tuple[Monomial, ...] = ()
 
     def __str__(self) -> str:
         parts = [
@@ -91,7 +76,6 @@ class Blame(Serialisable):
             )
         elif self.terms:
             parts.append(" and ".join(map(str, self.terms)))
-        parts += map(str, self.monomials)
         return "; ".join(parts)
 
 
@@ -106,32 +90,9 @@ def without_sums(blamed: tuple[Blame, ...]) -> tuple[Blame, ...]:
     return tuple(
         entry
         if len(entry.terms) == 1 or (entry.terms and all(m.plain for m in entry.terms))
-        else replace(entry, terms=(), solved=(), monomials=())
+        else replace(entry, terms=(), solved=())
         for entry in blamed
     )
-
-
-@dataclass(frozen=True)
-class Monomial(Serialisable):
-    """What is proportional to a product of rates in M u̇ of one equation, and in the model's.
-
-    `rates` such as "u.a·u.b", "" for what is there at rest; `found`, `right` as sums of plain functions of
-    the coordinates, "" where they are no such sum, "0" where there is nothing.
-    """
-
-    rates: str
-    found: str
-    right: str
-
-    def __str__(self) -> str:
-        where = f"with {self.rates}" if self.rates else "at rest"
-        if self.right == "0":
-            return f"{where}: superfluous" + (f", {self.found}" if self.found else "")
-        if self.found == "0":
-            return f"{where}: missing" + (f", {self.right}" if self.right else "")
-        if self.found and self.right:
-            return f"{where}: yours is {self.found}, the model's {self.right}"
-        return f"{where}: wrong"
 
 
 _POWERS: dict[tuple[int, ...], str] = {
@@ -208,7 +169,7 @@ def _explained(
     """The same with what each error consists of.
 
     The model's own terms in the rows of M u̇ = f first; where some rows have no such sum, the errors of the
-    accelerations; else plain functions, else products of rates.
+    accelerations; else plain functions.
     """
     udot = caller(test.states)
     if not np.isfinite(udot).all():
@@ -230,61 +191,8 @@ def _explained(
     for b in counted(blamed, parts.part("plain")):
         k = rows[b.speed]
         terms = own[k] or explain_plainly(test, residual[k], udot, b.depends_on)
-        explained.append(
-            replace(
-                b,
-                terms=terms,
-                monomials=() if terms else _monomials(caller, test, k, float(limit.max())),
-            )
-        )
+        explained.append(replace(b, terms=terms))
     return tuple(explained)
-
-
-def _monomials(caller: Caller, test: EquationTest, row: int, limit: float) -> tuple[Monomial, ...]:
-    """One equation's M u̇ by products of rates, where the equations' and the model's differ.
-
-    Both are polynomials of the second degree in the rates (else nothing is said): found by polarisation, from
-    values at rest, along single speeds and along pairs of them.
-    """
-    if len(test.speeds) > FEW:
-        return ()
-    states = test.states
-    repeated = joined([rays(states), states])
-    test_there = EquationTest(test.kane, repeated, scales=test.scales, strict=False)
-    udot = caller(repeated)
-    if not np.isfinite(udot).all():
-        return ()
-    monomials: list[Monomial] = []
-    split: list[dict[tuple[int, ...], Array]] = []
-    for accelerations in (udot, test_there.acceleration):
-        along, whole = np.split(times(test_there.M, accelerations)[row], [-len(states)])
-        parts = polarised(along, states)
-        total = sum(with_rates(parts, states.u).values())
-        if not np.allclose(total, whole, atol=1e-6 * np.abs(whole).max(initial=1e-300)):
-            return ()
-        split.append(parts)
-    mine, model = split
-    size = max(np.abs(x).max() for parts in split for x in parts.values()) or 1.0
-    still = replace(states, u=np.zeros_like(states.u))
-    for rates, right in model.items():
-        if np.abs(mine[rates] - right).max() <= 10 * limit * size:
-            continue
-        sums = [
-            "0" if np.abs(x).max() <= 10 * limit * size else _as_sum(test, still, x)
-            for x in (mine[rates], right)
-        ]
-        monomials.append(Monomial(product_of(test.speeds, rates), *sums))
-    told_all = all({m.found, m.right} & {"0"} or (m.found and m.right) for m in monomials)
-    return tuple(monomials) if len(monomials) <= MOST_MONOMIALS and told_all else ()
-
-
-def _as_sum(test: EquationTest, states: States, values: Array) -> str:
-    """A function of the coordinates as a sum of plain ones; "" if it is none."""
-    some = range(min(len(states.q), 3))
-    zero = np.zeros_like(test.bias)
-    parts = [p for p in plain_parts(states, zero, some) if p.of is not None]
-    parts = [p for p in parts if not any(name.startswith("u.") for name in p.of or ())]
-    return " + ".join(f"{c:.6g}·{p.name}" for p, c in explain_by(values, parts))
 
 
 def _varied(test: EquationTest, caller: Caller, states: States) -> Array:

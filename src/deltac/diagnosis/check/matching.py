@@ -7,14 +7,17 @@ missing; l2/l1, one length in place of another.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import itertools
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations, product
+from fractions import Fraction
+from functools import lru_cache
+from itertools import combinations, permutations
 
 import numpy as np
 
-from deltac.arrays import Array
-from deltac.diagnosis.check.numbers import CLOSE, formula
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.check.terms import (
     Part,
     circular,
@@ -27,9 +30,6 @@ from deltac.diagnosis.check.terms import (
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.results import Serialisable
 
-EXACT = 1e-7
-"""Relative difference of what agrees to half of a double's digits: of a fit that is no coincidence."""
-
 MOST_TERMS = 3
 
 MOST_VARIABLES = 4
@@ -37,9 +37,6 @@ MOST_VARIABLES = 4
 
 FAIR = 1.0
 """An explanation that costs no more than this is not doubted: plain factors of one part or two."""
-
-MOST_ALIKE = 7
-"""Summands of one shape of which all combinations are tried."""
 
 RATIO_OF = 4
 """Coordinates, and speeds, of which a factor may be a function."""
@@ -191,10 +188,6 @@ def _told(
     matches = explain_by(residual, parts, cost=cost)
     price = sum(cost(p, c) for p, c in matches) + (len(matches) - 1)
     if not matches or price > FAIR:
-        alike = _alike(residual, parts)
-        if alike and len(alike) - 1 < price:
-            matches, price = alike, len(alike) - 1
-    if not matches or price > FAIR:
         varied = _with_ratio(test, residual, parts)
         if varied is not None and (not matches or varied[1] < price):
             match, _, part = varied
@@ -215,37 +208,6 @@ def _written(test: EquationTest, part: Part) -> str:
     return written(test.kane, part.key, part.row)
 
 
-def _alike(residual: Array, parts: Sequence[Part]) -> tuple[tuple[Part, float], ...]:
-    """Summands of one shape that together are the residual, each missing or with the wrong sign; or none.
-
-    m1 g l sin(a) and m2 g l sin(a) are told apart by their sizes alone.
-    """
-    size = float(np.linalg.norm(residual))
-    shaped = [
-        (p, float(p.values @ residual) / size**2)
-        for p in parts
-        if p.symbols and _parallel(p.values, residual, size)
-    ]
-    if not 1 < len(shaped) <= MOST_ALIKE:
-        return ()
-    best: tuple[tuple[Part, float], ...] = ()
-    least = np.inf
-    for factors in product((0.0, 1.0, 2.0), repeat=len(shaped)):
-        total = sum(c * x for c, (_, x) in zip(factors, shaped))
-        if abs(total - 1.0) > EXACT:
-            continue
-        chosen = tuple((p, c) for c, (p, _) in zip(factors, shaped) if c)
-        odd = len(chosen) + 0.1 * sum(c == 2.0 for _, c in chosen)
-        if odd < least:
-            best, least = chosen, odd
-    return best
-
-
-def _parallel(values: Array, residual: Array, size: float) -> bool:
-    rest = residual - values * (float(values @ residual) / float(values @ values))
-    return float(np.linalg.norm(rest)) <= EXACT * size
-
-
 def _with_ratio(
     test: EquationTest, residual: Array, parts: Sequence[Part]
 ) -> tuple[Match, float, Part] | None:
@@ -261,7 +223,7 @@ def _with_ratio(
         with np.errstate(all="ignore"):
             c = (Z @ stands) / np.einsum("sb,sb->s", Z, Z)
             rest = np.linalg.norm(stands - c[:, None] * Z, axis=1)
-        fits = np.flatnonzero((rest <= EXACT * size) & (np.abs(c) > 1e-6))
+        fits = np.flatnonzero((rest <= HALF_DIGITS * size) & (np.abs(c) > 1e-6))
         term = _written(test, part) if len(fits) else ""
         for k in fits:
             number = float(c[k])
@@ -332,7 +294,7 @@ def explain_plainly(
 def explain_by(
     residual: Array,
     parts: Sequence[Part],
-    exact: float = EXACT,
+    exact: float = HALF_DIGITS,
     cost: Callable[[Part, float], float] | None = None,
 ) -> tuple[tuple[Part, float], ...]:
     """The fewest parts whose sum with constant coefficients is the residual (B,); empty if none is.
@@ -427,3 +389,104 @@ def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tu
 def _is_plain(factor: float) -> bool:
     """Whether a factor is −1, 0, 2 or ½."""
     return any(abs(factor - plain) < CLOSE for plain in FACTORS)
+
+
+# --- numbers as formulas in a model's parameters: 0.583 as l2/l1, 0.102 as 1/g -------------------
+
+
+CLOSE = 1e-5
+"""Differences that six digits do not show: of a factor from one, and by normal equations, which lose half of
+the digits."""
+
+FRACTIONS = tuple(
+    sorted(
+        {Fraction(a, b) for a in (1, 2, 3, 4) for b in (1, 2, 3, 4, 6, 12)},
+        key=lambda f: (f.numerator * f.denominator, f),
+    )
+)
+"""Numbers that people forget or put in, the plainest first."""
+
+MOST = 24
+"""Parameters of which pairs are tried."""
+
+
+@dataclass(frozen=True)
+class Formula:
+    """`text` in Python's notation; `cost` counts its parts: 0 for a plain number."""
+
+    text: str
+    cost: float
+
+
+def formula(
+    number: float, parameters: Mapping[str, float], within: str | None = None
+) -> Formula | None:
+    """The simplest product of a fraction and of powers of at most two parameters that a number is.
+
+    None if it is none. Parameters that are 0 or 1 are never named. `within` is the term whose factor the
+    number is: what is divided by must be in it.
+    """
+    if not np.isfinite(number) or number == 0.0 or abs(abs(number) - 1.0) < CLOSE:
+        return None
+    named = tuple(
+        (name, abs(value))
+        for name, value in parameters.items()
+        if value != 0.0 and abs(abs(value) - 1.0) > HALF_DIGITS
+    )[:MOST]
+    logs, powers = _products(named)
+    sign = "-" if number < 0 else ""
+    inside = None if not within else set(re.findall(r"[A-Za-z_]\w*", within))
+    best: tuple[float, int, Fraction, tuple[tuple[str, int], ...]] | None = None
+    for place, fraction in enumerate(FRACTIONS):
+        errors = np.abs(logs - np.log(abs(number) / float(fraction)))
+        for k in np.flatnonzero(errors < 2.0 * HALF_DIGITS):
+            parts = powers[int(k)]
+            if len(parts) > 1 and fraction != 1:
+                continue
+            if inside is not None and any(p < 0 and name not in inside for name, p in parts):
+                continue
+            odd = 0.0 if fraction == 1 else 0.6 if parts else 1.5
+            cost = _cost(parts) + odd + 0.02 * place
+            if best is None or cost < best[0]:
+                best = cost, place, fraction, parts
+    if best is None:
+        return None
+    cost, _, fraction, parts = best
+    return Formula(sign + _as_python(fraction, parts), cost + 0.3 * bool(sign))
+
+
+@lru_cache(maxsize=16)
+def _products(
+    named: tuple[tuple[str, float], ...],
+) -> tuple[Array, list[tuple[tuple[str, int], ...]]]:
+    """Logarithms of products of powers of at most two parameters, and what they are of."""
+    powers: list[tuple[tuple[str, int], ...]] = [()]
+    powers += [((name, p),) for name, _ in named for p in (1, -1, 2, -2)]
+    for (a, _), (b, _) in itertools.combinations(named, 2):
+        powers += [
+            ((a, p), (b, q)) for p, q in ((1, 1), (-1, -1), (1, -1), (-1, 1), (2, -2), (-2, 2))
+        ]
+    values = {name: np.log(value) for name, value in named}
+    return np.array([sum(p * values[n] for n, p in parts) for parts in powers]), powers
+
+
+def _cost(parts: tuple[tuple[str, int], ...]) -> float:
+    cost = sum(1.0 + 0.3 * (abs(p) - 1) for _, p in parts)
+    exchanged = len(parts) == 2 and sum(p for _, p in parts) == 0
+    return cost - 1.3 * exchanged  # one length in place of another is one mistake
+
+
+def _as_python(fraction: Fraction, parts: tuple[tuple[str, int], ...]) -> str:
+    def power(name: str, p: int) -> str:
+        return name if abs(p) == 1 else f"{name}**{abs(p)}"
+
+    above = [power(n, p) for n, p in parts if p > 0]
+    below = [power(n, p) for n, p in parts if p < 0]
+    if fraction.numerator != 1 or not above:
+        above.insert(0, str(fraction.numerator))
+    if fraction.denominator != 1:
+        below.insert(0, str(fraction.denominator))
+    top = "*".join(above)
+    if not below:
+        return top
+    return f"{top}/{below[0]}" if len(below) == 1 else f"{top}/({'*'.join(below)})"

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.calls.caching import LRUCache
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
@@ -197,9 +197,6 @@ FEW = 8
 SUMMED = ("channel", "gyroscopic", "inertia")
 """Kinds of terms that are divided into summands."""
 
-PRESENT = 1e-9
-"""A part smaller than this share of its equation's terms is rounding."""
-
 
 @dataclass(frozen=True, eq=False)
 class Part:
@@ -226,7 +223,7 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
 
     def add(name: str, values: Array, key: Key, symbols: str = "") -> None:
         values = np.broadcast_to(np.asarray(values, dtype=float), test.states.t.shape)
-        if np.abs(values).max() > PRESENT * scale and np.isfinite(values).all():
+        if np.abs(values).max() > SAME * scale and np.isfinite(values).all():
             own.append(Part(name, values, key, symbols, row))
 
     for channel, force in test.forces.items():

@@ -9,15 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import combinations, islice, permutations, takewhile
-from time import monotonic
+from itertools import combinations, islice, permutations
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import LogEquations, column_kernels
-from deltac.diagnosis.check.matching import EXACT
 from deltac.diagnosis.explain.result import sentence
 from deltac.diagnosis.inference.hypotheses import Block, Fit, search
 from deltac.diagnosis.residuals.at_states import EquationTest
@@ -34,9 +32,6 @@ STATES = 12
 
 MOST = 600
 """Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
-
-PATIENCE = 20.0
-"""Seconds that the calls of a slow function in other coordinates may take; others are bounded by `MOST`."""
 
 FEW = 4
 """Coordinates of which all orders are tried."""
@@ -87,8 +82,7 @@ def _coordinates(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
     # One state refutes nearly every hypothesis, and functions may be slow.
     k = int(np.argmax(np.abs(right).max(axis=0)))
     one = some.take(np.array([k]))
-    until = monotonic() + PATIENCE
-    for frame in takewhile(lambda _: monotonic() < until, islice(_frames(test), MOST)):
+    for frame in islice(_frames(test), MOST):
         if _agree(_called(caller, frame.seen(one)), frame.B @ right[:, [k]]) and _agree(
             _called(caller, frame.seen(some)), frame.B @ right
         ):
@@ -255,7 +249,7 @@ def causes_of_model(test: EquationTest, udot: Array) -> tuple[Finding, ...]:
     equations = _Regression.of(test, udot)
     posterior = search([equations.block], equations.candidates, equations.sizes, 0.0)
     best, size = posterior.best, np.linalg.norm(equations.block.r)
-    if np.linalg.norm(equations.block.residual(best.coefficients)) > EXACT * size:
+    if np.linalg.norm(equations.block.residual(best.coefficients)) > HALF_DIGITS * size:
         return ()
     mechanism = test.kane.mechanism
 
@@ -303,7 +297,7 @@ class _Regression:
         values = np.einsum("tij,tik->tjk", point.Y, values) / test.typical(udot)[:, None]
         places = np.arange(values.shape[2] - 1)
         empty = np.arange(0), np.zeros(0)
-        block = Block(values[..., 0], -values[..., 1:], *empty, places, EXACT**2)
+        block = Block(values[..., 0], -values[..., 1:], *empty, places, HALF_DIGITS**2)
         every_cause = candidates(evaluator, kernels.columns)
         return _Regression(block, tuple(c for c in every_cause if c.kind not in OF_A_LOG))
 
@@ -406,4 +400,6 @@ def _called(caller: Caller, states: States) -> Array | None:
 def _agree(accelerations: Array | None, right: Array) -> bool:
     if accelerations is None:
         return False
-    return bool(np.abs(accelerations - right).max() <= EXACT * np.abs(right).max(initial=1e-300))
+    return bool(
+        np.abs(accelerations - right).max() <= HALF_DIGITS * np.abs(right).max(initial=1e-300)
+    )

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.causes.causes import KINDS, SLIPPED, Candidate, other_unit
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
@@ -20,9 +20,6 @@ SHOWN = 12
 
 SHOWN_EQUALS = 3
 """Causes that a finding names beside its own, where the log does not tell them apart."""
-
-WORTH_SAYING = 1e-7
-"""Relative errors below this are not shown: they are the log's rounding."""
 
 
 def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> str:
@@ -80,7 +77,7 @@ def _digits(value: float, error: float) -> int:
 
 
 def _error(value: float, error: float) -> str:
-    return "" if error <= WORTH_SAYING * abs(value) else f" ± {error:.2g}"
+    return "" if error <= HALF_DIGITS * abs(value) else f" ± {error:.2g}"
 
 
 # --- what an explanation holds -------------------------------------------------------------------

@@ -278,7 +278,7 @@ def fitted(
     P = len(blocks[0].causes)
     sizes = [c.size for c in chosen]
     theta = [np.array(x) for x in start] + [np.zeros(c.size) for c in chosen[len(start) :]]
-    variance = [b.projected.left(np.zeros(P)) / b.count for b in blocks]
+    variance = [b.misfit(np.zeros(P)) / b.count for b in blocks]
 
     def coefficients(theta: Sequence[Array]) -> Array:
         made = np.zeros(P)
@@ -327,7 +327,7 @@ def fitted(
             theta[k] = theta[k] + step[at : at + c.size]
             at += c.size
         made, before = coefficients(theta), variance
-        variance = [b.projected.left(made) / b.count for b in blocks]
+        variance = [b.misfit(made) / b.count for b in blocks]
         covariance = inverse * (variance[0] / before[0])
     if curved:
         T, X, _ = normal()

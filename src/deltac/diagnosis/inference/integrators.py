@@ -46,6 +46,7 @@ Defect: TypeAlias = Callable[[Model, Rows, Rows, Array], tuple[Array, Array]]
 
 
 MIDPOINT = Tableau(((), (0.5,)), (0.0, 1.0), (0.0, 0.5), "Runge 1895")
+KUTTA = Tableau(((), (0.5,), (-1.0, 2.0)), (1 / 6, 2 / 3, 1 / 6), (0.0, 0.5, 1.0), "Kutta 1901")
 
 
 def _explicit(tableau: Tableau | str, on_group: bool = False) -> Step:
@@ -160,6 +161,7 @@ INTEGRATORS = (
     Integrator("leapfrog", 2, _first(0.0, 0.0, -0.25), _kick_drift_kick),
     Integrator("position-verlet", 2, _first(0.0, 0.0, -0.5), _drift_kick_drift),
     Integrator("bogacki-shampine", 3, {}, _explicit("ode3")),
+    Integrator("kutta-3", 3, {}, _explicit(KUTTA)),
     Integrator("rk4", 4, {}, _explicit("ode4")),
     Integrator("rk4", 4, {}, _explicit("ode4", on_group=True)),
     Integrator("dormand-prince", 5, {}, _explicit("ode5")),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deltac.arrays import SAME
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
@@ -121,9 +122,6 @@ def foreign_words(
 
 
 # --- motors of the model against those of the simulator ------------------------------------------
-
-SAME = 1e-9
-"""Relative difference up to which two strengths are the same number."""
 
 
 def differing_gears(

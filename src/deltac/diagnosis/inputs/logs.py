@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 
 import numpy as np
 
+from deltac.arrays import PHYSICAL
 from deltac.calls.progress import Progress, untold
 from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.measurements.kinematics import Comparison
@@ -95,9 +96,6 @@ def _more(names: Sequence[str]) -> str:
 LARGE = 16_000_000
 """Numbers in a log (128 MB; a ledger of all rows takes several times that) above which an audit's ledger
 keeps some rows, and a Parquet file is read in parts."""
-
-LARGEST = 1e50
-"""No coordinate, speed or force is larger in SI units; squares of squares of these do not overflow."""
 
 PART = 4_000_000
 """Numbers in such a part, about."""
@@ -292,9 +290,9 @@ def _refuse_garbage(run: Trajectory, first: int = 0, rows: int | None = None) ->
     columns += [(f"force.{name}", force, run.speeds) for name, force in run.forces.items()]
     for what, values, names in columns:
         least, most = (float(f(values, initial=0.0)) for f in (np.min, np.max))
-        if least >= -LARGEST and most <= LARGEST:
+        if least >= -PHYSICAL and most <= PHYSICAL:
             continue
-        absurd = np.argwhere(np.abs(values) > LARGEST)
+        absurd = np.argwhere(np.abs(values) > PHYSICAL)
         if len(absurd):
             row, k = absurd[0]
             raise LogError(

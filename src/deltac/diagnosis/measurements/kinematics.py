@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, SAME, Array
 from deltac.diagnosis.measurements.digits import Chosen, digits_of, medians
 from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
@@ -234,10 +234,6 @@ def _compared(
     return comparisons
 
 
-EXACT = 1e-7
-"""Share of the movement that no interval misses where the rows are a scheme's, to next to rounding."""
-
-
 def _of_a_scheme(
     moved: Array, trapezoid: Array, linear: Array, noise: Array, start: NDArray[np.intp], h: Array
 ) -> list[Comparison | None]:
@@ -252,7 +248,7 @@ def _of_a_scheme(
     late, residual = 0.0, moved - trapezoid
     for theta in (0.0, 0.5, -0.5):  # rates that do not change are not late
         late, rest = theta, np.abs(residual - theta * linear)
-        if np.all(rest.max(axis=-1) <= EXACT * extent):
+        if np.all(rest.max(axis=-1) <= HALF_DIGITS * extent):
             break
     else:
         return []
@@ -269,10 +265,6 @@ def _of_a_scheme(
     ]  # fmt: skip
 
 
-COLLINEAR = 1e-9
-"""Smallest ratio of the singular values of two columns that are told apart."""
-
-
 def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
     """The x and z of least |x a + z b − y|² along the last axis, and the variance of x for unit scatter.
 
@@ -286,7 +278,7 @@ def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
     k = over(np.vecdot(a, b), aa)
     c = b - k[..., None] * a
     cc = np.vecdot(c, c)
-    independent = np.sqrt(aa * cc) > COLLINEAR * (aa * (1.0 + k**2) + cc)
+    independent = np.sqrt(aa * cc) > SAME * (aa * (1.0 + k**2) + cc)
     first = over(np.vecdot(a, y), aa)
     z = np.where(independent, over(np.vecdot(c, y), cc), k * first / (1.0 + k**2))
     one = np.ones_like(aa)

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -30,13 +30,16 @@ from deltac.trajectories import Trajectory
 Made = TypeVar("Made")
 
 REPEATS = 3
-"""Times a run is timed; the least counts, because other work on the machine only adds."""
+"""Times a run is timed, in seconds of the processor; the least counts, because other work only adds."""
 
 BRIEF = 0.05
 """Seconds after which a run is not timed once more."""
 
 ALIKE = 1.2
 """Times within this factor are the same."""
+
+NATIVE = 1e-9
+"""Seconds that native code takes for an instruction, at most: it is 0.2 to 1 ns."""
 
 SURE = 0.05
 """A motion's error is known if that of its reference is below this share of it, or of the tolerance."""
@@ -222,6 +225,11 @@ class Trials:
         self.reference_energy = 0.0
         self._scale = math.nan  # of a run's energies, J; NaN until one was judged
 
+    @cached_property
+    def native(self) -> float:
+        """Seconds that native code takes for an evaluation of ẋ, at most."""
+        return NATIVE * equations_of_motion(self.mechanism).instructions
+
     @property
     def still(self) -> bool:
         """Whether the system has so little energy that the motion is rounding."""
@@ -343,9 +351,9 @@ class Trials:
         times: list[float] = []
         with quietly():
             while len(times) < REPEATS and sum(times) < BRIEF:
-                start = time.perf_counter()
+                start = time.process_time()
                 work(setting)
-                times.append(time.perf_counter() - start)
+                times.append(time.process_time() - start)
         return min(times)
 
     def _run(self, family: Family, setting: float, *, judged: bool) -> _Run | str:
@@ -358,9 +366,9 @@ class Trials:
 
     def _made(self, family: Family, setting: float, *, judged: bool) -> _Run | str:
         compiled = any(name == family.name for name, _ in self._runs)
-        start = time.perf_counter()
+        start = time.process_time()
         run = _completed(lambda: family.run(setting))
-        seconds = time.perf_counter() - start if compiled else math.inf
+        seconds = time.process_time() - start if compiled else math.inf
         if isinstance(run, str):
             return run
         energies = _energies(self.mechanism, run) if judged else None

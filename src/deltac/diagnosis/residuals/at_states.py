@@ -15,9 +15,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.arrays import TINY, Array
+from deltac.arrays import ASSEMBLED, SAME, TINY, Array
 from deltac.diagnosis.residuals.kane import Kane, Point, times
-from deltac.diagnosis.residuals.states import ON_CONSTRAINTS, Scales, States, natural_scales
+from deltac.diagnosis.residuals.states import Scales, States, natural_scales
 from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at, matrices
 from deltac.dynamics.independence import independence
 from deltac.dynamics.kkt import LeastSquares, least_squares
@@ -38,9 +38,6 @@ from deltac.mechanism.mechanism import Mechanism
 
 LEAST = 1e-3
 """A speed's terms count as at least this share of its natural inertia force: rounding has no size."""
-
-MINIMAL = 1e-9
-"""Own speeds that move the constraints less than this (relative) satisfy them of themselves."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +139,7 @@ class EquationTest:
         self.G: Array = motion_terms.G @ Y
         self.gamma: Array = motion_terms.gamma + times(motion_terms.G, self.point.rest)
         size = np.abs(motion_terms.G).max(initial=0.0) * np.abs(Y).max(initial=0.0)
-        if np.abs(self.G).max(initial=0.0) <= MINIMAL * size:
+        if np.abs(self.G).max(initial=0.0) <= SAME * size:
             self.G, self.gamma = self.G[:, :0], self.gamma[:0]
         self._force = np.asarray(sum(self.forces.values(), start=np.zeros(self.bias.shape)))
         self._static = np.abs(self.bias) + sum(map(np.abs, self.forces.values()))
@@ -163,7 +160,7 @@ class EquationTest:
             ("position", np.abs(motion_terms.phi), "m or rad"),
             ("velocity", np.abs(motion_terms.psi) / speed, "m/s or rad/s"),
         ):
-            if violation.max(initial=0.0) > 1e3 * ON_CONSTRAINTS:
+            if violation.max(initial=0.0) > 1e3 * ASSEMBLED:
                 row, k = divmod(int(np.argmax(violation)), violation.shape[1])
                 raise StateError(
                     f"constraint {self.kane.rows.names[row]!r} is off by {violation[row, k]:.3g} {unit} at "

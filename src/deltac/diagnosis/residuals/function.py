@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, SAME, Array
 from deltac.calls.progress import Progress, counted, untold
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
@@ -25,9 +25,6 @@ from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, like
 
 SAMPLED = 8
 """States at which a batch is compared with single calls, and a second call with the first."""
-
-SAME = 1e-9
-"""Two calls at one state that differ by more than this (relative) are not of one function."""
 
 NODES, ORDER = 9, 5
 """Points on a line, and the order of the differences in which only noise is left of a smooth function."""

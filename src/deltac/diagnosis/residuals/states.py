@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import ASSEMBLED, Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
@@ -43,9 +43,6 @@ LIGHT = 1e-2
 """The least share of the whole mass that an inertia's radius of gyration is taken with."""
 
 NEWTON_STEPS = 60
-ON_CONSTRAINTS = 1e-9
-"""A state that meets its constraints to this (m, rad; relative for speeds) is admissible."""
-
 MAP_RANK = 1e-12
 WELL_CONDITIONED = 1e-2
 """Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map."""
@@ -225,9 +222,7 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
             np.divide(rows, size, out=np.zeros_like(rows), where=size > 0.0), compute_uv=False
         )
         good &= values[:, -1] > CROSSING * values[:, 0]
-        good &= np.abs(violation).max(axis=0, initial=0.0) < (
-            PATH if share < 1.0 else ON_CONSTRAINTS
-        )
+        good &= np.abs(violation).max(axis=0, initial=0.0) < (PATH if share < 1.0 else ASSEMBLED)
     return q, good
 
 
@@ -377,9 +372,9 @@ def admissible(
         raise error
     good &= regular
     good &= (np.abs(point.u) < FAR * scales.speed[:, None]).all(axis=0)
-    good &= np.abs(terms.phi).max(axis=0, initial=0.0) < ON_CONSTRAINTS
+    good &= np.abs(terms.phi).max(axis=0, initial=0.0) < ASSEMBLED
     speed = np.maximum(1.0, np.abs(point.u).max(axis=0, initial=0.0))
-    good &= np.abs(terms.psi).max(axis=0, initial=0.0) < ON_CONSTRAINTS * speed
+    good &= np.abs(terms.psi).max(axis=0, initial=0.0) < ASSEMBLED * speed
     return np.asarray(good)
 
 

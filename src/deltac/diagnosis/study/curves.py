@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.joints import KINDS
@@ -18,9 +18,6 @@ from deltac.simulation.step_size.energy_error import CREDIBLE
 from deltac.trajectories import Trajectory
 
 Rows: TypeAlias = NDArray[np.intp]
-
-SAME = 1e-9
-"""Times that differ by less than this share of the duration are the same."""
 
 PARTED = 0.1
 """Scaled difference of two motions from which on they are two motions."""

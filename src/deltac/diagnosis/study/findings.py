@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from deltac.arrays import TINY
+from deltac.arrays import SAME, TINY
 from deltac.diagnosis.audit.checks import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.diagnosis.study.curves import FEWEST, SAME, Comparison, by_unit, growth
+from deltac.diagnosis.study.curves import FEWEST, Comparison, by_unit, growth
 from deltac.diagnosis.study.rules import BELOW
 from deltac.diagnosis.study.runs import BalancedRun, corrections, without_corrections
 from deltac.diagnosis.verdict import Finding, percent

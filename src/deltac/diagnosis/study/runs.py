@@ -11,9 +11,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, PHYSICAL, Array
 from deltac.calls.progress import Progress
-from deltac.diagnosis.inputs.logs import LARGEST, Log, held_between_rows, read_log
+from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log
 from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
@@ -289,7 +289,7 @@ def _balanced(
 def _absurd(run: Trajectory) -> str:
     """A run that was just made is no damaged file: numbers beyond all bounds are a blow-up. "" for none."""
     for what, values in (("coordinates", run.q), ("speeds", run.u), ("accelerations", run.udot)):
-        if values is not None and float(np.abs(values).max(initial=0.0)) > LARGEST:
+        if values is not None and float(np.abs(values).max(initial=0.0)) > PHYSICAL:
             return (
                 f"the run blows up: {what} reach {np.abs(values).max():.2g}. Use smaller steps, or an "
                 f"implicit method"

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, SAME, Array
 from deltac.repair.edits.candidates import (
     EditCandidate,
     functions_used,
@@ -29,9 +29,6 @@ from deltac.repair.edits.required import Requirement
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot
-
-SAME_NUMBER = 1e-9
-"""A required value that differs by less than this (relative) from state to state is one number."""
 
 SCOPES = 3
 """Evaluations of a node whose names are compared with those of the first."""
@@ -344,22 +341,19 @@ def _number(program: Program, requirement: Requirement, node: ast.expr) -> Itera
     """Another number, where one number serves at all states and parameters."""
     x = requirement.required
     mean = float(np.mean(x))
-    if not np.isfinite(mean) or np.ptp(x) > SAME_NUMBER * abs(mean):
+    if not np.isfinite(mean) or np.ptp(x) > SAME * abs(mean):
         return
     digits = float(f"{mean:.6g}")
     simple = Fraction(mean).limit_denominator(60)
-    if abs(digits - mean) <= SAME_NUMBER * abs(mean):
+    if abs(digits - mean) <= SAME * abs(mean):
         text = repr(int(digits) if digits.is_integer() else digits)
         cost = number_cost(digits)
-    elif abs(float(simple) - mean) <= SAME_NUMBER * abs(mean):
+    elif abs(float(simple) - mean) <= SAME * abs(mean):
         text, cost = f"{simple.numerator} / {simple.denominator}", 1.6
     else:
         text, cost = repr(mean), 1.9
     yield EditCandidate(program.source, requirement.place, text, "number", cost)
 
-
-CONSTANT = 1e-7
-"""Relative spread of what counts as constant: required values come out of a small linear problem."""
 
 FRACTIONS = tuple(
     sorted({Fraction(a, b) for a in range(1, 13) for b in (1, 2, 3, 4, 5, 6, 8, 12)}, key=float)
@@ -475,7 +469,7 @@ def products(
         low = np.minimum.reduceat(rest, starts, axis=1)
         high = np.maximum.reduceat(rest, starts, axis=1)
         largest = np.maximum(np.abs(low), np.abs(high))
-        spread = np.isfinite(largest) & (high - low <= CONSTANT * largest)
+        spread = np.isfinite(largest) & (high - low <= HALF_DIGITS * largest)
     for k in np.flatnonzero(spread.all(axis=1)):
         coefficient = 0.5 * (low[k] + high[k])
         if np.isfinite(coefficient).all() and np.abs(coefficient).max() > 0.0:
@@ -521,7 +515,7 @@ def two_products(
             some = group == g
             coefficients[:, g] = np.linalg.lstsq(columns[:, some].T, value[some], rcond=None)[0]
         error = value - np.sum(coefficients[:, group] * columns, axis=0)
-        if np.abs(error).max() > CONSTANT * np.abs(value).max():
+        if np.abs(error).max() > HALF_DIGITS * np.abs(value).max():
             continue
         if (
             np.abs(coefficients * np.abs(columns).max(axis=1)[:, None]).min()
@@ -529,7 +523,7 @@ def two_products(
         ):
             continue  # one of them is not needed
         terms = coefficients[:, group] * columns
-        if (np.abs(terms - but).max(axis=1) <= CONSTANT * np.abs(terms).max(axis=1)).any():
+        if (np.abs(terms - but).max(axis=1) <= HALF_DIGITS * np.abs(terms).max(axis=1)).any():
             continue
         first, second = (
             [
@@ -549,7 +543,7 @@ def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Power
     with np.errstate(all="ignore"):
         ratio = coefficient / table.values
         middle = ratio[:, 0]
-        same = np.abs(ratio - middle[:, None]).max(axis=1) <= CONSTANT * np.abs(middle)
+        same = np.abs(ratio - middle[:, None]).max(axis=1) <= HALF_DIGITS * np.abs(middle)
         sizes = np.array([float(f) for f in FRACTIONS])
         place = np.clip(np.searchsorted(sizes, np.abs(middle)), 1, len(sizes) - 1)
         below, above = (
@@ -557,7 +551,7 @@ def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Power
             np.abs(sizes[place] - np.abs(middle)),
         )
         place = np.where(below < above, place - 1, place)
-        near = np.abs(sizes[place] - np.abs(middle)) <= CONSTANT * sizes[place]
+        near = np.abs(sizes[place] - np.abs(middle)) <= HALF_DIGITS * sizes[place]
     return [
         (FRACTIONS[place[k]] * (1 if middle[k] > 0 else -1), table.powers(int(k)))
         for k in np.flatnonzero(same & near)

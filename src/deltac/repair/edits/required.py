@@ -18,7 +18,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT
@@ -30,9 +30,6 @@ STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
 
 INFLUENCE = 1e-6
 """An equation in which an expression counts for less than this share of its effect does not have it."""
-
-STRAIGHT = 1e-7
-"""Relative departure of a straight line, from a difference quotient in double precision."""
 
 Flags: TypeAlias = NDArray[np.bool_]
 Residual: TypeAlias = Callable[[Array], Array]
@@ -148,7 +145,7 @@ class Requirements:
         step = nearest(slope[rows], before[rows])
         x, after = start + step, residual(start + step)
         bend = np.abs(after - before - slope * step).max()
-        straight = bool(bend < STRAIGHT * np.abs(slope * step).max())
+        straight = bool(bend < HALF_DIGITS * np.abs(slope * step).max())
         solved = np.abs(after[rows]).max(axis=0) < RIGHT
         if straight and not solved.all():
             return False

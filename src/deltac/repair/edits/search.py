@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
@@ -26,8 +26,8 @@ from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import TapeChange
 
-TRACING_TIME = 12.0
-"""Time of the processor for edits for which the text is traced again (s)."""
+TRACED_OPERATIONS = 2_000_000
+"""Operations of the function that are recorded where the text of edits is traced again, about."""
 
 FIRST_STATES = 3
 """States at which a text is traced again at first."""
@@ -179,11 +179,11 @@ class EditSearch:
             if id(statement) in statements or any(id(n) in statements for n in inner):
                 self.untraced += structure(source, place, self.names)
         right: list[EditCandidate] = []
-        end = time.process_time() + TRACING_TIME
+        most = min(TRACED_EDITS, TRACED_OPERATIONS // len(self.program.tape))
         texts: set[tuple[int, str]] = set()
         for candidate in sorted(self.untraced, key=lambda c: c.cost):
-            late = time.monotonic() > self.deadline or time.process_time() > end
-            if late or len(right) >= ENOUGH_RIGHT_EDITS or len(texts) >= TRACED_EDITS:
+            late = time.monotonic() > self.deadline
+            if late or len(right) >= ENOUGH_RIGHT_EDITS or len(texts) > most:
                 break
             key = candidate.place, candidate.text
             if key not in texts and self._right(candidate):
@@ -229,11 +229,13 @@ def confirmed(
 COMBINED = 12
 """Edits of one set of equations that are combined with those of another."""
 
-VALUE_MATCH = 1e-7
 POOL = 20_000
 
-FOLLOWED_TIME = 20.0
-"""Time of the processor for second edits after a first one (s): nearly all that are found are found early."""
+FOLLOWED_OPERATIONS = 20_000_000
+"""Operations that are run to follow first edits, about: nearly all pairs that are found are found early."""
+
+ITERATIONS = 10
+"""Runs of a program that it takes to find what one of its expressions must be, about."""
 
 ALONG = 1e-5
 """A residual within this share of the direction in which an expression acts may be that expression's."""
@@ -326,14 +328,14 @@ def _adding_up(
     order = np.argsort(place_on_line)
     sorted_places = place_on_line[order]
     matches = []
-    width = VALUE_MATCH * (np.abs(effect).sum() + 1e-3)
+    width = HALF_DIGITS * (np.abs(effect).sum() + 1e-3)
     for i in range(len(pool)):
         need = goal - place_on_line[i]
         lo, hi = np.searchsorted(sorted_places, (need - width, need + width))
         for j in order[lo:hi]:
             if j <= i or pool[i].candidate.place == pool[j].candidate.place:
                 continue
-            if np.abs(E[i] + E[j] - effect).max() < VALUE_MATCH * np.abs(effect).max():
+            if np.abs(E[i] + E[j] - effect).max() < HALF_DIGITS * np.abs(effect).max():
                 matches.append((pool[i].candidate, pool[int(j)].candidate))
     matches.sort(key=lambda pair: pair[0].cost + pair[1].cost)
     yield from matches
@@ -348,20 +350,24 @@ def _closing(search: EditSearch) -> list[First]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
     program = search.program
     firsts: list[First] = []
-    end = time.process_time() + FOLLOWED_TIME
-    for place in program.numbers:
-        for row in np.flatnonzero(_wrong(program)):
-            if time.monotonic() > search.deadline or time.process_time() > end:
-                return firsts
-            r = search.requirements.closing(place, int(row))
-            if r is not None:
-                changes = {r.slot: TapeChange(partial(np.asarray, r.required), ())}
-                effect = program.residual(changes) - program.original_residual
-                firsts += [
-                    First(candidate, effect, changes)
-                    for candidate in insertions(program, r, search.vocabulary)
-                ]
+    closings = itertools.product(program.numbers, np.flatnonzero(_wrong(program)).tolist())
+    for place, row in itertools.islice(closings, _turns(program, ITERATIONS)):
+        if time.monotonic() > search.deadline:
+            break
+        r = search.requirements.closing(place, row)
+        if r is not None:
+            changes = {r.slot: TapeChange(partial(np.asarray, r.required), ())}
+            effect = program.residual(changes) - program.original_residual
+            firsts += [
+                First(candidate, effect, changes)
+                for candidate in insertions(program, r, search.vocabulary)
+            ]
     return firsts
+
+
+def _turns(program: Program, runs: int) -> int:
+    """How many of what runs a program so many times are within `FOLLOWED_OPERATIONS`."""
+    return 1 + FOLLOWED_OPERATIONS // (runs * len(program.tape))
 
 
 def _followed(
@@ -372,14 +378,17 @@ def _followed(
     At each state an expression moves the residual along one direction, whatever its value. So a first edit
     is followed only where it leaves a residual along the direction of some expression.
     """
-    program, end = search.program, time.process_time() + FOLLOWED_TIME
+    program = search.program
     if len(program.original_residual) < 2:
         return  # one direction is all there is
     _, along = _directions(program)
-    for first in sorted(firsts, key=lambda f: (f.candidate.cost, f.candidate.place)):
-        if not _explained(along, program.original_residual + first.effect).any():
-            continue
-        if time.monotonic() > search.deadline or time.process_time() > end:
+    likely = (
+        first
+        for first in sorted(firsts, key=lambda f: (f.candidate.cost, f.candidate.place))
+        if _explained(along, program.original_residual + first.effect).any()
+    )
+    for first in itertools.islice(likely, _turns(program, len(program.numbers))):
+        if time.monotonic() > search.deadline:
             return
         for second in _seconds(search, program.changed(first.changes)):
             yield first.candidate, second
@@ -426,19 +435,18 @@ def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:
 def _after_reading(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
     """An edit that is tried by reading the text again, and a second one, found in that text."""
     program, target = search.program, search.target
-    end = time.process_time() + FOLLOWED_TIME
     samples = target.samples()
     few = reading(program.source, samples.at(np.arange(min(FIRST_STATES, len(samples.t))))).worst
     _, along = _directions(few)
-    for first, residual in sorted(search.residuals, key=lambda x: x[0].cost):
-        if time.monotonic() > search.deadline or time.process_time() > end:
+    likely = (
+        first
+        for first, residual in sorted(search.residuals, key=lambda x: x[0].cost)
+        if len(residual) > 1 and residual.shape == along.shape[1:]
+        if _explained(along, residual).any()
+    )
+    for first in itertools.islice(likely, _turns(program, len(program.numbers))):
+        if time.monotonic() > search.deadline:
             return
-        if (
-            len(residual) < 2
-            or residual.shape != along.shape[1:]
-            or not _explained(along, residual).any()
-        ):
-            continue
         changed = apply(program.source, [first])
         assert changed is not None  # it has been read
         try:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
@@ -22,9 +22,6 @@ from deltac.simulation.state_form import StateForm, as_told, forms, likeliest, t
 
 PLAIN = 12
 """Whole numbers up to this are nobody's parameter by their value alone."""
-
-SAME = 1e-9
-"""A constant of the function that is within this (relative) of a parameter of its name is that one."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

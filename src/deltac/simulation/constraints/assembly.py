@@ -129,10 +129,10 @@ def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
         offset = KINDS[joint.kind].quaternion
         within = entry.index - first_q
         if offset is not None and within >= offset:
-            moving = range(u_slice.stop - 3, u_slice.stop)
+            vector_part = range(u_slice.stop - 3, u_slice.stop)
         else:
-            moving = range(u_slice.start + within, u_slice.start + within + 1)
-        for index in moving:
+            vector_part = range(u_slice.start + within, u_slice.start + within + 1)
+        for index in vector_part:
             held[place[index]] = True
     return held
 

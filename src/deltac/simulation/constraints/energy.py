@@ -43,31 +43,31 @@ class EnergyLeftWarning(UserWarning):
 def energy_correction(flow: Flow) -> Any:
     """(t, x; p, h) -> x with K + V − Q as at the start, as a CasADi function."""
     h = ca.SX.sym("h")
-    given = [flow.t, flow.x, flow.p]
-    move = ca.Function("move", [*given, h], [_moved(flow, h)], {"cse": True})
+    inputs = [flow.t, flow.x, flow.p]
+    move = ca.Function("move", [*inputs, h], [_moved(flow, h)], {"cse": True})
     x = flow.x
     for _ in range(PASSES):
         x = move(flow.t, x, flow.p, h)
         if flow.projecting:
             x, _ = projection(flow)(flow.t, x, flow.p)
-    return ca.Function("correct", [*given, h], [x])
+    return ca.Function("correct", [*inputs, h], [x])
 
 
 @derived
 def _balance(flow: Flow) -> Kernel:
     """(t, x; p) -> K, and K + V less what it should be."""
-    left = flow.energies[-2] + flow.energies[-1] - flow.x[-1]
-    return flow.kernel("energy left", {"K": flow.energies[-2], "left": left})
+    imbalance = flow.energies[-2] + flow.energies[-1] - flow.x[-1]
+    return flow.kernel("energy left", {"K": flow.energies[-2], "left": imbalance})
 
 
 def check_correction_held(flow: Flow, t: Array, x: Array, p: Array) -> None:
     """Warn `EnergyLeftWarning` if the corrections of a run could not keep up with what its steps lost."""
-    given = {"p": p} if flow.p.shape[0] else {}
-    found = _balance(flow)(t=t, x=x, **given)
-    left, scale = float(np.abs(found["left"]).max()), float(np.abs(found["K"]).max())
-    if not left <= NOTICED * scale:
+    parameters = {"p": p} if flow.p.shape[0] else {}
+    values = _balance(flow)(t=t, x=x, **parameters)
+    imbalance, scale = float(np.abs(values["left"]).max()), float(np.abs(values["K"]).max())
+    if not imbalance <= NOTICED * scale:
         warn_user(
-            f"the correction of the energy could not keep up: K + V is off by up to {left:.3g} J of "
+            f"the correction of the energy could not keep up: K + V is off by up to {imbalance:.3g} J of "
             f"{scale:.3g} J in motion. The step is too large for the motion; take a smaller one, or a solver "
             "of higher order",
             EnergyLeftWarning,
@@ -79,13 +79,13 @@ def _moved(flow: Flow, h: SX) -> SX:
     q_part, u_part, z_part = flow.parts
     q, u, z = flow.x[q_part], flow.x[u_part], flow.x[z_part]
     energy = flow.energies[-2] + flow.energies[-1]
-    left = energy - z[-1]
+    imbalance = energy - z[-1]
     W = ca.jacobian(flow.xdot[q_part], u)
     along_q, along_u = ca.mtimes(W.T, ca.gradient(energy, q)), ca.gradient(energy, u)
     least_q, least_u = _least(flow, along_q), _least(flow, along_u)
     slope = ca.dot(along_u, least_u) + h**2 * ca.dot(along_q, least_q)
     # Where nothing moves and nothing pulls there is no way to go: slope and way are both zero.
-    share = ca.fmin(ca.fmax(-left / ca.fmax(slope, TINY), -MOST), MOST)
+    share = ca.fmin(ca.fmax(-imbalance / ca.fmax(slope, TINY), -MOST), MOST)
     moved = flow.normalised(
         ca.vertcat(q + ca.mtimes(W, h**2 * share * least_q), u + share * least_u, z)
     )

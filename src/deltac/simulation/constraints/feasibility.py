@@ -61,28 +61,28 @@ def constraint_start(
         )
     motion = equations_of_motion(mechanism, vary)
     q, u = state.q[mechanism.free.q], state.u[mechanism.free.u]
-    kept = motion.system.once("starts", lambda: LRUCache[Independence](16))
+    cache = motion.system.once("starts", lambda: LRUCache[Independence](16))
     place = (state.t, *(np.asarray(a, dtype=float).tobytes() for a in (q, u, p)))
-    found = kept.get(place, lambda: _consistent(motion, state.t, q, u, p))
-    if found.margin < NEARLY_DEPENDENT and not found.singular:
+    start = cache.get(place, lambda: _consistent(motion, state.t, q, u, p))
+    if start.margin < NEARLY_DEPENDENT and not start.singular:
         raise StateError(
             f"the constraints of {mechanism.name!r} are nearly dependent at the start: one of "
             f"{', '.join(dict.fromkeys(motion.rows.names))} is independent of the others only to "
-            f"{found.margin:.1g} of itself, so that no motion can be trusted, with it or without it. "
+            f"{start.margin:.1g} of itself, so that no motion can be trusted, with it or without it. "
             "Where it should follow from the others, deltac.assemble(mechanism, state) makes the state "
             "exact; else move it away from them"
         )
-    if found.freedom == 0 and not driven(motion):
+    if start.freedom == 0 and not driven(motion):
         raise ModelError(
             f"the constraints leave mechanism {mechanism.name!r} no degree of freedom, and nothing drives "
             "it: it cannot move. Prescribe a joint (motion=), or let a constraint move in time"
         )
-    if found.singular:
+    if start.singular:
         raise StateError(
             f"the start of {mechanism.name!r} is a singular configuration: its constraints are dependent "
             f"there, and more than one motion may start; give a nearby state to choose one"
         )
-    return found.independent
+    return start.independent
 
 
 def driven(motion: EquationsOfMotion) -> bool:
@@ -92,9 +92,10 @@ def driven(motion: EquationsOfMotion) -> bool:
 
 def _consistent(motion: EquationsOfMotion, t: float, q: Array, u: Array, p: Array) -> Independence:
     """The independence of the constraints at a state that meets them; StateError for one that does not."""
-    if told := violated(motion.rows, *motion.violation(t, q, u, p)):
+    if violation := violated(motion.rows, *motion.violation(t, q, u, p)):
         raise StateError(
-            f"the start violates {told}; deltac.assemble(mechanism, state) finds a consistent state nearby"
+            f"the start violates {violation}; deltac.assemble(mechanism, state) finds a consistent state "
+            "nearby"
         )
     return independence(motion, t, q, p)
 

@@ -67,10 +67,10 @@ def pivot(flow: Flow) -> Any:
 def smallest_pivot(flow: Flow) -> SX:
     """How near the constraints are to being dependent: 1 independent, 0 dependent."""
     assert flow.bound is not None
-    found = flow.bound.schur.smallest_pivot
+    pivot = flow.bound.schur.smallest_pivot
     if flow.own is not None:  # the solver's state holds the user's own coordinates
-        found = ca.substitute(found, flow.system.q, flow.own.q)
-    return found
+        pivot = ca.substitute(pivot, flow.system.q, flow.own.q)
+    return pivot
 
 
 def _unit(flow: Flow, q: SX) -> SX:

@@ -60,12 +60,14 @@ class SingularMotion:
         unbounded = ca.SX.sym("unbounded", system.u_all.shape[0])
         driving = driving_forces(system, system.udot_all, forces, bound, lam)
         driving[system.driven_u] -= unbounded[system.driven_u]
-        known = terms(system, system.udot_all, forces, flow.split, bound, Reactions(driving, lam))
-        powers = flow.powers(known, forces, Reactions(driving, lam), bound)
-        given = [flow.t, flow.x, system.p, system.udot, lam, unbounded]
-        self._powers = ca.Function("P", given, [powers])
+        all_terms = terms(
+            system, system.udot_all, forces, flow.split, bound, Reactions(driving, lam)
+        )
+        powers = flow.powers(all_terms, forces, Reactions(driving, lam), bound)
+        inputs = [flow.t, flow.x, system.p, system.udot, lam, unbounded]
+        self._powers = ca.Function("P", inputs, [powers])
         seen = [system.udot_all, driving, *constraint_forces(bound, lam).values()]
-        self._seen = ca.Function("seen", given, [ca.densify(value) for value in seen])
+        self._seen = ca.Function("seen", inputs, [ca.densify(value) for value in seen])
 
     def rate(self, t: float, x: Array) -> Array:
         """ẋ; raises LinAlgError where it is not finite."""
@@ -105,8 +107,8 @@ class SingularMotion:
             return qdot.ravel(), udot, lam, np.zeros(turning.shape[1])
         independent, dependent = tied.combinations(DEPENDENT)
         rows = np.vstack([independent.T @ G, dependent.T @ slope])
-        wanted = np.concatenate([independent.T @ gamma, dependent.T @ still])
-        udot = -np.linalg.lstsq(rows, wanted.ravel(), rcond=None)[0]
+        rates = np.concatenate([independent.T @ gamma, dependent.T @ still])
+        udot = -np.linalg.lstsq(rows, rates.ravel(), rcond=None)[0]
         free = self._flow.system.free_u
         pulls = np.vstack([independent.T @ G, dependent.T @ turning[:, free]])
         pull = np.linalg.lstsq(pulls.T, M @ udot - r.ravel(), rcond=None)[0]

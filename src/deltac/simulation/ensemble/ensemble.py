@@ -136,13 +136,13 @@ def simulate_ensemble(
     """Simulate many members of a mechanism: the core of `deltac.simulate_ensemble`."""
     duration = positive(duration, "duration")
     threads = None if threads is None else count(threads, "threads")
-    wanted = Record.of(record)
-    if wanted.coordinates is not None:
+    recording = Record.of(record)
+    if recording.coordinates is not None:
         raise ArgumentsError(
             "record: an ensemble has no coordinates of its own for testing functions; simulate its members "
             "one by one, or leave the coordinates out"
         )
-    if MOMENTUM in wanted.testing:
+    if MOMENTUM in recording.testing:
         raise ArgumentsError(
             "record: an ensemble does not integrate the momentum functions; take dc.balance of its members, "
             "or leave 'momentum' out"
@@ -158,7 +158,7 @@ def simulate_ensemble(
     members = member_count(Q=len(Q), vary=p.shape[1], step=len(h), solver=len(solvers))
     Q, U, p, h = (repeated(a, members, axis) for a, axis in ((Q, 0), (U, 0), (p, 1), (h, 0)))
     solvers = solvers * (members // len(solvers))
-    interval, records = record_grid(h, duration, wanted.every)
+    interval, records = record_grid(h, duration, recording.every)
     if not isinstance(states, State):  # one state for all keeps its prescribed joints to itself
         check_prescribed(mechanism, t0, Q, U, names, p)
     first = State(t0, Q[0], U[0])
@@ -172,7 +172,7 @@ def simulate_ensemble(
         check_start(mechanism, first, one, size)
     check_members(mechanism, t0, Q, U, names, p)
     rows = constraint_start(mechanism, first, solvers[0], "projection", names, p[:, 0])
-    flow = _flow(mechanism, tuple(wanted.testing), tuple(names), rows)
+    flow = _flow(mechanism, tuple(recording.testing), tuple(names), rows)
     along = tuple(names.index(name) for name in sensitivity)
     result = _Result.empty(mechanism, flow, records + 1, members, len(along))
     q_part, u_part, _ = flow.parts
@@ -194,15 +194,17 @@ def simulate_ensemble(
         x = np.zeros((advance.rows, len(padded)))
         x[q_part], x[u_part] = Q[padded][:, mechanism.free.q].T, U[padded][:, mechanism.free.u].T
         values, own_step = np.ascontiguousarray(p[:, padded]), interval / per_record
-        taken = np.zeros(len(padded))
+        steps_done = np.zeros(len(padded))
         result.keep(0, own, t0, x, values, np.ones(len(padded), dtype=bool))
         for k in range(records):
             span = Span(t0, own_step, k * per_record, per_record)
-            x, taken = advance(x, taken, values, span, lambda steps: telling(steps * len(own)))
-            alive = taken == (k + 1) * per_record
+            x, steps_done = advance(
+                x, steps_done, values, span, lambda steps: telling(steps * len(own))
+            )
+            alive = steps_done == (k + 1) * per_record
             result.keep(k + 1, own, t0 + (k + 1) * interval, x, values, alive)
-        lost = taken < records * per_record
-        result.stopped[own] = np.where(lost, t0 + taken * own_step, math.nan)[: len(own)]
+        lost = steps_done < records * per_record
+        result.stopped[own] = np.where(lost, t0 + steps_done * own_step, math.nan)[: len(own)]
 
     spread(work, jobs, threads)
     return result.ensemble(
@@ -248,12 +250,12 @@ def _flow(
 def _observation(flow: Flow, along: int) -> Kernel:
     """(t, x; p) -> full q, u; ∫P and E of the testing functions, K, V, corrections; ∂ΔC by parameters."""
     n, tested, count = flow.x.shape[0], flow.tested, len(flow.testing)
-    E, given, outputs = flow.energies[:count, :], [flow.x], {}
+    E, inputs, outputs = flow.energies[:count, :], [flow.x], {}
     moved = ca.SX(0, 1)
     for place in range(flow.p.shape[0] - along, flow.p.shape[0]):
         rate, unit = ca.SX.sym("dx", n), ca.SX.zeros(flow.p.shape[0])
         unit[place] = 1
-        given.append(rate)
+        inputs.append(rate)
         dE = ca.jtimes(E, ca.vertcat(flow.x, flow.p), ca.vertcat(rate, unit))
         moved = ca.vertcat(moved, dE, rate[tested])
     outputs = {
@@ -264,7 +266,7 @@ def _observation(flow: Flow, along: int) -> Kernel:
         "corrections": ca.sum1(flow.x[tested.stop :]),
         "moved": ca.densify(moved),
     }
-    return Kernel({"t": flow.t, "x": ca.vertcat(*given)}, outputs, flow.p, name="observation")
+    return Kernel({"t": flow.t, "x": ca.vertcat(*inputs)}, outputs, flow.p, name="observation")
 
 
 @dataclass(frozen=True, eq=False)

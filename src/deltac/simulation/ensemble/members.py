@@ -28,8 +28,8 @@ States: TypeAlias = State | Sequence[State] | tuple[ArrayLike, ArrayLike]
 def member_count(**sizes: int) -> int:
     """How many members there are, of the sizes of what was given; InputError where they differ."""
     if len(set(sizes.values()) - {1}) > 1:
-        told = ", ".join(f"{name} has {size}" for name, size in sizes.items() if size > 1)
-        raise InputError(f"members differ in number: {told}; expected one number N, or 1")
+        counts = ", ".join(f"{name} has {size}" for name, size in sizes.items() if size > 1)
+        raise InputError(f"members differ in number: {counts}; expected one number N, or 1")
     return max(sizes.values())
 
 
@@ -57,13 +57,13 @@ def member_solvers(solver: str | FixedStep | Sequence[str | FixedStep]) -> list[
     names = [name.name if isinstance(name, FixedStep) else name for name in names]
     if not names:
         raise SolverError(f"solver is {solver!r}; expected a name, or N of them")
-    found = [find_solver(name) for name in names]
-    for one in found:
+    solvers = [find_solver(name) for name in names]
+    for one in solvers:
         if one.family != "fixed":
             raise SolverError(
                 f"ensembles take explicit fixed steps, {one.name!r} does not; use 'ode5' or 'ode8'"
             )
-    return found
+    return solvers
 
 
 def record_grid(h: Array, duration: float, every: int | None) -> tuple[float, int]:
@@ -119,10 +119,10 @@ def member_parameters(
     return mechanism, names, table
 
 
-def _numbers(given: object) -> Array:
+def _numbers(numbers: object) -> Array:
     """An array of what was given; an empty one if these are no numbers."""
     try:
-        return np.asarray(given, dtype=np.float64)
+        return np.asarray(numbers, dtype=np.float64)
     except NO_NUMBER:
         return np.empty(0)
 
@@ -135,8 +135,8 @@ def _check_extremes(mechanism: Mechanism, names: Sequence[str], table: Array) ->
             try:
                 mechanism.with_parameters(**member)
             except InputError as error:
-                told = ", ".join(f"{name} = {value:g}" for name, value in member.items())
-                raise InputError(f"vary: member {k} ({told}): {error}") from None
+                parameters = ", ".join(f"{name} = {value:g}" for name, value in member.items())
+                raise InputError(f"vary: member {k} ({parameters}): {error}") from None
 
 
 def member_states(mechanism: Mechanism, states: States) -> tuple[float, Array, Array]:
@@ -144,16 +144,16 @@ def member_states(mechanism: Mechanism, states: States) -> tuple[float, Array, A
 
     N = 1 for a state that all share.
     """
-    given = [states] if isinstance(states, State) else states
-    if not isinstance(given, list | tuple) or not given:
+    several = [states] if isinstance(states, State) else states
+    if not isinstance(several, list | tuple) or not several:
         raise StateError(f"states: found {_told(states)}; {_EXPECTED}")
-    if any(isinstance(one, State) for one in given):
-        t, Q, U = _gathered(mechanism, given)
-    elif len(given) == 2:
-        t, Q, U = 0.0, *(_array(what, values) for what, values in zip("QU", given))
+    if any(isinstance(one, State) for one in several):
+        t, Q, U = _gathered(mechanism, several)
+    elif len(several) == 2:
+        t, Q, U = 0.0, *(_array(what, values) for what, values in zip("QU", several))
     else:
         raise StateError(
-            f"states: found a {type(given).__name__} of {len(given)} entries; {_EXPECTED}"
+            f"states: found a {type(several).__name__} of {len(several)} entries; {_EXPECTED}"
         )
     _check_values("Q", Q, mechanism.coordinates)
     _check_values("U", U, mechanism.speeds)
@@ -165,15 +165,15 @@ def member_states(mechanism: Mechanism, states: States) -> tuple[float, Array, A
 _EXPECTED = "expected a State, a sequence of States, or (Q, U) of shapes (N, nq) and (N, nu)"
 
 
-def _told(given: object) -> str:
-    shape = getattr(given, "shape", None)
-    return type(given).__name__ if shape is None else f"one array of shape {shape}"
+def _told(value: object) -> str:
+    shape = getattr(value, "shape", None)
+    return type(value).__name__ if shape is None else f"one array of shape {shape}"
 
 
 def _gathered(mechanism: Mechanism, states: Sequence[object]) -> tuple[float, Array, Array]:
     """The common time of states, and their coordinates and speeds by rows."""
     nq, nu = len(mechanism.coordinates), len(mechanism.speeds)
-    found: list[State] = []
+    gathered: list[State] = []
     for k, state in enumerate(states):
         if not isinstance(state, State):
             raise WrongType(
@@ -184,13 +184,13 @@ def _gathered(mechanism: Mechanism, states: Sequence[object]) -> tuple[float, Ar
                 f"states: member {k} has {state.q.size} coordinates and {state.u.size} speeds; the "
                 f"mechanism {mechanism.name!r} has {nq} and {nu}. Make it by mechanism.state(...)"
             )
-        if found and state.t != found[0].t:
+        if gathered and state.t != gathered[0].t:
             raise StateError(
-                f"states: member {k} starts at t = {state.t:g} s, member 0 at {found[0].t:g} s; expected one "
-                "time for all"
+                f"states: member {k} starts at t = {state.t:g} s, member 0 at {gathered[0].t:g} s; expected "
+                "one time for all"
             )
-        found.append(state)
-    return found[0].t, np.array([s.q for s in found]), np.array([s.u for s in found])
+        gathered.append(state)
+    return gathered[0].t, np.array([s.q for s in gathered]), np.array([s.u for s in gathered])
 
 
 def _array(what: str, values: ArrayLike) -> Array:
@@ -249,19 +249,19 @@ def check_prescribed(
     if not any(joint.prescribed for joint in mechanism.joints):
         return
     system = trace(mechanism, names)
-    for given, symbols, entries in (
+    for actual, symbols, entries in (
         (Q, system.q_all, mechanism.coordinates),
         (U, system.u_all, mechanism.speeds),
     ):
         places = [k for k, entry in enumerate(entries) if entry.prescribed]
         law = ca.Function("law", [system.t, system.p], [symbols[places]])
-        due, found = np.array(law(t, p)).T, given[:, places]
-        bad = np.argwhere(~(np.abs(found - due) <= 1e-6 * np.maximum(1.0, np.abs(due))))
+        due, values = np.array(law(t, p)).T, actual[:, places]
+        bad = np.argwhere(~(np.abs(values - due) <= 1e-6 * np.maximum(1.0, np.abs(due))))
         if len(bad):
             k, j = map(int, bad[0])
-            due = np.broadcast_to(due, found.shape)
+            due = np.broadcast_to(due, values.shape)
             raise StateError(
                 f"states: member {k}: {entries[places[j]].name!r} is prescribed: its law gives "
-                f"{due[k, j]:.9g} at t = {t:g}, the state says {found[k, j]:.9g}. Make it by "
+                f"{due[k, j]:.9g} at t = {t:g}, the state says {values[k, j]:.9g}. Make it by "
                 "mechanism.state(...), of the mechanism with the member's parameters"
             )

@@ -101,7 +101,7 @@ class Advance:
         return min(max(even, CHUNKS[0] // LANES), most - 1 | 1) * LANES
 
     def __call__(
-        self, x: Array, taken: Array, p: Array, span: Span, tick: Tick
+        self, x: Array, steps_done: Array, p: Array, span: Span, tick: Tick
     ) -> tuple[Array, Array]:
         """The states (rows, B) after the span, and the number of steps (B,) that members have taken.
 
@@ -110,37 +110,37 @@ class Advance:
         """
         with np.errstate(all="ignore"):
             after, worst, count = (self._whole if self.fused else self._staged)(
-                x, taken, p, span, tick
+                x, steps_done, p, span, tick
             )
         if self.flow.bound is not None:
-            for k in np.flatnonzero(~(worst > SMALLEST_PIVOT) & (taken == span.first)):
+            for k in np.flatnonzero(~(worst > SMALLEST_PIVOT) & (steps_done == span.first)):
                 after[:, k], count[k] = self._carefully(x[:, k], p[:, k], span, tick)
         return after, count
 
     def _whole(
-        self, x: Array, taken: Array, p: Array, span: Span, tick: Tick
+        self, x: Array, count: Array, p: Array, span: Span, tick: Tick
     ) -> tuple[Array, Array, Array]:
         kernel = steps_kernel(self.flow, self.solver, self.fused, self.along)
         n, B = x.shape
-        here, after = np.empty((n + 3, B)), np.empty((n + 3, B))
-        here[:n], here[n], here[n + 1], here[n + 2] = x, span.first, 1.0, taken
+        current, after = np.empty((n + 3, B)), np.empty((n + 3, B))
+        current[:n], current[n], current[n + 1], current[n + 2] = x, span.first, 1.0, count
         constants = np.empty((len(p) + 2, B))
         constants[:-2], constants[-2], constants[-1] = p, span.t0, span.h
         for _ in range(0, span.count, self.fused):
-            kernel.flat(here, constants, out=after)
-            here, after = after, here
+            kernel.flat(current, constants, out=after)
+            current, after = after, current
             tick(self.fused)
-        return here[:n], here[n + 1], here[n + 2]
+        return current[:n], current[n + 1], current[n + 2]
 
     def _staged(
-        self, x: Array, taken: Array, p: Array, span: Span, tick: Tick
+        self, x: Array, count: Array, p: Array, span: Span, tick: Tick
     ) -> tuple[Array, Array, Array]:
         flow, (n, B) = self.flow, x.shape
         rate, settle = rate_kernel(flow), settle_kernel(flow)
         assembly = None if flow.bound is None else _assembly_kernel(flow)
-        given = np.empty((rate.n_in, B))
-        given[1 + n :] = p
-        y, worst, taken = given[1 : 1 + n], np.ones(B), taken.copy()
+        inputs = np.empty((rate.n_in, B))
+        inputs[1 + n :] = p
+        y, worst, count = inputs[1 : 1 + n], np.ones(B), count.copy()
         tableau = tableau_of(self.solver.name)
         # x, then the rates of the stages; behind x the settling kernel has a row for its pivot.
         arrays = np.empty(((len(tableau.b) if tableau is not None else 1) + 1, n, B))
@@ -149,36 +149,36 @@ class Advance:
         now[...] = x
 
         def evaluate(t: float, state: Array) -> Array:
-            given[0], y[...] = t, state
-            return rate.flat(given, out=np.empty((n, B)))
+            inputs[0], y[...] = t, state
+            return rate.flat(inputs, out=np.empty((n, B)))
 
         for k in range(span.first, span.first + span.count):
             t = span.t0 + k * span.h
             if tableau is not None:
                 for i, row in enumerate(tableau.a):
-                    given[0] = t + tableau.c[i] * span.h
+                    inputs[0] = t + tableau.c[i] * span.h
                     _combine(arrays, tuple(span.h * a for a in row), y)
-                    rate.flat(given, out=arrays[i + 1])
+                    rate.flat(inputs, out=arrays[i + 1])
                 _combine(arrays, tuple(span.h * b for b in tableau.b), y)
             else:
                 assert self.solver.step is not None
                 y[...] = self.solver.step(evaluate, t, now, span.h, flow.parts)
             if settle is not None:
-                given[0] = span.t0 + (k + 1) * span.h
-                settle.flat(given, out=settled)
+                inputs[0] = span.t0 + (k + 1) * span.h
+                settle.flat(inputs, out=settled)
                 np.minimum(worst, settled[n], out=worst)
             else:
                 now[...] = y
             # Adding up is faster than looking at every entry, and no sum hides what is not finite.
-            alive = np.isfinite(np.add.reduce(now, axis=0)) & (taken == k)
+            alive = np.isfinite(np.add.reduce(now, axis=0)) & (count == k)
             if assembly is not None:
                 state = np.concatenate([np.full((1, B), span.t0 + (k + 1) * span.h), now])
                 alive &= assembly.flat(state, p)[0] > 0.0
-            taken += alive
+            count += alive
             if not alive.all():
                 np.copyto(now, x, where=~alive)
             tick(1)
-        return now.copy(), worst, taken
+        return now.copy(), worst, count
 
     def _carefully(self, x: Array, p: Array, span: Span, tick: Tick) -> tuple[Array, float]:
         """A member whose constraints became dependent on the way, by least squares.
@@ -206,13 +206,13 @@ def _method(flow: Flow, solver: Solver) -> FixedMethod:
 def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] = ()) -> Kernel:
     """(x, k, worst, taken; p, t0, h) -> the same `fused` steps later, so that buffers may alternate.
 
-    `worst` is the smallest pivot on the way, `taken` counts the steps of members that stay finite
+    `worst` is the smallest pivot on the way, `count` counts the steps of members that stay finite
     and on their constraints; others keep the state they had.
     """
     step = _step(flow, solver, along)
     x = ca.SX.sym("x", step.size1_in(0))
     k, t0, h = ca.SX.sym("k"), ca.SX.sym("t0"), ca.SX.sym("h")
-    worst, taken = ca.SX.sym("worst"), ca.SX.sym("taken")
+    worst, count = ca.SX.sym("worst"), ca.SX.sym("taken")
     after, smallest, sums = x, worst, ca.SX(0)
     met, assembly = ca.SX(1), _assembly(flow)
     for i in range(fused):
@@ -223,14 +223,14 @@ def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] 
                 met, assembly(t0 + (k + i + 1) * h, after[: flow.x.shape[0]], flow.p)
             )
         sums = sums + ca.fabs(_total(after))  # remembers any state on the way that was not finite
-    healthy = ca.logic_and(ca.logic_and(sums < HUGE, taken == k), met)
+    healthy = ca.logic_and(ca.logic_and(sums < HUGE, count == k), met)
     return Kernel(
-        {"x": x, "k": k, "worst": worst, "taken": taken},
+        {"x": x, "k": k, "worst": worst, "taken": count},
         {
             "x": ca.if_else(healthy, after, x),
             "k": k + fused,
             "worst": smallest,
-            "taken": ca.if_else(healthy, taken + fused, taken),
+            "taken": ca.if_else(healthy, count + fused, count),
         },
         ca.vertcat(flow.p, t0, h),
         name="steps",
@@ -258,8 +258,8 @@ def _step(flow: Flow, solver: Solver, along: tuple[int, ...]) -> Any:
 @derived
 def _assembly(flow: Flow) -> Any:
     """(t, x, p) -> whether a state is on the constraints."""
-    off = ca.mmax(ca.fabs(ca.densify(ca.vertcat(flow.departures[1], 0))))
-    return ca.Function("assembly", [flow.t, flow.x, flow.p], [off <= LOST])
+    violation = ca.mmax(ca.fabs(ca.densify(ca.vertcat(flow.departures[1], 0))))
+    return ca.Function("assembly", [flow.t, flow.x, flow.p], [violation <= LOST])
 
 
 @derived

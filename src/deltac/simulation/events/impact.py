@@ -98,15 +98,15 @@ def _together(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[A
     v = N @ u + np.array([contact.drift for contact in contacts])
     e = np.array([contact.restitution for contact in contacts])
     C = inertia.R @ N.T
-    wanted = v + e * np.minimum(v, 0.0)
+    target = v + e * np.minimum(v, 0.0)
     if len(contacts) == 1:
-        return [np.array([max(0.0, -wanted[0] / float(C[:, 0] @ C[:, 0]))])]
-    c = np.linalg.lstsq(C.T, wanted, rcond=None)[0]
+        return [np.array([max(0.0, -target[0] / float(C[:, 0] @ C[:, 0]))])]
+    c = np.linalg.lstsq(C.T, target, rcond=None)[0]
     p, _ = nnls(C, -c)
     after = v + C.T @ (C @ p)
-    made = float(p @ (0.5 * (v + after)))
+    work = float(p @ (0.5 * (v + after)))
     size = float(p @ np.abs(v)) + TINY
-    if (e <= 1.0).all() and (made > 1e-12 * size or (after < -1e-9 * np.abs(v).max()).any()):
+    if (e <= 1.0).all() and (work > 1e-12 * size or (after < -1e-9 * np.abs(v).max()).any()):
         return None
     return [np.array([value]) for value in p]
 
@@ -158,11 +158,11 @@ class Collider:
         for point in points:
             outputs += [point.normal, point.drift, point.n, point.push]
             outputs += [point.restitution, point.friction]
-        here = [flow.t, flow.x, flow.p]
+        inputs = [flow.t, flow.x, flow.p]
         impulses = Impulses.symbols(len(system.mechanism.speeds))
-        known = impulse_terms(system, impulses, split, bound)
+        all_terms = impulse_terms(system, impulses, split, bound)
         functions = testing_functions(flow.testing)
-        fed = ca.vertcat(ca.SX(0, 1), *(function.P(known) for function in functions))
+        fed = ca.vertcat(ca.SX(0, 1), *(function.P(all_terms) for function in functions))
         columns = list(impulses.columns().values())
         if (own := flow.own) is not None:  # x holds coordinates of their own
             replaced = [system.q, system.u], [own.q, own.u]
@@ -170,8 +170,8 @@ class Collider:
         return Collider(
             flow,
             points,
-            ca.Function("impact", here, outputs),
-            ca.Function("fed", [*here, *columns], [fed]),
+            ca.Function("impact", inputs, outputs),
+            ca.Function("fed", [*inputs, *columns], [fed]),
         )
 
     def collide(
@@ -200,9 +200,9 @@ class Collider:
             multipliers = np.linalg.lstsq(G_all[:, free].T, needed, rcond=None)[0]
             for name in dict.fromkeys(bound.rows.names):
                 places = bound.rows.places(name)
-                held = G_all[places].T @ multipliers[places]
-                impulses[ChannelName("constraint", name)] = held
-                tied += held
+                reaction = G_all[places].T @ multipliers[places]
+                impulses[ChannelName("constraint", name)] = reaction
+                tied += reaction
         driving = np.zeros(len(u_all))
         driven = system.driven_u
         driving[driven] = (M @ change - total - tied)[driven]

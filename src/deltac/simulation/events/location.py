@@ -67,14 +67,14 @@ def crossing(
     if least is None or depth == 0:
         return None
     value, rate = look(least)
-    here = End(least, value, rate)
+    first = End(least, value, rate)
     if value < 0.0:
         middle = 0.5 * (a.place + least)
-        return _polished(look, a, here, middle if guess is None else guess, resolution)
+        return _polished(look, a, first, middle if guess is None else guess, resolution)
     # Not below zero there: the picture was rough, the true least value lies down the slope.
     if rate > 0.0:
-        return crossing(look, a, here, resolution, after, depth - 1)
-    return crossing(look, here, b, resolution, False, depth - 1)
+        return crossing(look, a, first, resolution, after, depth - 1)
+    return crossing(look, first, b, resolution, False, depth - 1)
 
 
 def _polished(look: Look, a: End, b: End, guess: float, resolution: float) -> float:

@@ -137,11 +137,11 @@ class EventRun:
         if self.decided:
             return False
         sight = self._look(t, x)
-        told = (self._sides == 0.0) & (np.sign(sight.g) != 0.0)
-        if told.any():
-            self._sides = np.where(told, np.sign(sight.g), self._sides)
+        leaving = (self._sides == 0.0) & (np.sign(sight.g) != 0.0)
+        if leaving.any():
+            self._sides = np.where(leaving, np.sign(sight.g), self._sides)
             self._apply_sides(t, x, sight.g)
-        return bool(told.any())
+        return bool(leaving.any())
 
     def first(
         self,
@@ -166,7 +166,7 @@ class EventRun:
         start = np.maximum(start, 0.0)  # what is at zero has just been dealt with
         suspects = np.flatnonzero(may_cross(start, start_rate, end, end_rate) & (sides != 0.0))
         resolution = 2 * EPS * max(abs(t1), h) / h
-        found: dict[int, float] = {}
+        times: dict[int, float] = {}
         for k in suspects:
             looked = crossing(
                 partial(self._glance, int(k), t0, h, state),
@@ -176,13 +176,13 @@ class EventRun:
                 after=bool(start[k] <= TOUCHING) or fresh,
             )
             if looked is not None:
-                found[int(k)] = looked
-        if not found:
+                times[int(k)] = looked
+        if not times:
             self._here = after
             self._slack[after.g > TOUCHING] = 0.0  # pairs that rested on each other and have parted
             return None
-        theta = min(found.values())
-        together = [k for k, place in found.items() if place - theta <= 16 * resolution]
+        theta = min(times.values())
+        together = [k for k, place in times.items() if place - theta <= 16 * resolution]
         if 1.0 - theta <= max(16 * resolution, 1e-13):
             return t1, x1, together
         t = t0 + theta * h
@@ -198,18 +198,18 @@ class EventRun:
             if k >= m:
                 self._sides[k] = -self._sides[k]
         directions = self.watch.directions
-        told = [k for k in which if k >= m and directions[k] in (0, self._sides[k])]
+        crossed = [k for k in which if k >= m and directions[k] in (0, self._sides[k])]
         self._apply_sides(t, x, g)
         closed = [k for k in which if k < m]
         if closed:
             sight = self._look(t, x)
             touching = [k for k in range(m) if sight.g[k] <= TOUCHING]
-            names = tuple(self.watch.names[k] for k in told)
+            names = tuple(self.watch.names[k] for k in crossed)
             x = self._strike(t, x, sorted({*closed, *touching}), names)
-        elif told:
-            self._record(t, before, x, p_before, [self.watch.names[k] for k in told], {})
-            self._check_switch(t, x, [k for k in told if k >= m + n_events])
-        self._finish(t, told)
+        elif crossed:
+            self._record(t, before, x, p_before, [self.watch.names[k] for k in crossed], {})
+            self._check_switch(t, x, [k for k in crossed if k >= m + n_events])
+        self._finish(t, crossed)
         return x
 
     def _apply_sides(self, t: float, x: Array, g: Array) -> None:
@@ -270,14 +270,16 @@ class EventRun:
         self._sides = np.where(changed, sides, self._sides)
         self._apply_sides(t, x, sight.g)
         directions, last = self.watch.directions, m + len(self.watch.events)
-        told = [k for k in np.flatnonzero(changed) if directions[k] in (0, sides[k]) and k < last]
-        self._finish(t, [int(k) for k in told])
-        return [self.watch.names[int(k)] for k in told]
+        crossed = [
+            k for k in np.flatnonzero(changed) if directions[k] in (0, sides[k]) and k < last
+        ]
+        self._finish(t, [int(k) for k in crossed])
+        return [self.watch.names[int(k)] for k in crossed]
 
-    def _finish(self, t: float, told: list[int]) -> None:
+    def _finish(self, t: float, crossed: list[int]) -> None:
         """A terminal event among those that happened ends the run."""
         m = len(self.watch.points)
-        for k in told:
+        for k in crossed:
             if m <= k < m + len(self.watch.events) and self.watch.events[k - m].terminal:
                 self.ended = f"event {self.watch.events[k - m].name!r} at t = {t:.9g} s"
 

@@ -152,12 +152,12 @@ class _Rub:
 
         angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS + 1)
         across = [self.pulled(angle)[0] for angle in angles]
-        found = [
+        roots = [
             brentq(lambda angle: self.pulled(angle)[0], a, b, xtol=1e-15)
             for a, b, f_a, f_b in zip(angles, angles[1:], across, across[1:])
             if f_a * f_b <= 0.0
         ]
-        best = max(found, key=lambda angle: self.pulled(angle)[1])
+        best = max(roots, key=lambda angle: self.pulled(angle)[1])
         return np.array([np.cos(best), np.sin(best)])
 
     def pulled(self, angle: float) -> tuple[float, float]:

@@ -32,17 +32,17 @@ def switched(flow: Flow) -> tuple[Flow, SX, tuple[str, ...]]:
     }
     inputs = [flow.t, flow.x, flow.inputs, flow.given, flow.p]
     locked, sides = _locked(inputs, list(outputs.values()), ca.vertcat(flow.t, flow.x))
-    found = dict(zip(outputs, locked))
+    replaced = dict(zip(outputs, locked))
     functions = ca.vertcat(ca.SX(0, 1), *sides.functions)
-    made = replace(
+    other = replace(
         flow,
         p=ca.vertcat(flow.p, *sides.symbols),
-        xdot=found["xdot"],
-        udot_all=found["udot"],
-        driving=found["driving"],
-        reactions={name: found[name] for name in flow.reactions},
+        xdot=replaced["xdot"],
+        udot_all=replaced["udot"],
+        driving=replaced["driving"],
+        reactions={name: replaced[name] for name in flow.reactions},
     )
-    return made, functions, _names(flow, sides)
+    return other, functions, _names(flow, sides)
 
 
 @dataclass
@@ -76,19 +76,19 @@ _HELD: Mapping[int, Callable[[_Sides, SX, SX], SX]] = {
 
 
 def _locked(
-    inputs: Sequence[SX], outputs: Sequence[SX], moving: SX, sides: _Sides | None = None
+    inputs: Sequence[SX], outputs: Sequence[SX], variables: SX, sides: _Sides | None = None
 ) -> tuple[list[SX], _Sides]:
-    """The outputs with their branches held; those that depend on `moving`."""
+    """The outputs with their branches held; those that depend on `variables`."""
     sides = sides or _Sides()
     f = ca.Function("f", list(inputs), [ca.densify(o) for o in outputs], {"cse": True})
     work: dict[int, SX] = {}
-    given = [ca.SX(column).elements() for column in inputs]
+    elements = [ca.SX(column).elements() for column in inputs]
     results: list[list[SX]] = [[ca.SX(0)] * o.numel() for o in outputs]
     blind = ca.vertcat(*inputs[2:4])
     for k in range(f.n_instructions()):
         op, reads, writes = f.instruction_id(k), f.instruction_input(k), f.instruction_output(k)
         if op == ca.OP_INPUT:
-            work[writes[0]] = given[reads[0]][reads[1]]
+            work[writes[0]] = elements[reads[0]][reads[1]]
         elif op == ca.OP_OUTPUT:
             results[writes[0]][writes[1]] = work[reads[0]]
         elif op == ca.OP_CONST:
@@ -97,15 +97,16 @@ def _locked(
             a = work[reads[0]]
             b = work[reads[1]] if len(reads) > 1 else ca.SX(0)
             both = ca.vertcat(a, b)
-            held = op in _HELD and ca.depends_on(both, moving)
-            if held and not (blind.numel() and ca.depends_on(both, blind)):
+            constant = op in _HELD and ca.depends_on(both, variables)
+            if constant and not (blind.numel() and ca.depends_on(both, blind)):
                 work[writes[0]] = _HELD[op](sides, a, b)
             elif len(reads) > 1:
                 work[writes[0]] = ca.SX.binary(op, a, b)
             else:
                 work[writes[0]] = ca.SX.unary(op, a)
     shaped = [
-        ca.reshape(ca.vertcat(ca.SX(0, 1), *found), *o.shape) for found, o in zip(results, outputs)
+        ca.reshape(ca.vertcat(ca.SX(0, 1), *entries), *o.shape)
+        for entries, o in zip(results, outputs)
     ]
     return shaped, sides
 
@@ -119,19 +120,19 @@ def _names(flow: Flow, sides: _Sides) -> tuple[str, ...]:
     point = [flow.t, flow.x, flow.p]
     numbers = [np.abs(rng.standard_normal(column.numel())) + 0.1 for column in point]
 
-    def values(found: _Sides) -> np.ndarray:
-        symbols = ca.vertcat(ca.SX(0, 1), *found.symbols)
-        functions = ca.vertcat(ca.SX(0, 1), *found.functions)
+    def values(choice: _Sides) -> np.ndarray:
+        symbols = ca.vertcat(ca.SX(0, 1), *choice.symbols)
+        functions = ca.vertcat(ca.SX(0, 1), *choice.functions)
         f = ca.Function("g", [*point, symbols], [ca.densify(functions)])
-        return np.array(f(*numbers, np.ones(len(found.symbols)))).ravel()
+        return np.array(f(*numbers, np.ones(len(choice.symbols)))).ravel()
 
-    wanted = values(sides)
+    targets = values(sides)
     names = ["equations"] * count
     if flow.own is None:
         inputs = [flow.t, flow.x, flow.inputs, flow.given, flow.p]
         for part in channels(flow.system):
             _, own = _locked(inputs, [part.force], ca.vertcat(flow.t, flow.x))
             for value in values(own) if own.functions else ():
-                for k in np.flatnonzero(np.isclose(np.abs(wanted), abs(value), rtol=1e-12)):
+                for k in np.flatnonzero(np.isclose(np.abs(targets), abs(value), rtol=1e-12)):
                     names[int(k)] = part.name
     return tuple(names)

@@ -43,8 +43,8 @@ class Witnesses:
     @property
     def directions(self) -> Array:
         """−1: falling through zero counts, 1: rising, 0: both."""
-        wanted = [DIRECTIONS[event.direction] for event in self.events]
-        return np.array([-1] * len(self.points) + wanted + [0] * len(self.switch_names))
+        directions = [DIRECTIONS[event.direction] for event in self.events]
+        return np.array([-1] * len(self.points) + directions + [0] * len(self.switch_names))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -84,11 +84,11 @@ class Witnesses:
         """What is seen at a state with its rates."""
         kernel, n, m = self._kernel, len(self), len(self.points)
         x_in = np.concatenate([[t], x, xdot])
-        found = kernel.single(x_in, np.empty(kernel.n_out), p if len(p) else None)
-        return Witness(found[:n], found[n : 2 * n], found[2 * n : 2 * n + m])
+        values = kernel.single(x_in, np.empty(kernel.n_out), p if len(p) else None)
+        return Witness(values[:n], values[n : 2 * n], values[2 * n : 2 * n + m])
 
     def along(self, t: Array, x: Array, xdot: Array, p: Array) -> tuple[Array, Array]:
         """Values and rates, (n, T) each, at many states (T, n)."""
         kernel, n = self._kernel, len(self)
-        found = kernel.flat(np.vstack([t, x.T, xdot.T]), p if len(p) else None)
-        return found[:n], found[n : 2 * n]
+        values = kernel.flat(np.vstack([t, x.T, xdot.T]), p if len(p) else None)
+        return values[:n], values[n : 2 * n]

@@ -89,12 +89,12 @@ class EnergyError:
         return self.largest / self.total if self.total > 0.0 else 0.0
 
 
-def energy_error(flow: Flow, seen: Mapping[str, Array], motion: Motion) -> EnergyError | None:
+def energy_error(flow: Flow, columns: Mapping[str, Array], motion: Motion) -> EnergyError | None:
     """The energy error of a run.
 
     Args:
         flow: what was integrated.
-        seen: what the observer saw at the rows or more: of each testing function E, then K and V, "energies".
+        columns: what was observed at the rows: of each testing function E, then K and V, "energies".
         motion: the rows.
 
     Returns:
@@ -105,7 +105,7 @@ def energy_error(flow: Flow, seen: Mapping[str, Array], motion: Motion) -> Energ
     if not exact:
         return None
     x = motion.x
-    energies = seen["energies"][: len(x)].reshape(len(x), -1)
+    energies = columns["energies"][: len(x)].reshape(len(x), -1)
     # NaN compares as false.
     if not (x.max() < ABSURD and x.min() > -ABSURD and np.isfinite(energies.sum())):
         good = np.isfinite(energies).all(axis=1) & (np.abs(x) < ABSURD).all(axis=1)

@@ -57,9 +57,9 @@ def state_sizes(
     speeds = np.where(
         turning_u, reached[turning_u].max(initial=0.0), reached[~turning_u].max(initial=0.0)
     )
-    moving = x.copy()
-    moving[u_part] = reached
-    (energies,) = evaluate_at(flow.energy, t, moving, p)
+    state = x.copy()
+    state[u_part] = reached
+    (energies,) = evaluate_at(flow.energy, t, state, p)
     sums = np.full(x[z_part].shape, max(float(energies[-2]), EPS * abs(float(energies[-1]))))
     for k, name in enumerate(flow.integrals, len(flow.works)):
         if name.startswith(MOMENTUM):
@@ -80,9 +80,9 @@ def _scatter(rate: Callable[[float, Array], Array], t: float, x: Array, sizes: A
     near = x + NEARBY * rng.uniform(-1.0, 1.0, len(x)) * sizes
     shaken = [near * (1.0 + EPS * rng.integers(-2, 3, len(x))) for _ in range(3)]
     with np.errstate(all="ignore"):
-        here = rate(t, near)
-        apart = np.abs([rate(t, other) - here for other in shaken]).max(axis=0)
-    return np.where(np.isfinite(apart), apart, 0.0)
+        rate_at_x = rate(t, near)
+        scatter = np.abs([rate(t, other) - rate_at_x for other in shaken]).max(axis=0)
+    return np.where(np.isfinite(scatter), scatter, 0.0)
 
 
 def _angles(flow: Flow) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

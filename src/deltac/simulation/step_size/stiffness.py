@@ -73,8 +73,8 @@ def _jacobian(flow: Flow) -> ca.Function:
     """∂(q̇, u̇)/∂(q, u), motors at zero."""
     n = flow.q_size + flow.u_size
     J = ca.jacobian(flow.xdot[:n], flow.x)[:, :n]
-    held = ca.substitute(J, flow.inputs, ca.SX.zeros(flow.inputs.shape[0]))
-    return ca.Function("J", [flow.t, flow.x, flow.p], [ca.densify(held)])
+    steady = ca.substitute(J, flow.inputs, ca.SX.zeros(flow.inputs.shape[0]))
+    return ca.Function("J", [flow.t, flow.x, flow.p], [ca.densify(steady)])
 
 
 def fastest_rate(flow: Flow, t: float, x: Array, p: Array) -> complex:
@@ -82,8 +82,8 @@ def fastest_rate(flow: Flow, t: float, x: Array, p: Array) -> complex:
     value = np.array(_jacobian(flow)(t, x, p))
     if not np.isfinite(value).all():
         return complex(math.nan)
-    found = np.linalg.eigvals(value)
-    return complex(found[np.argmax(np.abs(found))])
+    eigenvalues = np.linalg.eigvals(value)
+    return complex(eigenvalues[np.argmax(np.abs(eigenvalues))])
 
 
 def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion: Motion) -> Motion:

@@ -138,15 +138,17 @@ def _touches(mechanism: Mechanism, state: State) -> tuple[dict[str, list[_Touch]
     free = mechanism.free
     table, M = (np.array(x) for x in f(state.t, state.q[free.q], state.u[free.u]))
     inverse = np.linalg.pinv(M)
-    found: dict[str, list[_Touch]] = {}
+    touches: dict[str, list[_Touch]] = {}
     rows = iter(table.T)
     for name, some in labels.items():
-        found[name] = []
+        touches[name] = []
         for label in some:
             row = next(rows)
             J = row[7:].reshape(3, -1, order="F")
-            found[name].append(_Touch(label, float(row[0]), row[1:4], row[4:7], J @ inverse @ J.T))
-    return found, inverse
+            touches[name].append(
+                _Touch(label, float(row[0]), row[1:4], row[4:7], J @ inverse @ J.T)
+            )
+    return touches, inverse
 
 
 def _points(system: System, element: object) -> tuple[Gap, ...]:
@@ -160,9 +162,9 @@ def _points(system: System, element: object) -> tuple[Gap, ...]:
 
 def _found(mechanism: Mechanism, state: State) -> Iterator[TimeScale]:
     touches, inverse = _touches(mechanism, state)
-    known = {**mechanism.parameters, "t": state.t}
-    known |= {f"q.{e.name}": float(state.q[e.index]) for e in mechanism.coordinates}
-    known |= {f"u.{e.name}": float(state.u[e.index]) for e in mechanism.speeds}
+    values = {**mechanism.parameters, "t": state.t}
+    values |= {f"q.{e.name}": float(state.q[e.index]) for e in mechanism.coordinates}
+    values |= {f"u.{e.name}": float(state.u[e.index]) for e in mechanism.speeds}
     place = {int(i): k for k, i in enumerate(mechanism.free.u)}
     for element in mechanism.elements:
         match element:
@@ -172,8 +174,8 @@ def _found(mechanism: Mechanism, state: State) -> Iterator[TimeScale]:
                     yield from _of_contact(mechanism, element, touch, lies=lies)
             case PointFriction():
                 (touch,) = touches[element.name]
-                slope = max(evaluate(element.normal_force, known), 0.0) * _slope(
-                    element.friction, known
+                slope = max(evaluate(element.normal_force, values), 0.0) * _slope(
+                    element.friction, values
                 )
                 name = f"point friction {element.name!r}"
                 yield from _decay(
@@ -184,7 +186,7 @@ def _found(mechanism: Mechanism, state: State) -> Iterator[TimeScale]:
                 for i, law in zip(range(where.start, where.stop), element.laws):
                     mass = _inverse(inverse[place[i], place[i]]) if i in place else math.inf
                     name = f"joint friction {element.name!r}"
-                    yield from _decay(name, mass, _slope(law, known), "slip within its width")
+                    yield from _decay(name, mass, _slope(law, values), "slip within its width")
 
 
 def _of_contact(
@@ -225,9 +227,9 @@ def _decay(element: str, mass: float, slope: float, why: str) -> Iterator[TimeSc
         yield TimeScale(element, "decay", mass / slope, why)
 
 
-def _slope(law: FrictionLaw, known: Mapping[str, float]) -> float:
+def _slope(law: FrictionLaw, values: Mapping[str, float]) -> float:
     """The slope of friction at rest: s/w + b."""
-    s, w, b = (evaluate(x, known) for x in (law.static, law.width, law.viscous))
+    s, w, b = (evaluate(x, values) for x in (law.static, law.width, law.viscous))
     return s / w + b
 
 

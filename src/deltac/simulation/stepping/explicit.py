@@ -165,8 +165,8 @@ class FixedSteps(Stepper):
 
         def exact(time: float) -> Array:
             with np.errstate(all="ignore"):
-                found: Array = step(rate, t, x, time - t, parts)
-            return found
+                state: Array = step(rate, t, x, time - t, parts)
+            return state
 
         return Step(t, x, until, exact(until), exact)
 

@@ -70,9 +70,9 @@ class Finish:
             self._settle.single(self._in, self._out)
             x, worst = self._out[:-1].copy(), float(self._out[-1])
         if self._correct is not None:
-            given = self._corrected_in
-            given[0], given[-1], given[1 : 1 + n] = t, h, x
-            x = self._correct.single(given, self._corrected_out).copy()
+            inputs = self._corrected_in
+            inputs[0], inputs[-1], inputs[1 : 1 + n] = t, h, x
+            x = self._correct.single(inputs, self._corrected_out).copy()
         return x, worst
 
     def _prepare(self) -> None:
@@ -120,16 +120,16 @@ class StageRate:
         """ẋ."""
         if self._in is None:
             self._prepare()
-        flow, places, given = self._flow, self._places, self._in
-        assert given is not None
-        given[0], given[places["x"]] = t, x
+        flow, places, inputs = self._flow, self._places, self._in
+        assert inputs is not None
+        inputs[0], inputs[places["x"]] = t, x
         if "inputs" in places:
             asked = self._controller is not None and not self._controller.hold
-            given[places["inputs"]] = self._asked(t, x) if asked else self.held
+            inputs[places["inputs"]] = self._asked(t, x) if asked else self.held
         if "given" in places:
-            given[places["given"]] = flow.by_hand(t, x, self.parameters)
+            inputs[places["given"]] = flow.by_hand(t, x, self.parameters)
         p = self.parameters if len(self.parameters) else None
-        return self._rate.single(given, self._out, p).copy()
+        return self._rate.single(inputs, self._out, p).copy()
 
     def batch(self, t: Array, x: Array) -> Array:
         """ẋ (T, n) of many states (T, n); one by one where something is called from Python."""

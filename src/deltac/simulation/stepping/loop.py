@@ -205,9 +205,9 @@ class Loop:
             def state(time: float) -> Array:
                 return self._finished(step, time, step.exact(time), before)
 
-            found = events.first(t, self.x, step.t1, x1, state, fresh)
-            if found is not None:
-                self._happen(step, events, *found)
+            event = events.first(t, self.x, step.t1, x1, state, fresh)
+            if event is not None:
+                self._happen(step, events, *event)
                 return True
         self._arrive(step.t1, x1)
         if passing and self._singular:

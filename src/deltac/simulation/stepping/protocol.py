@@ -35,10 +35,10 @@ class StepGrid:
 
     def times(self, first: int, count: int) -> Array:
         """So many times, from the first-th on."""
-        found: Array = self.start + self.step * np.arange(first, first + count, dtype=np.float64)
+        times: Array = self.start + self.step * np.arange(first, first + count, dtype=np.float64)
         if first + count > self.count:
-            found[self.count - first :] = self.end
-        return found
+            times[self.count - first :] = self.end
+        return times
 
     def sample(self, after: int) -> int:
         """The number of the first sample after the time of that number."""

@@ -75,14 +75,14 @@ class SundialsSteps(Stepper):
         if count > most:
             count = CHUNK if most >= CHUNK else min(FEW, count)
         try:
-            found = self._integrate(x, grid.time(k), count * grid.step, count, self._p)
+            values = self._integrate(x, grid.time(k), count * grid.step, count, self._p)
         except RuntimeError:
             check_interrupted()
             self._failed = True  # from here one by one: how far does it get?
             return None
         for place in self._flow.quaternions:
-            found[:, place] /= np.linalg.norm(found[:, place], axis=1, keepdims=True)
-        return Block(found)
+            values[:, place] /= np.linalg.norm(values[:, place], axis=1, keepdims=True)
+        return Block(values)
 
 
 def _speed(flow: Flow, x: Array) -> str:
@@ -117,8 +117,8 @@ def _implicit(flow: Flow) -> dict[str, Any]:
         motion = forward(flow.system, channels(flow.system), flow.bound, flow.damping)
         rows = flow.bound.rows
         alpha, beta = flow.damping
-        wanted = rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
-        residual = ca.vertcat(residual, ca.mtimes(rows.G, a) + wanted)
+        target = rows.gamma + 2 * alpha * rows.psi + beta**2 * rows.phi
+        residual = ca.vertcat(residual, ca.mtimes(rows.G, a) + target)
         start = ca.vertcat(udot, motion.multipliers)
     dae = {"t": flow.t, "x": flow.x, "z": ca.vertcat(a, lam), "p": flow.p}
     return {**dae, "ode": ode, "alg": residual, "start": start}
@@ -189,11 +189,11 @@ class _Integration:
         """States (parts, n) at the ends of equal parts of [t, t + length]; RuntimeError where it fails."""
         if parts not in self._known:
             self._known[parts] = self._integrator(parts)
-        given: dict[str, Any] = {"x0": x / self._sizes, "p": np.concatenate([p, [t, length]])}
+        arguments: dict[str, Any] = {"x0": x / self._sizes, "p": np.concatenate([p, [t, length]])}
         if self._start is not None:
-            given["z0"] = self._start(t, x, p)
+            arguments["z0"] = self._start(t, x, p)
         with _SILENCE:
-            return np.array(self._known[parts](**given)["xf"]).T * self._sizes
+            return np.array(self._known[parts](**arguments)["xf"]).T * self._sizes
 
     def _integrator(self, parts: int) -> Any:
         dae = self._dae
@@ -229,5 +229,5 @@ def _reason(error: RuntimeError) -> str:
     for code, words in _WORDS.items():
         if code in text:
             return words
-    found = re.search(r'returned "?(\w+)"?', text)
-    return f"SUNDIALS returned {found[1]}" if found else text.splitlines()[-1][:200]
+    match = re.search(r'returned "?(\w+)"?', text)
+    return f"SUNDIALS returned {match[1]}" if match else text.splitlines()[-1][:200]

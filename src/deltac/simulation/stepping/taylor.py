@@ -119,10 +119,10 @@ class TaylorSteps(Stepper):
             times = times[:2]
             limit = {"max_delta_t": self._real(self._first(method, times[1] - times[0]))}
         outcome = method.propagate_grid(times.astype(self._real), **limit)
-        found = self._state(outcome[-1])[1:]
+        values = self._state(outcome[-1])[1:]
         # What was not reached is not finite.
         states = np.full((len(times) - 1, len(x)), np.nan)
-        states[: len(found)] = found
+        states[: len(values)] = values
         self._at = float(times[-1])
         for place in self._quaternions:
             states[:, place] /= np.linalg.norm(states[:, place], axis=1, keepdims=True)

@@ -68,9 +68,9 @@ class Form:
                 r = r - ca.mtimes(rows.G.T, lam)
             driving = driving_forces(system, system.udot_all, forces, flow.bound, lam)
             reactions = Reactions(driving, lam)
-            known = terms(system, system.udot_all, forces, flow.split, flow.bound, reactions)
-            nonpotential = known.nonpotential_power
-            P = flow.powers(known, forces, reactions, flow.bound)
+            all_terms = terms(system, system.udot_all, forces, flow.split, flow.bound, reactions)
+            nonpotential = all_terms.nonpotential_power
+            P = flow.powers(all_terms, forces, reactions, flow.bound)
         point = [flow.t, self.q, self.u, udot, lam, flow.inputs, flow.p]
         self._dynamics = ca.Function("r", point, [r])
         self._powers = ca.Function("P", point, [P, nonpotential])
@@ -141,19 +141,19 @@ def _slots(flow: Flow) -> list[Slots]:
     mechanism = flow.system.mechanism
     q = {int(place): k for k, place in enumerate(mechanism.free.q)}
     u = {int(place): k for k, place in enumerate(mechanism.free.u)}
-    found = []
+    slots = []
     for joint in mechanism.joints:
         if joint.prescribed or not joint.speeds:
             continue
         in_q, in_u = mechanism.coordinates.of(joint.name), mechanism.speeds.of(joint.name)
-        found.append(
+        slots.append(
             Slots(
                 [q[k] for k in range(in_q.start, in_q.stop)],
                 [u[k] for k in range(in_u.start, in_u.stop)],
                 KINDS[joint.kind].quaternion,
             )
         )
-    return found
+    return slots
 
 
 def _check_by_hand(flow: Flow) -> None:

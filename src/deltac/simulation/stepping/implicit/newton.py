@@ -117,9 +117,9 @@ class Newton:
                     step = np.zeros_like(y)
                     continue
                 size = float(np.abs(step[: self._speeds]).max())
-                known = 0.0 < last < np.inf
-                rate = size / last if known else 1.0
-                if known and rate > SLOW and not fresh:
+                comparable = 0.0 < last < np.inf
+                rate = size / last if comparable else 1.0
+                if comparable and rate > SLOW and not fresh:
                     refresh, last = True, np.inf  # not taken: the old Jacobian is no good here
                     step = np.zeros_like(y)
                     continue
@@ -132,7 +132,7 @@ class Newton:
                     return Outcome(y, True, k, r)
                 smallest, before, halved = min(size, smallest), residual, 0
                 exact = fresh
-                last, refresh = size, (known and rate > SLOW) or k >= FREE
+                last, refresh = size, (comparable and rate > SLOW) or k >= FREE
         self.forget()
         return Outcome(y, False, MOST_ITERATIONS, r)
 
@@ -164,10 +164,10 @@ class Newton:
             # splu may not keep the arrays it is given, and `entries` is a view of a buffer.
             matrix = csc_matrix((entries.copy(), system.rows, system.indptr), shape=(n, n))
             try:
-                found: Any = splu(matrix)
+                factors: Any = splu(matrix)
             except RuntimeError:  # exactly singular
                 return lambda b: np.full_like(b, np.nan)
-            return lambda b: found.solve(b)
+            return lambda b: factors.solve(b)
         from scipy.linalg.lapack import dgetrf, dgetrs
 
         J = np.zeros((n, n), order="F")

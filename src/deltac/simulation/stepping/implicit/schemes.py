@@ -99,11 +99,11 @@ def generalized_alpha(form: Form, b: Before) -> StepEquations:
     beta = 0.25 * (gamma + 0.5) ** 2
     n, width = b.u.shape[0], b.u.shape[0] + b.z.shape[0]
     # With columns named: of a memory of one entry, no rows would be no columns.
-    known, aux = b.memory[:width, :], b.memory[width:, :]
+    previous, aux = b.memory[:width, :], b.memory[width:, :]
 
     def following(rates: SX, part: slice) -> SX:
         """The auxiliary rates at the end of the step."""
-        mixed = (1 - alpha_f) * rates + alpha_f * known[part, :] - alpha_m * aux[part, :]
+        mixed = (1 - alpha_f) * rates + alpha_f * previous[part, :] - alpha_m * aux[part, :]
         return mixed / (1 - alpha_m)
 
     w, impulse = _unknowns(form)
@@ -143,8 +143,8 @@ def discrete_gradient(form: Form, b: Before) -> StepEquations:
     q, t = form.halfway(middle.q, d), b.t + b.h
     r = form.dynamics(middle)
     at_rest = Point(middle.t, middle.q, middle.u, 0 * middle.u, middle.multipliers)
-    moving = Point(middle.t, middle.q, middle.u, middle.u, middle.multipliers)
-    momentum = form.dynamics(moving) - form.dynamics(at_rest)  # M u_m: r is linear in u̇
+    velocity = Point(middle.t, middle.q, middle.u, middle.u, middle.multipliers)
+    momentum = form.dynamics(velocity) - form.dynamics(at_rest)  # M u_m: r is linear in u̇
     before = form.energy(b.t, b.q, b.u)
     gained = (form.energy(t, q, u) - before) / b.h
     gap = gained - form.nonpotential_power(middle) - ca.dot(middle.u, r)

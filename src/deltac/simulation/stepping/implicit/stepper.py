@@ -108,8 +108,8 @@ class ImplicitSteps(Stepper):
         if self._memory is None or abs(self._memory[1] - h) > 1e-6 * h:  # beyond rounding of times
             self._memory = self._start(t, x, h), h
         memory = self._memory[0]
-        taken = self._solved(t, x, h, memory)
-        self._tried = taken, x[self._method.flow.parts[1]], h
+        solved = self._solved(t, x, h, memory)
+        self._tried = solved, x[self._method.flow.parts[1]], h
 
         def exact(time: float) -> Array:
             if time <= t:
@@ -119,13 +119,13 @@ class ImplicitSteps(Stepper):
             part = np.concatenate([rates, rates + share * (aux - rates)])
             return self._solved(t, x, time - t, part).x
 
-        return Step(t, x, until, taken.x, exact)
+        return Step(t, x, until, solved.x, exact)
 
     def accept(self, t: float, x: Array) -> None:
         """The method's memory goes on from the end of the step."""
         assert self._tried is not None
-        taken, u, h = self._tried
-        self._memory, self._previous = (taken.memory, h), (taken.y, u, h)
+        state, u, h = self._tried
+        self._memory, self._previous = (state.memory, h), (state.y, u, h)
 
     @property
     def taken(self) -> Taken:

@@ -686,10 +686,10 @@ class _Inferring:
         try:
             self._linearised_at(other.best.coefficients)
             other = self._compare_once()
+            if self.methods:
+                return other
         except (FlowError, np.linalg.LinAlgError):
-            self.methods = ()
-        if self.methods:
-            return other
+            pass
         self.__dict__.update(state)
         return posterior
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from importlib.util import find_spec
@@ -12,9 +13,13 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(threads, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 # What one process has compiled the other need not compile, nor the next run of the tests.
-os.environ.setdefault(
-    "DELTAC_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "kernels")
-)
+KEPT = Path(__file__).parents[1] / ".pytest_cache"
+os.environ.setdefault("DELTAC_CACHE_DIR", str(KEPT / "kernels"))
+# Processes that tests start read their modules as bytecode: compiling its source is half of a command's time.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+os.environ.setdefault("PYTHONPYCACHEPREFIX", str(KEPT / "bytecode"))
+# Searches for cycles at 700 new objects, Python's, take a tenth of the tests' time (deltac.cli.SELDOM).
+gc.set_threshold(100_000, *gc.get_threshold()[1:])
 
 # A shell starts what it puts in the background with interrupts ignored; tests send themselves some.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -33,7 +38,10 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests on random examples; leave out those marked `heyoka` where it has no wheels."""
+    """Mark the tests on random examples; leave out those marked `heyoka` where it has no wheels.
+
+    Undecided tests cannot fail, so they are slow ones: `make test-slow` tells which pass.
+    """
     without = find_spec("heyoka") is None
     undecided = {
         x for x in (TESTS / "undecided.txt").read_text("utf-8").split() if "::" in x or "/" in x
@@ -44,6 +52,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if {item.nodeid, function, function.partition("::")[0]} & undecided:
             reason = "the inference of audits does not decide it yet: tests/undecided.txt"
             item.add_marker(pytest.mark.xfail(reason=reason, strict=False))
+            item.add_marker("slow")
         if is_hypothesis_test(getattr(item, "obj", None)):
             item.add_marker("random_examples")
         if without and item.get_closest_marker("heyoka"):

@@ -10,7 +10,7 @@ document.addEventListener("DOMContentLoaded", () => {
   const pictures = atlas.pictures;
   const places = new Map(pictures.models.map((model, k) => [model, k]));
   const sheet = new URL("../images/atlas-models.webp", document.querySelector("script[src$='assets/atlas.js']").src);
-  const shown = 200;
+  const shown = 200, order = [0, 1, 3, 6, 7, 8, 2, 5, 4];  // what decides comes first
   let key = 0, sign = 1;
 
   const element = (name, properties = {}, ...children) => {
@@ -27,8 +27,8 @@ document.addEventListener("DOMContentLoaded", () => {
   const words = element("input", { type: "search", placeholder: "model", ariaLabel: "words of the model's path", oninput: draw });
   const filters = [choice("every integrator", atlas.solver), choice("every motion", atlas.motion), choice("every verdict", atlas.verdict)];
   const count = element("p", { className: "atlas-count", ariaLive: "polite" });
-  const head = element("tr", {}, ...columns.map((name, k) => {
-    const button = element("button", { textContent: name, onclick: () => { sign = key === k ? -sign : 1; key = k; draw(); } });
+  const head = element("tr", {}, ...order.map(k => {
+    const button = element("button", { textContent: columns[k], onclick: () => { sign = key === k ? -sign : 1; key = k; draw(); } });
     return element("th", { scope: "col" }, button);
   }));
   const body = element("tbody");
@@ -50,7 +50,7 @@ document.addEventListener("DOMContentLoaded", () => {
     } });
     const cell = element("td", { colSpan: columns.length });
     cell.append(element("div", { className: "atlas-details" }, picture(row[0]), element("div", {},
-      atlas.why[row[9]] ? element("p", { textContent: atlas.why[row[9]] }) : "",
+      element("p", { textContent: row[0] }), atlas.why[row[9]] ? element("p", { textContent: atlas.why[row[9]] }) : "",
       element("p", {}, "The report of this run, with the motion: ", element("code", { textContent: command }), " ", copy))));
     return element("tr", { className: "atlas-open" }, cell);
   };
@@ -60,7 +60,10 @@ document.addEventListener("DOMContentLoaded", () => {
     button.ariaExpanded = String(!isOpen);
   };
   const name = row => {
-    const button = element("button", { className: "atlas-name", ariaExpanded: "false" }, picture(row[0]), element("span", { textContent: row[0] }));
+    const parts = row[0].split("/");
+    const button = element("button", { className: "atlas-name", ariaExpanded: "false" }, picture(row[0]),
+      element("span", {}, parts[parts.length - 1].replace(/^(robot|model)\./, `${parts[parts.length - 2]} $&`),
+        element("small", { textContent: parts[0] })));
     button.onclick = () => open(button.closest("tr"), row, button);
     return element("td", {}, button);
   };
@@ -75,10 +78,9 @@ document.addEventListener("DOMContentLoaded", () => {
       if (x === null || y === null) return (x === null) - (y === null);  // what is not known stays last
       return sign * (typeof x === "number" ? x - y : x.localeCompare(y));
     });
-    [...head.children].forEach((cell, k) => cell.ariaSort = k !== key ? "none" : sign > 0 ? "ascending" : "descending");
+    [...head.children].forEach((cell, place) => cell.ariaSort = order[place] !== key ? "none" : sign > 0 ? "ascending" : "descending");
     body.replaceChildren(...own.slice(0, shown).map(row => element("tr", { title: atlas.why[row[9]] }, name(row),
-      ...columns.slice(1).map((_, j) => {
-        const k = j + 1;
+      ...order.slice(1).map(k => {
         return element("td", { className: k > 3 ? "number" : k === 3 ? row[3].replace(" ", "-") : "",
           textContent: typeof row[k] === "number" || row[k] === null ? number(row[k]) : row[k] });
       }))));

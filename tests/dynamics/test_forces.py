@@ -10,13 +10,14 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import channel_powers
 from deltac.mechanism.bodies import body, point_mass
 from deltac.mechanism.channels import Channel
-from deltac.mechanism.forces import joint_spring, spring_damper
+from deltac.mechanism.forces import joint_spring, joint_torque, spring_damper
 from deltac.mechanism.joints import prismatic, spherical
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scene import Element
@@ -81,6 +82,19 @@ def test_gravity_is_the_weight(sample: Sample) -> None:
     loss = sum(m * g @ book.v[6 * k : 6 * k + 3] for k, m in zip(range(N), masses, strict=True))
     (V_dot,) = sample.evaluate(system, rate(system, part.potential))
     assert_close(V_dot, -loss, scale=largest(g) * sum(masses) * (1 + largest(book.v)))
+
+
+def test_forces_at_rows_of_an_oscillator() -> None:
+    """−k x and −c v of each row, and nothing by a motor without a law."""
+    slide = prismatic("slide", "ground", "mass", "x", stiffness=100.0, damping=0.4)
+    push = joint_torque("push", "slide")
+    equations = equations_of_motion(Mechanism([point_mass("mass", 2.0)], [slide], [push]))
+    t = np.linspace(0.0, 1.0, 5)
+    q, u = np.sin(t)[:, None], np.cos(t)[:, None]
+    forces = {name.kind: force for name, force in equations.forces(t, q, u).items()}
+    assert_close(forces["spring"], -100.0 * q)
+    assert_close(forces["damper"], -0.4 * u)
+    assert not forces["actuator"].any()
 
 
 @pytest.mark.parametrize("sign", [1, -1])

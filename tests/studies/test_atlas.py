@@ -16,7 +16,9 @@ import pytest
 
 import deltac as dc
 from deltac.errors import InputError
-from deltac.fleets.atlas import atlas, plan_atlas
+from deltac.fleets.atlas import Size, atlas, model_files, model_sizes, plan_atlas
+from deltac.fleets.spec import Execution
+from deltac.foreign.isolation import Failure
 from deltac.recorders import experiments
 from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
 from deltac.recorders.mujoco_recorder import compiled_model
@@ -240,6 +242,22 @@ def test_models_that_cannot_be_run_are_rows_with_their_reason(tmp_path: Path) ->
     assert all(build.startswith(dc.__version__) for build in frame["build"])
 
 
+def test_a_model_that_brings_mujoco_down_is_a_row(tmp_path: Path) -> None:
+    """A few lines that ask for more bodies than there is memory for."""
+    grid = '<replicate count="4000" offset="1 0 0">' * 3 + "{}" + "</replicate>" * 3
+    text = grid.format('<body><joint/><geom size=".1"/></body>')
+    (tmp_path / "bomb.xml").write_text(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
+    (tmp_path / "good.xml").write_text(
+        '<mujoco><worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody></mujoco>'
+    )
+    (tmp_path / "plan.toml").write_text(PLAN.replace("*.urdf", "*.xml"))
+    sizes = model_sizes(
+        {name: tmp_path / name for name in ("bomb.xml", "good.xml")}, Execution(workers=1), 10.0
+    )
+    assert isinstance(sizes["bomb.xml"], Failure) and sizes["bomb.xml"].message
+    assert sizes["good.xml"] == Size(1, 0.002)
+
+
 def test_an_atlas_that_was_stopped_is_a_sample_of_all(tmp_path: Path, arm: Path) -> None:
     (tmp_path / "other.urdf").write_text(ARM.replace("1.5", "1.4"))
     (tmp_path / "plan.toml").write_text(PLAN)
@@ -371,3 +389,24 @@ def test_a_recording_ends_where_the_run_blew_up() -> None:
         recorder = Own(("j",), ("j",))
         recorder.row(0.0, np.inf)
         recorder.trajectory()
+
+
+def test_differences_in_the_last_digits_are_no_mistake() -> None:
+    """PyBullet's masses differ from the file's by 10⁻¹⁰; by Pinocchio's inverse dynamics it moves right."""
+    pin = pytest.importorskip("pinocchio")
+    pytest.importorskip("pybullet")
+    files, missing = model_files({"example-robot-data": ["*/go1.urdf"]}, Path())
+    if missing:
+        pytest.skip("example-robot-data is not installed")
+    experiment = Experiment.of(*files.values(), "sway", 0.3)
+    run = SIMULATORS["pybullet"].run(experiment, 0.004, "semi-implicit euler")
+    model = pin.buildModelFromXML(experiment.text)
+    data = model.createData()
+    places = [model.joints[model.getJointId(name)].idx_v for name in run.speeds]
+    total, rows = sum(run.forces.values()), (run.q, run.u, run.udot)
+    for k in range(len(run)):
+        state = [np.zeros(model.nv) for _ in rows]
+        for column, values in zip(state, rows):
+            column[places] = values[k]
+        assert np.abs(pin.rnea(model, data, *state)[places] - total[k]).max() < 1e-6
+    assert dc.audit(experiment.model, run).verdict.kind == "integration-error"

@@ -34,6 +34,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained, Forward, forward
 from deltac.kernels.casadi_evaluator import on_arrays
+from deltac.kernels.rows import at_rows
 from deltac.mechanism.channels import Channel, ChannelName
 from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
@@ -261,6 +262,22 @@ class EquationsOfMotion:
             G=matrices(G, len(self.rows), n),
             W=matrices(W, len(s.free_q), n),
         )
+
+    @cached_property
+    def _forces(self) -> Any:
+        s, free = self.system, self.system.free_u
+        forces = [ca.densify(part.force[free, :]) for part in self.channels]
+        return ca.Function("forces", [s.t, s.q, s.u, s.inputs, s.p], forces, {"cse": True})
+
+    def forces(self, t: Array, q: Array, u: Array) -> dict[ChannelName, Array]:
+        """Generalized force (T, p) of each channel at rows (T, …); parameters that are symbols are zero.
+
+        Motors without a law give nothing. The mass matrix, which `terms` have too, takes most of their time.
+        """
+        s = self.system
+        rest = [np.zeros((len(t), x.shape[0])) for x in (s.inputs, s.p)]
+        values = at_rows(self._forces, [t, q, u, *rest])
+        return {part.name: value for part, value in zip(self.channels, values, strict=True)}
 
     def solved(self, terms: MotionTerms) -> tuple[Array, Array]:
         """u̇ (p,) and the least λ (nc,) of terms at one state, or (B, p) and (B, nc) at B states.

@@ -471,8 +471,13 @@ class Reading:
         return Size(len(experiment.model.mechanism.speeds.names), experiment.own_step)
 
 
-def model_sizes(files: dict[str, Path], execution: Execution) -> dict[str, Size | Failure]:
-    """The sizes of all models, or why one cannot be read; kept by content and what reads it."""
+def model_sizes(
+    files: dict[str, Path], execution: Execution, time_limit: float = READING
+) -> dict[str, Size | Failure]:
+    """The sizes of all models, or why one cannot be read within so many seconds.
+
+    They are kept by content and what reads it.
+    """
     place = cache_folder() if cache_wanted() else None
     store = None if place is None else place / "models.json"
     kept: dict[str, Any] = {}
@@ -488,7 +493,7 @@ def model_sizes(files: dict[str, Path], execution: Execution) -> dict[str, Size 
     if missing := [label for label in files if label not in sizes]:
         with local_crew(execution.workers) as crew:
             answers = {
-                label: crew.executor.submit(crew.call, Reading(str(files[label])), READING)
+                label: crew.executor.submit(crew.call, Reading(str(files[label])), time_limit)
                 for label in missing
             }
             sizes |= {label: answer.result() for label, answer in answers.items()}

@@ -193,7 +193,7 @@ def _bounded(
     kwargs: dict[str, Any],
 ) -> Any:
     most = COPIES * min(limits.bytes, max(SMALL, limits.expansion * size)) + ROOM
-    with limits.applied(), _memory(min(most, free_memory() or most)):
+    with limits.applied(), more_memory(min(most, free_memory() or most)):
         return read(path, *args, **kwargs)
 
 
@@ -202,8 +202,8 @@ COPIES, ROOM = 4, 2**30
 
 
 @contextlib.contextmanager
-def _memory(more: float) -> Iterator[None]:
-    """So many bytes more than this process has now, where the system can limit them."""
+def more_memory(more: float) -> Iterator[None]:
+    """At most so many bytes more than this process has now, where the system can limit them."""
     if resource is None or sys.platform != "linux":  # others do not keep the limit
         yield
         return

@@ -7,7 +7,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from deltac.calls.arguments import checked
 from deltac.constraints import holonomic, loop_spherical, loop_weld
 from deltac.errors import FileError, InputError, ModelError, PackageError, WrongType, shown
 from deltac.foreign.files import read_bytes
-from deltac.foreign.isolation import INSIDE
+from deltac.foreign.isolation import INSIDE, more_memory
 from deltac.foreign.limits import Limits, free_memory
 from deltac.importers.files import BASES, with_base
 from deltac.importers.names import (
@@ -90,8 +90,10 @@ def load_model(source: Any, base: str = "fixed") -> tuple[Any, str, list[Remark]
         raise ModelError(f"model file {path.name!r}: expected .xml (MJCF) or .urdf")
     _try_apart(path)
     try:
-        with _quiet(mujoco):
+        with _quiet(mujoco), more_memory(free_memory() or 2**62) if INSIDE else nullcontext():
             return mujoco.MjModel.from_xml_path(str(path)), path.name, [], None
+    except MemoryError:
+        raise ModelError(f"model file {path.name!r} does not fit into memory") from None
     except ValueError as error:
         raise ModelError(_refused(path.name, error)) from None
 
@@ -142,8 +144,8 @@ def _try_apart(path: Path) -> None:
 
     A few lines can ask for millions of bodies (<replicate>), and nothing stops MuJoCo once it compiles.
 
-    A worker process is bounded already. Raises LimitError for a file that takes too long, ModelError for
-    one that brings MuJoCo down.
+    In a worker process, which may die, it is compiled at once. Raises LimitError for a file that takes too
+    long, ModelError for one that brings MuJoCo down.
     """
     if INSIDE:
         return

@@ -574,12 +574,13 @@ def _judgement(
     progress(0.2)
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     inference = None
-    if doubts <= set(checks.OF_RATES):
+    if doubts <= {*checks.OF_RATES, *checks.OF_UNITS}:
         rows = _without_own_laws(mechanism, log.consecutive)
         inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
     error = np.abs(ledger.uncorrected(function_of(ledger))).max()
     balanced = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
-    if doubts and inference is not None and (inference.closes or balanced):
+    rates = doubts <= set(checks.OF_RATES)
+    if doubts and inference is not None and (inference.closes or (balanced and rates)):
         # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
         # Nor do works of the loop that balance with energies of these speeds and coordinates.
         findings = [f for f in findings if f.kind not in doubts]
@@ -599,7 +600,7 @@ def _judgement(
     findings += checks.left_out(limit)
     function = function_of(ledger)
     in_loop = ledger.method == "in-loop" and bool(run.integrals or run.works)
-    log = _with_held_works(reference, log, inference)
+    log = _with_held_forces(reference, log, inference)
     run, ledger = log.run, log.ledger
     attribution = None
     if inference is not None and not unattributable(findings):
@@ -733,38 +734,44 @@ def _attributed(
     return Attribution(t, integrator, equations, Share(rest, error))
 
 
-def _with_held_works(reference: Reference, log: Log, inference: Inference | None) -> Log:
-    """The log with the works of forces that were held over each step, known without quadrature."""
+def _with_held_forces(reference: Reference, log: Log, inference: Inference | None) -> Log:
+    """The log with works and impulses of forces that were held over each step, known without quadrature."""
     run = log.run
     if inference is None or log.consecutive is not run or reference.work is not None:
         return log
-    works = _works_between_rows(inference, run)
-    if not works:
-        return log
-    return replace(log, ledger=balance(reference.mechanism, replace(run, works=works)))
+    held = _held_between_rows(inference, run)
+    return log if held is None else replace(log, ledger=balance(reference.mechanism, held))
 
 
-def _works_between_rows(inference: Inference, run: Trajectory) -> dict[ChannelName, Array]:
-    """The work (T,) of every logged channel, J; empty where one is not held, or acts on prescribed speeds."""
+def _held_between_rows(inference: Inference, run: Trajectory) -> Trajectory | None:
+    """The run with each force that which acts until the next row, and its work (T,), J.
+
+    None where one is not constant there, or acts on prescribed speeds.
+    """
     if not inference.forces or any(FORCES[kind][1] for kind in inference.forces):
-        return {}
+        return None
     model = inference.model
     if run.works or run.integrals or set(run.forces) != set(model.log.places):
-        return {}
+        return None
     rows = model.rows(run)
     moved = model.difference(rows.take(slice(0, -1)), rows.take(slice(1, None)))[:, : model.n]
     if len(inference.w) == len(moved):
         # The work along the model's flow: what the integrator does besides is its error, and in ΔC.
         moved = moved - inference.w[:, : model.n]
     place = {int(k): row for row, k in enumerate(model.mechanism.free.u)}
-    works: dict[ChannelName, Array] = {}
+    works, forces = dict[ChannelName, Array](), dict[ChannelName, Array]()
     for name, speeds in model.log.places.items():
         if any(k not in place for k in speeds):
-            return {}
+            return None
         columns = model.log.columns[name]
         a = np.array([FORCES[inference.forces[c]][0] for c in range(columns.start, columns.stop)])
         F = run.forces[name][:, speeds]
         acting = F[:-1] + a * np.diff(F, axis=0)
         power = np.einsum("km,km->k", acting, moved[:, [place[k] for k in speeds]])
         works[name] = np.concatenate([[0.0], np.cumsum(power)])
-    return works
+        forces[name] = np.array(run.forces[name])
+        forces[name][: len(acting), speeds] = acting
+    provenance = replace(
+        run.provenance, step=float(np.median(np.diff(run.t))), held=tuple(map(str, works))
+    )
+    return replace(run, works=works, forces=forces, provenance=provenance)

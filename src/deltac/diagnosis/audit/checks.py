@@ -288,6 +288,9 @@ def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
 OF_RATES = ("clock-scale", "gear-between-q-and-u", "speed-not-rate", "late-rows")
 """Findings of the kinematic test that a wrong unit or order makes too."""
 
+OF_UNITS = ("degrees", "turns", "rpm")
+"""Doubts of units: rows that follow from each other by a known step contradict them too."""
+
 
 def with_conventions(
     mechanism: Mechanism, run: Trajectory, known: Sequence[Finding]
@@ -323,10 +326,10 @@ def own_laws(
 ) -> tuple[NDArray[np.intp], dict[ChannelName, Array]]:
     """Some rows of a run, and there the generalized forces (T, n) of the channels that the model computes."""
     rows, free, motion = some_rows(run, MOST_ROWS), mechanism.free, equations_of_motion(mechanism)
-    columns = (run.q[np.ix_(rows, free.q)].T, run.u[np.ix_(rows, free.u)].T)
+    columns = (run.q[np.ix_(rows, free.q)], run.u[np.ix_(rows, free.u)])
     lawless = {part.name for part in motion.channels if part.logged}
-    forces = motion.terms(run.t[rows], *columns).forces
-    return rows, {name: force.T for name, force in forces.items() if name not in lawless}
+    forces = motion.forces(run.t[rows], *columns)
+    return rows, {name: force for name, force in forces.items() if name not in lawless}
 
 
 def differing_channels(

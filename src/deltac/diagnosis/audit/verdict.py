@@ -126,7 +126,19 @@ class Judgement:
             and generic.log_odds > CERTAIN
             and generic.exchanged > self.allowed_flow
             and generic.explained > MOST
+            and self.left_flow > self.allowed_flow
         )
+
+    @cached_property
+    def left_flow(self) -> float:
+        """The energy that what integrator and causes leave of the rows moves, J.
+
+        Terms of a model may trace differences of the last digits, such as those of angles in a file.
+        """
+        inference = self.inference
+        if inference is None:
+            return 0.0
+        return float(np.abs(inference.gradient * inference.residual).sum() * inference.whole)
 
     @property
     def smoothed(self) -> bool:
@@ -158,7 +170,7 @@ class Judgement:
             # ΔC is of the steps' own works. By those of the flow the integrator has other joules, which is
             # no doubt of whose these are.
             bar = self.ledger.error_bar[self.function]
-            error = np.hypot(bar, self.attribution.equations.curve_error)
+            error = np.minimum(error, np.hypot(bar, self.attribution.equations.curve_error))
         return float(self._beyond(share.curve, error).max())
 
     @cached_property
@@ -285,8 +297,7 @@ class Judgement:
         ):
             return False
         noise = bool((self.left <= SCATTER * inference.relative[1]).all())
-        flow = np.abs(inference.gradient * inference.residual).sum() * inference.whole
-        return noise or bool(flow <= self.allowed_flow)
+        return noise or self.left_flow <= self.allowed_flow
 
     @cached_property
     def outcome(self) -> Outcome:

@@ -117,13 +117,18 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
         edges = _evenly(edges, most, total)
     if sum(b - a - 1 for a, b in edges) < LEAST_INTERVALS:
         return None
-    all_rows, digits = model.rows(run), digits_of(run)
+    # Of a long log only what the stretches take is looked at; `starts` are places among the chosen rows.
+    chosen = np.concatenate([np.arange(a, b) for a, b in edges])
+    places = np.cumsum([0, *(b - a for a, b in edges)])
+    starts = np.concatenate([np.arange(a, b - 1) for a, b in zip(places, places[1:], strict=False)])
+    all_rows, digits = model.rows(run.take(chosen)), digits_of(run)
 
     def deviations(of: str) -> Array:
         # Uniform within a digit; a double that was computed is off by some of its last.
         values = run.q if of == "q" else run.u
-        size = np.abs(values).max(axis=0, initial=0.0)
-        variance = digits[of].half() ** 2 / 3.0 * _alike(values, digits[of].half())
+        size = np.maximum(values.max(axis=0, initial=0.0), -values.min(axis=0, initial=0.0))
+        half = digits[of].half(chosen)
+        variance = half**2 / 3.0 * _alike(values, chosen, half)
         return np.asarray(np.sqrt(variance + (4.0 * EPS * (1.0 + size)) ** 2))
 
     free = model.mechanism.free
@@ -136,12 +141,11 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
     noise = np.concatenate([along, of_u], axis=1)
     derived = "u" in run.provenance.derived
     if derived:
-        noise[:, model.n :] = _unknown_speeds(run, free.u)
-    of_F = [np.zeros((len(run), 0))] + [
-        np.sqrt(digits[f"force {n}"].half() ** 2 / 3.0 + digits[f"force {n}"].noise ** 2)
+        noise[:, model.n :] = _unknown_speeds(run, free.u)[chosen]
+    of_F = [np.zeros((len(chosen), 0))] + [
+        np.sqrt(digits[f"force {n}"].half(chosen) ** 2 / 3.0 + digits[f"force {n}"].noise ** 2)
         for n in model.log.values(run)
     ]
-    starts = np.concatenate([np.arange(a, b - 1) for a, b in edges])
     ends = np.cumsum([0, *(b - a - 1 for a, b in edges)]).tolist()
     both = noise[starts], noise[starts + 1]
     return Observations(
@@ -156,16 +160,18 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
     )
 
 
-def _alike(values: Array, half: Array) -> Array:
-    """How many rows (T, n) share their rounding: those in which a number stays within its last digit.
+def _alike(values: Array, chosen: NDArray[np.intp], half: Array) -> Array:
+    """How many rows share the rounding of the chosen ones: a number stays within its last digit in them.
 
-    White noise of the variance times that has the spectrum of such errors where it is slow.
+    White noise of the variance times that has the spectrum of such errors where it is slow. `half` of the
+    last digits and the result are of the chosen rows.
     """
-    shared = np.ones_like(values)
-    for k, x in enumerate(values.T):
-        edges = np.flatnonzero(np.concatenate([[True], np.diff(x) != 0.0, [True]]))
-        runs = np.diff(edges)
-        shared[:, k] = np.where(half[:, k] > COARSE * np.abs(x), np.repeat(runs, runs), 1.0)
+    shared = np.ones_like(half)
+    coarse = half > COARSE * np.abs(values[chosen])
+    for k in np.flatnonzero(coarse.any(axis=0)):
+        changes = np.diff(values[:, k]) != 0.0
+        runs = np.diff(np.flatnonzero(np.concatenate([[True], changes, [True]])))
+        shared[:, k] = np.where(coarse[:, k], np.repeat(runs, runs)[chosen], 1.0)
     return shared
 
 

@@ -293,8 +293,9 @@ def _chosen(
     steps = (2,) if samples.derived else (2, 4)
     for n in steps if len(samples.t) >= THINNED else ():
         thin = samples.every(n)
-        # Derived rates are others when samples are left out.
-        thinned[n] = thin, at_samples(thin, powers, rated) if samples.derived else known[:, ::n]
+        # Derived rates are others when samples are left out, and so is what was held.
+        anew = samples.derived or samples.held
+        thinned[n] = thin, at_samples(thin, powers, rated) if anew else known[:, ::n]
 
     def interpolated(window: int) -> _Rule:
         return _Rule(

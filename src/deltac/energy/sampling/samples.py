@@ -84,8 +84,13 @@ class Samples:
         )
 
     def every(self, n: int) -> Samples:
-        """Every n-th sample; what was derived is derived from these alone."""
+        """Every n-th sample; what was derived is derived from these alone, what was held is its mean."""
         thin = self.rows(slice(None, None, n))
+        starts = np.arange(0, len(self.t) - 1, n)
+        width = np.diff(self.t)[:, None]
+        for name, y in self.held.items():
+            mean = np.add.reduceat(y[:-1] * width, starts) / np.add.reduceat(width, starts)
+            thin.held[name] = np.concatenate([mean, y[-1:]])[: len(thin.t)]
         for name in self.derived:
             values = thin.smooth[name].values
             thin.smooth[name] = Smooth(values, partial(spline_rate, thin.t, values))

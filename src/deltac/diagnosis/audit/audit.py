@@ -185,6 +185,9 @@ class Audit(
     def _unpredictable(self) -> str:
         """Why no step can be predicted; empty where one can."""
         if self.attribution is None or self.integrator is None:
+            doubts = ", ".join(f.kind for f in self.findings if f.weight == "doubt")
+            if doubts:
+                return f"the log contradicts itself ({doubts}), so that its integrator is not known"
             return "the rows allow no estimate of the integrator"
         if self.verdict.kind == "equation-error":
             return "the equations of the model are not those of the log"

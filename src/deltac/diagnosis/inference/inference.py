@@ -370,6 +370,7 @@ class _Inferring:
             self._predict()
             self.fields, self.J = self._integrator_columns()
         self.log = self.log.with_noise(self.w)
+        self.noise = self.log.noise
         self.Phi = np.zeros_like(
             self.J[0]
         )  # until columns are compared: the flow starts at the rows
@@ -379,6 +380,12 @@ class _Inferring:
 
     def add(self, kernels: ColumnKernels) -> None:
         """Columns more, and the causes that they allow."""
+        # All is compared anew, from the model itself and the noise that its flow shows.
+        start, end = (
+            np.where(self.log.unknown, now, first)
+            for now, first in zip(self.log.noise, self.noise, strict=True)
+        )
+        self.log = replace(self.log, noise=(start, end))
         if self.plant is not self.model:
             self.plant = self.model
             self._predict()

@@ -22,15 +22,17 @@ LOST = 1.25
 
 def figures(found: dict[str, Any]) -> Iterator[tuple[str, float, bool]]:
     """What a run of the benchmarks gave: name, number, and whether more is better."""
+    clock = found.get("machine", {}).get("clock", "wall time")
+    by = "" if clock == "wall time" else f", {clock}"
     for one in found.get("contests", ()):
         if "ratio" in one:
-            yield one["name"], one["ratio"], True
+            yield one["name"] + by, one["ratio"], True
     for one in found.get("one_trajectory", ()):
         if "ratio" in one and "target" not in one:
-            yield one["name"], one["ratio"], True
+            yield one["name"] + by, one["ratio"], True
     for one in found.get("limits", ()):
         if "ratio" in one:
-            yield one["name"], one["ratio"], False
+            yield one["name"] + by, one["ratio"], False
     for one in found.get("kernels", ()):
         what = f"chain of {one['dof']}"
         yield f"{what}: ns per state and dof", one["udot_ns_per_state_and_dof"], False

@@ -27,7 +27,7 @@ import single_run
 import squeezer_run
 import startup_run
 from counts import counts
-from measure import machine
+from measure import machine, use_processor_time
 from peers import PENDULUMS
 
 from deltac.kernels import evaluator_name
@@ -43,6 +43,9 @@ def main() -> None:
     options = _options()
     about = machine(PACKAGES)
     about |= {"date": datetime.date.today().isoformat(), "evaluator": evaluator_name()}
+    about["clock"] = "processor time" if options.processor_time else "wall time"
+    if options.processor_time:
+        use_processor_time()
     print(f"{about['processor']}, {about['cores']} cores, evaluator {about['evaluator']}")
     load = about["load_average"]
     if load is not None and load > 0.5:
@@ -134,6 +137,9 @@ def _options() -> argparse.Namespace:
     beside = [name.removesuffix("_pendulum") for name in PENDULUMS]
     parser.add_argument(
         "--beside", nargs="*", choices=beside, default=beside, help="programs of one trajectory"
+    )
+    parser.add_argument(
+        "--processor-time", action="store_true", help="of all threads, where others use the machine"
     )
     parser.add_argument("--out", type=Path, default=Path("results/benchmarks.json"))
     options = parser.parse_args()

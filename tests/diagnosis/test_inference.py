@@ -10,7 +10,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import butter, lfilter
+from scipy.signal import butter, group_delay, lfilter
 from scipy.stats import norm
 
 import deltac as dc
@@ -22,9 +22,10 @@ from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
 from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
 from deltac.diagnosis.inference.inference import _Inferring, infer
+from deltac.diagnosis.inference.integrators import INTEGRATORS, numbers_of
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.inference.observations import observations
-from deltac.diagnosis.inference.whitening import whitened
+from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.cleaning import cleaned
 
 G, L1, L2 = 9.81, 0.6, 0.4
@@ -185,7 +186,8 @@ def test_whitening_is_by_the_cholesky_factor_of_the_whole_covariance() -> None:
     root = 0.3 * rng.standard_normal((N, m, m))
     Q = root @ root.transpose(0, 2, 1)
     columns = rng.standard_normal((N, m, 3))
-    white, log_determinant = whitened([(0, 5), (5, N)], Phi, (start, end), Q, columns)
+    innovations = Innovations([(0, 5), (5, N)], Phi, (start, end), Q)
+    white, log_determinant = innovations(columns)
     S = np.zeros((N * m, N * m))
     for k in range(N):
         own, before = slice(k * m, (k + 1) * m), slice((k - 1) * m, k * m)
@@ -197,6 +199,79 @@ def test_whitening_is_by_the_cholesky_factor_of_the_whole_covariance() -> None:
     dense = np.linalg.solve(L, columns.reshape(N * m, 3))
     np.testing.assert_allclose(white.reshape(N * m, 3), dense, rtol=1e-7, atol=1e-7)
     assert log_determinant == pytest.approx(0.5 * np.linalg.slogdet(S)[1], rel=1e-7)
+
+
+@pytest.mark.parametrize("speeds", [True, False])
+def test_what_the_rows_are_off_by_is_its_mean_given_the_prediction_errors(speeds: bool) -> None:
+    """E e wᵀ S⁻¹ w from all covariances written out; without speeds theirs are 1e4 times all else."""
+    rng = np.random.default_rng(2)
+    N, n, h, pieces = 9, 2, 0.1, [(0, 5), (5, 9)]
+    A = rng.standard_normal((N, 2 * n, 2 * n))
+    A[:, :n] = np.eye(2 * n)[n:]
+    Phi = np.eye(2 * n) + h * A + 0.5 * h**2 * A @ A
+    rows = rng.uniform(0.01, 0.02, (N + len(pieces), 2 * n))
+    if not speeds:
+        rows[:, n:] = 1e4
+    start, end = (np.array([rows[k + (k >= 5) + d] for k in range(N)]) for d in (0, 1))
+    root = 1e-2 * rng.standard_normal((N, 2 * n, 2 * n))
+    Q = root @ root.transpose(0, 2, 1)
+    w = 0.05 * rng.standard_normal((N, 2 * n))
+    of_rows = np.zeros((N, 2 * n, *rows.shape))  # w = (this) e + v
+    for k in range(N):
+        of_rows[k, :, k + (k >= 5)] = -Phi[k]
+        of_rows[k, :, k + (k >= 5) + 1] = np.eye(2 * n)
+    E = of_rows.reshape(N * 2 * n, -1)
+    S = (E * rows.ravel() ** 2) @ E.T
+    for k in range(N):
+        some = slice(k * 2 * n, (k + 1) * 2 * n)
+        S[some, some] += Q[k]
+    expected = (rows.ravel() ** 2 * (E.T @ np.linalg.solve(S, w.ravel()))).reshape(rows.shape)
+    found = Innovations(pieces, Phi, (start, end), Q, speeds).errors(w)
+    # The condition of the covariance is 1e12 without speeds.
+    for k in range(N):
+        for x, at in zip(found, (k + (k >= 5), k + (k >= 5) + 1)):
+            assert x[k] == pytest.approx(expected[at], abs=1e-7 if speeds else 1e-3)
+
+
+def test_without_speeds_nothing_is_assumed_of_them() -> None:
+    """Whitened prediction errors do not change by what a speed is off by, nor by how far it might be."""
+    rng = np.random.default_rng(3)
+    N, n, h = 8, 2, 0.1
+    A = rng.standard_normal((N, 2 * n, 2 * n))
+    A[:, :n] = np.eye(2 * n)[n:]
+    Phi = np.eye(2 * n) + h * A + 0.5 * h**2 * A @ A
+    noise = np.full((N, 2 * n), 0.01)
+    noise[:, n:] = rng.uniform(0.0, 100.0, (N, n))
+    innovations = Innovations([(0, N)], Phi, (noise, noise), np.zeros_like(Phi), False)
+    w, e = rng.standard_normal((N, 2 * n)), rng.standard_normal((N + 1, 2 * n))
+    e[:, :n] = 0.0
+    moved = w + e[1:] - np.einsum("kij,kj->ki", Phi, e[:-1])
+    white, _ = innovations(np.stack([w, moved], axis=2))
+    assert white.shape == (N, n, 2)
+    assert white[:-1, :, 0] == pytest.approx(white[:-1, :, 1], rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("step", "names"),
+    [
+        # Both are one map of coordinates: the speeds alone are those of other instants.
+        (semi_implicit_euler, {"semi-implicit-euler", "semi-implicit-euler-qu"}),
+        (explicit_euler, {"explicit-euler"}),
+        (rk4, {"rk4"}),
+    ],
+)
+def test_an_integrator_is_known_by_coordinates_alone(step: Step, names: set[str]) -> None:
+    """And a damper of another strength with it, to digits: speeds by differences are off by a per cent."""
+    run = log(step, 5e-3)
+    table = {"t": run.t} | {f"q.{n}": x for n, x in zip(run.coordinates, run.q.T)}
+    found = dc.audit(MECHANISM, table).integrator
+    assert found is not None and set(found.names) & names
+    assert set(found.names) <= names | {"implicit-damping-euler"}
+    wrong = log(step, 5e-3, c2=1.1 * VALUES["c2"])
+    table = {"t": wrong.t} | {f"q.{n}": x for n, x in zip(wrong.coordinates, wrong.q.T)}
+    cause, *others = dc.audit(MECHANISM, table).causes
+    assert (cause.kind, cause.element, others) == ("damping", "j2", [])
+    assert cause.size == pytest.approx(1.1 * VALUES["c2"], rel=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -610,3 +685,72 @@ def test_a_coarse_step_is_no_wrong_clock(scale: float) -> None:
     bare = replace(run, t=scale * run.t, works={}, integrals={}, udot=None, mechanism=None)
     doubts = {f.kind for f in dc.audit(mechanism, bare).findings if f.weight == "doubt"}
     assert doubts == (set() if scale == 1.0 else {"clock-scale"})
+
+
+@pytest.mark.parametrize("step", [explicit_euler, semi_implicit_euler])
+def test_causes_move_the_rows_as_the_integrator_does(step: Step) -> None:
+    """The column of a damper beside two steps of the textbook's equations: alike to second order in h.
+
+    The flow's own column is off by half of the displacement of the coordinates.
+    """
+    errors = []
+    for h in (4e-3, 2e-3):
+        run = log(step, h, duration=0.4)
+        model = Model(MECHANISM, run)
+        evaluator = LogEquations(MECHANISM, run)
+        rows = observations(model, run, 1000)
+        assert rows is not None
+        inferring = _Inferring(model, run, rows, evaluator, 1.0)
+        inferring.add(column_kernels(evaluator))
+        inferring.result()
+        damper = next(c for c in inferring.candidates if (c.kind, c.element) == ("damping", "j2"))
+        own = numbers_of(next(m for m in INTEGRATORS if m.name == step.__name__.replace("_", "-")))
+        column = inferring._moved_by(own, rows.intervals.h)[:, :, list(damper.columns)]
+        column = (column @ damper.linear)[:, :, 0]
+        gaps, sizes = [], []
+        for k in range(0, len(column), len(column) // 10):
+            x, d = absolute(run.q[k], run.u[k]), 1e-4
+            a, b, w, v = (
+                step(x, h, VALUES | {"c2": VALUES["c2"] + d})
+                - step(x, h, VALUES | {"c2": VALUES["c2"] - d})
+            ) / (2.0 * d)
+            expected = np.array([a, b - a, w, v - w]) / [h**2, h**2, h, h]
+            gaps.append(np.abs(column[k] / [h**2, h**2, h, h] - expected))
+            sizes.append(np.abs(expected))
+        errors.append(np.max(gaps) / np.max(sizes))
+    # What is left of each component is of the next order in h.
+    assert errors[0] < 0.02
+    assert errors[1] < 0.6 * errors[0]
+
+
+def driven(amplitude: float = 0.3) -> dc.Mechanism:
+    """A pendulum on a slide that is driven to and fro."""
+    return dc.Mechanism(
+        [dc.body("slide", mass=1.0, inertia=(1.0, 1.0, 1.0)), dc.point_mass("bob", 0.8)],
+        [
+            dc.prismatic("drive", "ground", "slide", "x", motion=f"{amplitude!r}*sin(4*t)"),
+            dc.revolute("swing", "slide", "bob", "z", child_position=(0, 0.6, 0), damping=0.02),
+        ],
+        gravity=(0, -G, 0),
+    )
+
+
+def test_laws_of_time_go_through_the_filter_of_a_log() -> None:
+    """A causal Butterworth filter is late by its group delay; an amplitude of 1.05 is no delay."""
+    model = driven()
+    run = dc.simulate(model, model.state({"swing": 0.7}), 3.0, 2e-3, "ode4")
+    b, a = butter(2, 40.0 * 2.0 * 2e-3)
+    q, u = (lfilter(b, a, x - x[0], axis=0) + x[0] for x in (run.q, run.u))
+    rows = slice(100, None)
+    late = dc.Trajectory(
+        t=run.t[rows], q=q[rows], u=u[rows], coordinates=run.coordinates, speeds=run.speeds
+    )
+    audit = dc.audit(model, late)
+    (cause,) = audit.causes
+    assert cause.kind == "late-laws" and audit.verdict.kind != "equation-error"
+    _, delay = group_delay((b, a), w=[1e-3])
+    assert cause.values[0] == pytest.approx(2e-3 * delay[0], rel=0.01)
+    (departs, *_) = [f for f in audit.findings if f.kind == "prescribed-departs"]
+    assert departs.weight == "note"
+    wrong = dc.audit(driven(0.3 / 1.05), late)
+    assert wrong.verdict.kind == "equation-error"

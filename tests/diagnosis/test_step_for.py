@@ -100,6 +100,12 @@ def test_noise_forbids_a_prediction() -> None:
     assert refused.value.code == "E-SOLVER"
 
 
+def test_a_log_that_contradicts_itself_is_refused_with_what_does() -> None:
+    top = dc.problems.load("heavy-top")
+    with pytest.raises(dc.InputError, match="contradicts itself.*clock-scale"):
+        dc.audit(top, log_of(top, "ode1be", 2e-3)).step_for(1e-4)
+
+
 def test_the_trapezoidal_rule_takes_the_forces_of_both_ends() -> None:
     """A driven pendulum by the rule, written out here: four times ΔC is at twice the step."""
     mechanism = dc.Mechanism(

@@ -6,6 +6,7 @@ least change of speeds in the mass metric, found by least squares, so that redun
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from typing import TypeAlias
 
@@ -38,6 +39,7 @@ def onto_positions(
     dependent: float = 1e-8,
     tolerance: float = AT_ROUNDING,
     most: int = 200,
+    further: Callable[[Array], tuple[Array, Array]] | None = None,
 ) -> Array:
     """Coordinates with φ = 0 near `q`, (nq,) or (nq, B); some may not arrive: look at φ.
 
@@ -50,9 +52,11 @@ def onto_positions(
         dependent: share of a row below which it counts as redundant (`least_squares`).
         tolerance: violation (m or rad) at which a state is left alone.
         most: Newton steps at most.
+        further: values (k, B) at coordinates (nq, B) that are to vanish too, and their slopes (B, k, p) by
+            the speeds.
     """
     rows = np.array(equations.rows.holonomic, dtype=bool)
-    if not rows.any():
+    if not rows.any() and further is None:
         return q.copy()
     single, q = q.ndim == 1, np.array(q[:, None] if q.ndim == 1 else q, dtype=float)
     still = np.zeros((len(equations.system.free_u), q.shape[1]))
@@ -61,7 +65,11 @@ def onto_positions(
     def at(q: Array) -> tuple[Array, Array, Array, Array, Array]:
         with np.errstate(all="ignore"):
             M, phi, _, G, W = equations.ties(t, q, still, p)
-            return M, phi[rows], G[:, rows], W, np.abs(phi[rows]).max(axis=0)
+            phi, G = phi[rows], G[:, rows]
+            if further is not None:
+                values, slopes = further(q)
+                phi, G = np.concatenate([phi, values]), np.concatenate([G, slopes], axis=1)
+            return M, phi, G, W, np.abs(phi).max(axis=0)
 
     M, phi, G, W, size = at(q)
     active = size > tolerance

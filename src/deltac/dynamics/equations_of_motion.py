@@ -36,7 +36,6 @@ from deltac.dynamics.terms import Constrained, Forward, forward
 from deltac.kernels.casadi_evaluator import on_arrays
 from deltac.kernels.rows import at_rows
 from deltac.mechanism.channels import Channel, ChannelName
-from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 
 
@@ -321,13 +320,8 @@ def equations_of(system: System) -> EquationsOfMotion:
 def quaternions(mechanism: Mechanism) -> tuple[slice, ...]:
     """Places of unit quaternions in the free coordinates."""
     place = {int(index): k for k, index in enumerate(mechanism.free.q)}
-    positions = []
-    for joint in mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = place[mechanism.coordinates.of(joint.name).start + offset]
-            positions.append(slice(start, start + 4))
-    return tuple(positions)
+    starts = (place[own.start] for own in mechanism.quaternions.values())
+    return tuple(slice(start, start + 4) for start in starts)
 
 
 def evaluate_at(function: Any, *arguments: ArrayLike) -> list[Array]:

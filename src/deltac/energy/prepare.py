@@ -18,7 +18,6 @@ from deltac.energy.terms import LoggedForces, columns
 from deltac.errors import LogError, closest
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread
-from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -143,10 +142,8 @@ def violations(mechanism: Mechanism, run: Trajectory) -> dict[str, Array]:
             q, u = (np.array(part).T for part in f.map(len(run))(run.t[None, :]))
             departures[f"coordinate {joint.name}"] = np.abs(run.q[:, q_place] - q).max(axis=1)
             departures[f"speed {joint.name}"] = np.abs(run.u[:, u_place] - u).max(axis=1)
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = q_place.start + offset
-            quaternion = run.q[:, start : start + 4]
+        if joint.name in mechanism.quaternions:
+            quaternion = run.q[:, mechanism.quaternions[joint.name]]
             norm = np.sqrt(np.einsum("ij,ij->i", quaternion, quaternion))  # norm(axis=1), but fast
             departures[f"quaternion {joint.name}"] = np.abs(norm - 1.0)
     departures.update(_constraint_violations(mechanism, run))

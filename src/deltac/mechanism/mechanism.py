@@ -132,6 +132,17 @@ class Mechanism(Shown):
         return Free(indices(self.coordinates), indices(self.speeds))
 
     @cached_property
+    def quaternions(self) -> Mapping[str, slice]:
+        """Places of the quaternions in q, by joint."""
+        offsets = {joint.name: KINDS[joint.kind].quaternion for joint in self.joints}
+        starts = {
+            name: self.coordinates.of(name).start + offset
+            for name, offset in offsets.items()
+            if offset is not None
+        }
+        return {name: slice(start, start + 4) for name, start in starts.items()}
+
+    @cached_property
     def elements(self) -> tuple[Element, ...]:
         """All force elements: those of the joints' own stiffness and damping, then `forces`."""
         own: list[Element] = []

@@ -185,6 +185,9 @@ class Audit(
     def _unpredictable(self) -> str:
         """Why no step can be predicted; empty where one can."""
         if self.attribution is None or self.integrator is None:
+            doubts = ", ".join(f.kind for f in self.findings if f.weight == "doubt")
+            if doubts:
+                return f"the log contradicts itself ({doubts}), so that its integrator is not known"
             return "the rows allow no estimate of the integrator"
         if self.verdict.kind == "equation-error":
             return "the equations of the model are not those of the log"
@@ -586,6 +589,8 @@ def _judgement(
         findings = [f for f in findings if f.kind not in doubts]
     elif doubts:
         inference = None
+    if inference is not None:
+        findings = checks.with_late_laws(findings, mechanism, run, inference, tolerance)
     progress(0.7)
     reading = None
     certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]

@@ -117,6 +117,45 @@ def _departure(
     ]
 
 
+def with_late_laws(
+    findings: Sequence[Finding],
+    mechanism: Mechanism,
+    run: Trajectory,
+    inference: Inference,
+    tolerance: float,
+) -> list[Finding]:
+    """The findings, prescribed joints that are as late as all laws of time are noted alone.
+
+    What follows its law through the filter that the other joints show is of the log's times.
+    """
+    best = inference.posterior.best
+    moments = next(
+        (x for c, x in zip(best.chosen, best.theta, strict=True) if c.kind == "late-laws"), None
+    )
+    if moments is None:
+        return list(findings)
+    laws, nodes = MechanismNames.of(mechanism).laws, np.arange(-3, 4) * np.median(np.diff(run.t))
+
+    def late(name: str, own: Array) -> bool:
+        near = np.stack([at_times(laws[name], run.t + s) for s in nodes])
+        taylor = np.linalg.solve(np.vander(nodes, increasing=True), near)
+        factors = [1.0, *((-1.0) ** k * m for k, m in enumerate(moments.tolist(), 1))]
+        digits = 4.0 * float(scatter(own[:, None]).max(initial=0.0))
+        allowed = tolerance * float(np.abs(own).max(initial=0.0)) + digits
+        return bool(np.abs(factors @ taylor[: len(factors)] - own).max() <= allowed)
+
+    def follows(joint: str) -> bool:
+        q, u = mechanism.coordinates, mechanism.speeds
+        columns = [(f"q.{e.name}", run.q[:, e.index]) for e in q[q.of(joint)]]
+        columns += [(f"u.{e.name}", run.u[:, e.index]) for e in u[u.of(joint)]]
+        return all(name in laws and late(name, own) for name, own in columns)
+
+    return [
+        replace(f, weight="note") if f.kind == "prescribed-departs" and follows(f.element) else f
+        for f in findings
+    ]
+
+
 def _digits(run: Trajectory, what: str) -> float:
     """What digits and noise of the log may violate a constraint by, about; m, rad or per second."""
     of_q, of_u = (float(scatter(x).max(initial=0.0)) for x in (run.q, run.u))

@@ -621,6 +621,13 @@ def _undecided(e: Judgement) -> Finding:
             "Log more of the motion, or with more digits; or give another tolerance",
         )
     bar = e.attribution.integrator.largest[1] if e.attribution is not None else 0.0
+    if inference.between > 0.5 * bar:
+        return finding(
+            "whether logged forces were held over each step decides, and the rows do not tell",
+            f"± {inference.between:.2g} J of the integrator; {e.allowed:.2g} J are allowed",
+            "Say which were: held=(…) of the log's provenance, empty for functions of time",
+            factor=bar / max(e.allowed, 1e-300),
+        )
     return finding(
         f"the integrator's share is known to ± {bar:.2g} J",
         f"{e.allowed:.2g} J are allowed",

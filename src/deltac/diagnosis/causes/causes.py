@@ -152,6 +152,12 @@ KINDS = {
         "delay",
         "s",
     ),
+    "late-laws": Kind(
+        "laws of time act {numbers[0]} s later than in the model: they are late, or the log, as by a filter",
+        "Subtract the delay from the times of the log, or give the model's laws that phase",
+        "delay",
+        "s",
+    ),
     "constant-force": Kind(
         "a constant force of {shown} {unit} acts on joint {element}", ADD, "force", "{F}"
     ),
@@ -372,6 +378,10 @@ class Candidate:
             within = not own > 0.0 or 0.1 * own < sum_of < 10.0 * own
             triangle = principal[2] <= principal[0] + principal[1]
             return bool(principal[0] > 0.0 and triangle and within)
+        if self.kind == "late-laws" and len(theta) > 1:
+            # The variance of a kernel: an exponential's, the widest in use, is the square of its delay.
+            delay, square = theta[:2]
+            return bool(0.5 * delay**2 <= square <= 2.0 * delay**2)
         if self.kind == "body-moment":  # of a body without inertia and forces any equation closes
             return bool(np.all((value > 0.1 * self.base) & (value < 10.0 * self.base)))
         if self.sign == "positive":
@@ -582,7 +592,7 @@ def candidates(equations: LogEquations, columns: Sequence[Column]) -> tuple[Cand
     """All causes of a mechanism whose columns there are."""
     places = Places({column: k for k, column in enumerate(columns)})
     causes: list[Candidate] = []
-    parts = [_gravity, of_bodies, _joints, _channels, _wrenches]
+    parts = [_gravity, of_bodies, _joints, _channels, _laws, _wrenches]
     if any(c.what in GEOMETRY for c in columns):
         parts += [_sizes, _places_of_joints, _numbers]
     for part in parts:
@@ -734,6 +744,17 @@ def _channels(equations: LogEquations, places: Places) -> Iterator[Candidate]:
         both = np.array([[1.0 - c.index, c.index] for c in places.of if c.what == "delay"])
         yield from cause(
             "late-forces", "", tuple(late), both, names=("delay", "smoothing"), units=("s", "s²")
+        )
+
+
+def _laws(_: LogEquations, places: Places) -> Iterator[Candidate]:
+    """Laws of time that are late, or a log that is: as many moments of its filter as the laws tell apart."""
+    moments = [places.of[c] for c in places.of if c.what == "law"]
+    names = ("delay", "smoothing", "third moment", "fourth moment")
+    units = ("s", "s²", "s³", "s⁴")
+    for k in range(1, len(moments) + 1):
+        yield from cause(
+            "late-laws", "", tuple(moments[:k]), np.eye(k), names=names[:k], units=units[:k]
         )
 
 

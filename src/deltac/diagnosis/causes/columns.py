@@ -26,7 +26,7 @@ from deltac.trajectories import Trajectory
 
 What = Literal[
     "inertia", "velocity", "gyroscopic", "weight", "gravity", "damper", "friction", "drag",
-    "spring", "stop", "constant", "armature", "channel", "delay", "offset", "drag of a body",
+    "spring", "stop", "constant", "armature", "channel", "delay", "law", "offset", "drag of a body",
     "force", "moment", "body-force", "body-moment", "joint-place", "body-place", "number", "parameter",
 ]  # fmt: skip
 
@@ -45,6 +45,8 @@ class Column:
     stop        speed: −max(q − c, 0) at the place c of that index, see `stops`
     channel     a channel's generalized force once more
     delay       a logged channel: 0 for −ḟ (s), 1 for f̈/2 (s²)
+    law         what the residual has less where laws of time are late, and smoothed: (−1)ᵏ/k! of its k-th
+                derivative by the time at a state, k from 1; s, s², …
     offset      speed: what its coordinate takes from the equations where it is logged too large: 0 in
                 proportion, 1 by squares
     force, moment        body: along the world's axes, at the mass centre; N, N·m
@@ -121,6 +123,7 @@ def _written_out(equations: LogEquations) -> tuple[tuple[SX, SX], SX, dict[Colum
     key = ("columns", computes_weight(equations), "gravity" in equations.log.places)
     changes = {**s.once(key, lambda: _of_mechanism(equations)), **_channels(equations, rate, curve)}
     residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
+    changes.update(_laws(s.t, residual))
     if bound is None:  # else the constraints show it
         changes.update(_offsets(equations, residual))
     if symbols.with_measured is not None and bound is not None:
@@ -316,6 +319,22 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
             for what, wrench in wrenches.items():
                 changes[Column(what, body, axis)] = gather(s, {k: wrench})[s.free_u]
     return changes
+
+
+MOMENTS = 4
+"""Of the filter of a log, by which laws of time are late: those of a Butterworth filter are in the third."""
+
+
+def _laws(t: SX, residual: SX) -> dict[Column, SX]:
+    """The residual with the laws of time filtered: their moments times its derivatives at a state."""
+    found: dict[Column, SX] = {}
+    derivative = residual
+    for k in range(1, MOMENTS + 1):
+        if not ca.depends_on(derivative, t):
+            break
+        derivative = ca.jtimes(derivative, t, ca.SX(-1.0 / k))
+        found[Column("law", "", k)] = derivative
+    return found
 
 
 def _channels(equations: LogEquations, rate: SX, curve: SX) -> dict[Column, SX]:

@@ -20,7 +20,6 @@ from deltac.diagnosis.check.matching import (
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.states import States, joined
-from deltac.mechanism.joints import KINDS
 from deltac.results import Serialisable, fraction
 
 BASES = 16
@@ -264,14 +263,7 @@ def orientations(test: EquationTest) -> dict[str, slice]:
     kane = test.kane
     if kane.coordinates is not None and kane.coordinates.q:
         return {}
-    place = {int(index): k for k, index in enumerate(kane.mechanism.free.q)}
-    places = {}
-    for joint in kane.mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = place[kane.mechanism.coordinates.of(joint.name).start + offset]
-            places[joint.name] = slice(start, start + 4)
-    return places
+    return dict(zip(kane.mechanism.quaternions, kane.motion.quaternions, strict=True))
 
 
 def _units(test: EquationTest) -> tuple[list[str], list[str]]:

@@ -116,16 +116,6 @@ def _frames(test: EquationTest) -> Iterator[Frame]:
             words = f"if {subject} measured from elsewhere, {text} more"
             yield Frame(words, check, one, shift, one)
             yield Frame(f"{words}, and the other way", check, flipped, shift, flipped)
-    if n > 1:
-        total = np.tril(np.ones((n, n)))
-        back = np.asarray(np.linalg.inv(total))
-        words = "if its angles are absolute, each the sum of the joints' angles up to it"
-        remedy = "Check it with coordinates='absolute', or use relative angles"
-        yield Frame(words, remedy, total, zero, total)
-        words = "if its angles are relative, each less the one before"
-        yield Frame(
-            words, "Check it with coordinates='joint', or use absolute angles", back, zero, back
-        )
     degrees = np.degrees(1.0)
     for subject, members in groups:
         chosen = np.isin(np.arange(n), members)

@@ -16,7 +16,6 @@ from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.inference.joint import joint_posterior
 from deltac.diagnosis.inputs.channels import Gear
 from deltac.diagnosis.verdict import Finding
-from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -259,10 +258,7 @@ def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampl
 def _poses(mechanism: Mechanism, rng: np.random.Generator) -> Array:
     """Random poses (STATES, free q); quaternions of unit length."""
     q = rng.uniform(-np.pi, np.pi, (STATES, len(mechanism.coordinates)))
-    for joint in mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is not None:
-            start = mechanism.coordinates.of(joint.name).start + offset
-            turns = rng.standard_normal((STATES, 4))
-            q[:, start : start + 4] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
+    for place in mechanism.quaternions.values():
+        turns = rng.standard_normal((STATES, 4))
+        q[:, place] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
     return np.asarray(q[:, mechanism.free.q])

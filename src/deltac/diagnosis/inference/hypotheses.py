@@ -37,6 +37,10 @@ ITERATIONS = 6
 """Gauss–Newton steps of causes with squares of their numbers, and of the noise of several blocks."""
 
 
+UNIFORM = 0.5
+"""Least variance of the last digits of a log, in units of that of uniform ones: what is below is fitted."""
+
+
 @dataclass(frozen=True, eq=False)
 class Block:
     """Whitened equations of one kind: r (K, d) = D (K, d, p) x + noise of an unknown size of its own.
@@ -143,10 +147,12 @@ class Block:
         """RSS that digits alone make.
 
         Those of the rows are known, and columns are exact to half of a double's: what fits better than these
-        allow is fitted to rounding.
+        allow is fitted to rounding. The last digits of a number that hardly changes make less than uniform
+        ones; what all columns leave tells by how much.
         """
         whole = self.projected.left(np.zeros(len(self.causes)))
-        return max(CANCELLED * whole, self.rounding * self.count)
+        rounding = np.clip(self.floor, UNIFORM * self.rounding, self.rounding)
+        return max(CANCELLED * whole, float(rounding) * self.count)
 
     def misfit(self, coefficients: Array) -> float:
         """RSS with coefficients of causes, at least what digits alone make of it."""

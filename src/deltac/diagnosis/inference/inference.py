@@ -32,6 +32,7 @@ from deltac.diagnosis.inference.fields import (
 from deltac.diagnosis.inference.flow import (
     FORCES,
     ForceBetween,
+    Intervals,
     LoggedForce,
     Prediction,
     predict,
@@ -63,7 +64,9 @@ from deltac.diagnosis.inference.integrators import (
     estimate,
     identified,
     maps,
+    numbers_of,
     parted,
+    step_of,
     steps_between,
     transition,
 )
@@ -75,7 +78,7 @@ from deltac.diagnosis.inference.observations import (
     unit_responses,
     unknown,
 )
-from deltac.diagnosis.inference.whitening import robust_weights, whitened
+from deltac.diagnosis.inference.whitening import robust_weights
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.kernels.rows import compiled
@@ -112,6 +115,28 @@ there."""
 RELINEARISATIONS = 3
 """Times at most that flow and columns are taken anew with the causes in the equations (Gauss–Newton)."""
 
+SMOOTHINGS = 2
+"""Times that the likeliest states are taken anew: twice the digits of the speeds each."""
+
+ALIKE = 3
+"""Methods of which the causes are looked for, where several close the rows alike beside all causes."""
+
+HALF = 0.5
+"""Standard deviation of what forces do between rows that a method does not see, in units of the difference
+between held and ramped ones: the latter are those of one in four."""
+
+SQUARES = 1e-4
+"""Share of what a method leaves that causes leave of it where that may be their squares: of a per cent."""
+
+LESS = 2.0
+"""Ratio of standard deviations from which on noise is known better than before."""
+
+STILL = 1e-6
+"""Share of the errors of the rows below which states that move by it are the likeliest."""
+
+FAR = 1e4
+"""Ratio of sums of squares beyond which a method at its likeliest states is not tried any further."""
+
 ENOUGH = 300
 """Intervals of which the energy that a cause exchanges is summed."""
 
@@ -130,10 +155,10 @@ PARTS = (2, 3, 4, 5, 8, 10)
 NARROW = 0.3
 """Least deviation of such a filter, steps."""
 
-OF_THE_LOG = ("actuator-delay", "late-forces", "zero-offset")
+OF_THE_LOG = ("actuator-delay", "late-forces", "late-laws", "zero-offset")
 """Causes that leave the equations as they are."""
 
-COLUMNS_OF_THE_LOG = ("delay", "offset")
+COLUMNS_OF_THE_LOG = ("delay", "law", "offset")
 """Columns of these."""
 
 
@@ -166,6 +191,7 @@ class Inference:
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
         unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
             by its name.
+        between: standard error (J) of the integrator's energy by forces that may be held over a step or not.
         residual: what is left of the rows (N, 2n), in the units of the state.
         acceleration: u̇ (N, n) of the model at the starts of the intervals.
         w: prediction errors (N, 2n) of the flow.
@@ -193,6 +219,7 @@ class Inference:
     unexplained: float
     intermittent: tuple[float, NDArray[np.bool_]]
     unseen: dict[str, float]
+    between: float
     residual: Array
     acceleration: Array
     w: Array
@@ -305,19 +332,21 @@ class _Inferring:
         self.late: tuple[str, ...] = ()
         intervals = log.intervals
         h = float(np.median(intervals.h))
-        self.step = min(run.provenance.step or h, h)
+        self.step = min(run.provenance.step or step_of(intervals.h), h)
         self.counts = steps_between(intervals.h, run.provenance.step and self.step)
-        self.thinned = h > EVERY_STEP * self.step
+        self.thinned = intervals.h[:, 0] > EVERY_STEP * self.step
         self.whole = float(run.t[-1] - run.t[0]) / float(intervals.h.sum())
         self.force = LoggedForce.of(intervals, log.pieces)
         held = {str(name) for name in run.provenance.held or ()}
         names = [str(n) for n, at in model.log.columns.items() for _ in range(at.start, at.stop)]
         self.declared = ["start" if name in held else "" for name in names]
         self.kinds = tuple(kind or "smooth" for kind in self.declared)
+        self.told = run.provenance.held is not None
         self.steps, self.log = 0, log
         self.shortlist: tuple[Integrator, ...] = ()
         self.by_rates: tuple[Block, Posterior] | None = None
         self.mapped: tuple[Prediction, list[Map]] | None = None
+        self.alike: list[tuple[Map, Observations]] = []
         self.refining = False
         self._predict()
         self.fields, self.J = self._integrator_columns()
@@ -336,16 +365,24 @@ class _Inferring:
             self.log = log.without(lost)
             self.force = LoggedForce.of(self.log.intervals, self.log.pieces)
             self.counts = None if self.counts is None else self.counts[~lost]
+            self.thinned = self.thinned[~lost]
             self.whole = float(run.t[-1] - run.t[0]) / float(self.log.intervals.h.sum())
             self._predict()
             self.fields, self.J = self._integrator_columns()
         self.log = self.log.with_noise(self.w)
+        self.Phi = np.zeros_like(
+            self.J[0]
+        )  # until columns are compared: the flow starts at the rows
         count = self.fields[0].shape[2] - len(FIELDS)
         self.prior = np.array([PRIOR[f.order] for f in FIELDS] + [PRIOR[3]] * count)
         self.Q = self._unknown()
 
     def add(self, kernels: ColumnKernels) -> None:
         """Columns more, and the causes that they allow."""
+        if self.plant is not self.model:
+            self.plant = self.model
+            self._predict()
+            self.fields, self.J = self._integrator_columns()
         self.kernels = (*self.kernels, kernels)
         columns = tuple(c for k in self.kernels for c in k.columns)
         self.candidates = candidates(self.equations, columns)
@@ -389,14 +426,14 @@ class _Inferring:
         if self.filter is None:
             self.unfiltered, self.intervals = self.force(self.kinds), self.log.intervals
         self.filter = delay, spread
-        intervals = LoggedForce.filtered(
-            self.intervals, self.log.pieces, self.unfiltered, delay, spread
-        )
+        late = LoggedForce.filtered(self.intervals, self.log.pieces, self.unfiltered, delay, spread)
+        start, end = self.log.intervals.start, self.log.intervals.end
+        intervals = Intervals(replace(start, F=late.start.F), replace(end, F=late.end.F))
         self.log = replace(self.log, intervals=intervals)
         self.force = LoggedForce.of(intervals, self.log.pieces)
         self.kinds = ("smooth",) * len(self.kinds)
         self.coefficients = self._of_filter(self.coefficients)
-        self.thinned = True  # the kernel is not that of the filter: what it lacks is unknown
+        self.thinned[:] = True  # the kernel is not that of the filter: what it lacks is unknown
 
     def _linearised_at(self, coefficients: Array) -> None:
         """Flow and columns of the model with causes of these coefficients in its equations."""
@@ -486,19 +523,19 @@ class _Inferring:
         self.beyond = beyond
         if between.any():
             Phi, B = transported(self.log.intervals.h, self.J, self.fields)
-            columns = np.concatenate([self.w[:, :, None], B], axis=2)
+            columns = np.concatenate([self._errors(self.flow.end, Phi)[:, :, None], B], axis=2)
 
             def likelihood(share: float) -> float:
-                white, spread = whitened(
-                    self.log.pieces, Phi, self.log.noise, Q + share**2 * between + across, columns
-                )
+                innovations = self.log.innovations(Phi, Q + share**2 * between + across)
+                white, spread = innovations(columns)
                 r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, B.shape[2])
                 r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
                 return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
 
             between = max(SHARES, key=likelihood) ** 2 * between
         # What is left tells how large the unknown is; splines of forces have a doubt of their own.
-        self.uncertain = (Q + between, 0.0 * Q) if self.thinned else (Q, between)
+        lost = self.thinned[:, None, None]
+        self.uncertain = Q + np.where(lost, between, 0.0), np.where(lost, 0.0, between)
         Q = Q + between
         diagonal = np.arange(beyond.shape[1])
         across[:, diagonal, diagonal] += beyond**2
@@ -520,7 +557,7 @@ class _Inferring:
         # What mistakes do looks like filters and those like mistakes: filters are asked for beside causes.
         if self._act(self._of_equations(posterior.best), filters=True):
             posterior = self._compare()
-        if self.methods and self.methods[0].order == 1 and self._held():
+        if self.methods and self.methods[0].order == 1 and not self.told and self._held():
             posterior = self._compare()
         self.posterior = posterior
         return self._made(posterior)
@@ -528,11 +565,18 @@ class _Inferring:
     def _held(self) -> bool:
         """Hold forces of which the method takes the row's own; whether that is otherwise than before.
 
-        Between rows they are not seen then; whoever computes them once a step holds them.
+        Between rows they are not seen then; whoever computes them once a step holds them. Who takes those
+        of the next row does not: they are functions of time.
         """
+        implicit = self.methods[0].defect is not None
+
+        def acting(kind: str) -> str:
+            if implicit:
+                return "ramp" if kind == "end" else kind
+            return "start" if FORCES[kind][0] == 0.0 else kind
+
         kinds = tuple(
-            own or ("start" if FORCES[kind][0] == 0.0 else kind)
-            for own, kind in zip(self.declared, self.kinds, strict=True)
+            own or acting(kind) for own, kind in zip(self.declared, self.kinds, strict=True)
         )
         another = kinds != self.kinds and self.filter is None
         if another:
@@ -556,6 +600,8 @@ class _Inferring:
         if another:
             self.kinds = kinds
             self._predict()
+            # What forces do otherwise between rows looked like noise of the rows.
+            self.log = self.log.with_noise(self._errors(self.flow.end, self.Phi))
             self.Q = self._unknown()
         filtering = self._filter_of_forces(best) if filters else None
         if filtering is not None:
@@ -600,7 +646,88 @@ class _Inferring:
             self.__dict__.update(state)
         return self._made(self.posterior)
 
+    def _errors(self, end: Rows, Phi: Array, log: Observations | None = None) -> Array:
+        """Prediction errors (N, 2n) of the rows, of the flow or of a method's map with its derivatives."""
+        log = log or self.log
+        return self.model.difference(end, log.intervals.end) + log.shift(Phi)
+
     def _compare(self) -> Posterior:
+        """The posterior of causes, linearised at the likeliest states where the log has no speeds.
+
+        The iterated smoother is the method of Gauss and Newton for states and numbers together (Bell, The
+        iterated Kalman smoother as a Gauss–Newton method, SIAM J. Optim. 1994).
+        """
+        posterior = self._tried(self._compare_once())
+        for _ in range(SMOOTHINGS if self.log.unknown.any() else 0):
+            before, self.log = self.log.beyond[1], self._states(posterior.best)
+            moved = np.linalg.norm(self.log.beyond[1] - before)
+            if moved <= STILL * np.linalg.norm(before):
+                break
+            self._predict()
+            self.fields, self.J = self._integrator_columns()
+            self.causes = self._cause_columns()
+            posterior = self._compare_once()
+        return posterior
+
+    def _tried(self, posterior: Posterior) -> Posterior:
+        """The posterior, or one linearised at causes beside which a method leaves but their squares.
+
+        The fields of an unknown integrator explain much: by the squares alone it would be preferred.
+        """
+        if self.promising is None or self.methods or self.refining:
+            return posterior
+        block = self._of_method(
+            self.promising, self.fields[0].shape[2] + np.arange(len(self.coefficients))
+        )
+        other = self._search(block)
+        if not other.best.chosen:
+            return posterior
+        state = dict(self.__dict__)
+        try:
+            self._linearised_at(other.best.coefficients)
+            other = self._compare_once()
+            if self.methods:
+                return other
+        except (FlowError, np.linalg.LinAlgError):
+            pass
+        self.__dict__.update(state)
+        return posterior
+
+    def _states(self, best: Fit) -> Observations:
+        """The log at the likeliest states beside causes, of a method or of the integrator's fields."""
+        ni, rows = self.fields[0].shape[2], self.of_rows
+        causes = self._moved_by(self.numbers, self._h) @ (best.coefficients - self.coefficients)
+
+        def at(left: Array) -> Observations:
+            return self.log.at(self.model, self.innovations.errors(left - causes))
+
+        Phi = self.innovations.Phi
+        w = self._errors(self.flow.end, Phi)
+        if self.methods:
+            return at(w - self.defects[0])
+        # Each method has states of its own, at which it closes the rows or does not.
+        own = [(of, self.log) for of in self._maps() if of.method is not EXACT]
+        for _ in range(SMOOTHINGS + 1):
+            own = [self._moved(of, at(self._errors(of.end, Phi, log))) for of, log in own]
+            closest = self._closest(own)
+            if closest is not None:
+                near, pairs = closest.floors <= FAR * closest.floor, own
+                own = [pair for pair, close in zip(own, near, strict=True) if close]
+        if closest is not None and closest.may_close(rows, best):
+            # The last step that each took is of its own size: what is below the digits is alike.
+            digits = max(self.log.rounding * rows.r.size, ROUNDED * closest.floor)
+            order = np.argsort(closest.floors)
+            floors = [(pairs[k], closest.floors[k]) for k in order]
+            self.alike = [pair for pair, floor in floors if floor <= digits]
+            return self.alike[0][1]
+        return at(w - self.B[:, :, :ni] @ rows.projected.nuisance_at(best.coefficients))
+
+    def _moved(self, of: Map, log: Observations) -> tuple[Map, Observations]:
+        """A method's map at other states."""
+        force = self.force(self.kinds)
+        return next(maps(self.plant, log.intervals, force, self.counts, 1, [of.method])), log
+
+    def _compare_once(self) -> Posterior:
         """The posterior of causes, beside an unknown integrator or one whose map closes the rows."""
         log, model = self.log, self.plant
         both = [
@@ -609,39 +736,104 @@ class _Inferring:
         self.Phi, self.B = transported(log.intervals.h, self.J, both)
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
         places = ni + np.arange(P)
-        columns, Phi = np.concatenate([self.w[:, :, None], self.B], axis=2), self.Phi
+        Phi, w = self.Phi, self._errors(self.flow.end, self.Phi)
+        columns = np.concatenate([w[:, :, None], self.B], axis=2)
+        # The integrator moves the noise of a row and what causes do otherwise than the flow does, by its
+        # fields of first order.
+        white, _ = log.innovations(Phi, self.Q)(columns[:, :, : 1 + ni])
+        alone = self._block(white[:, :, 0], white[:, :, 1:], ni, places[:0])
+        c = np.clip(alone.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
+        self.numbers = c
+        columns[:, :, places + 1] = self._moved_by(c, self._h)
         if log.rounding < 1.0:
-            # The integrator moves the noise of a row otherwise than the flow does, by its fields of first
-            # order.
-            white, _ = whitened(log.pieces, Phi, log.noise, self.Q, columns[:, :, : 1 + ni])
-            alone = self._block(white[:, :, 0], white[:, :, 1:], ni, places[:0])
-            c = np.clip(alone.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
             change = first_order_jacobian(model, log.intervals.start, self._h, c)
             Phi = Phi + log.intervals.h[:, :, None] * change @ Phi
-        white, _ = whitened(log.pieces, Phi, log.noise, self.Q, columns)
+            columns[:, :, 0] = self._errors(self.flow.end, Phi)
+        self.innovations = log.innovations(Phi, self.Q)
+        white, _ = self.innovations(columns)
         series = self._block(white[:, :, 0], white[:, :, 1:], ni, places)
-        D = np.ascontiguousarray(white[:, :, places + 1])
+        self.D = np.ascontiguousarray(white[:, :, places + 1])
         self.gradient, self.slack = self._weights()
         self.least = max(NEGLIGIBLE * self.energy, self._remainder(series), self._attenuation())
         measured = self._of_rates() if self._knows_accelerations else None
         posterior, series = (measured[1], series) if measured else self._of_series(series)
         self.methods: tuple[Integrator, ...] = ()
+        self.promising: Map | None = None
         self.defects, self.of_rows = list[Array](), series
         for ends in (self._maps(), self._maps_by_parts(series, posterior.best)):
-            methods = self._closest(list(ends), Phi, D)
+            methods = self._closest([(of, self.log) for of in ends])
             if methods is None or not methods.may_close(series, posterior.best):
+                if methods is not None and methods.floor < SQUARES * methods.alone:
+                    self.promising = self.promising or methods.ends[0]
                 continue
-            closing = self._of_method(methods.ends[0], places)
-            other = posterior if measured is not None else self._search(closing)
+            ends, closing, other = self._best_of(methods.ends, places, measured)
             gain = _log_evidence(closing, other.best, series, posterior.best)
             if gain - np.log(len(INTEGRATORS)) > CERTAIN:
                 posterior, self.of_rows = other, closing
-                self.methods = tuple(of.method for of in methods.ends)
-                self.between = methods.ends[0].counts
-                self.defects = [model.difference(self.flow.end, of.end) for of in methods.ends]
+                self.methods = tuple(of.method for of in ends)
+                self.between = ends[0].counts
+                self.defects = [model.difference(self.flow.end, of.end) for of in ends]
+                if measured is None:
+                    posterior = self._with_noise_left(posterior, ends[0], places)
                 break
         self.blocks: tuple[Block, ...] = (measured[0] if measured else self.of_rows,)
         return posterior
+
+    def _best_of(
+        self, ends: list[Map], places: NDArray[np.intp], measured: tuple[Block, Posterior] | None
+    ) -> tuple[list[Map], Block, Posterior]:
+        """The best of methods that are alike beside all causes, and those that are so beside its own."""
+        trials = list[tuple[Block, Posterior]]()
+        for of in ends[:ALIKE]:
+            block = self._of_method(of, places)
+            trials.append((block, measured[1] if measured else self._search(block)))
+            if not trials[-1][1].best.chosen:
+                break
+        k, (best, own) = 0, trials[0]
+        for i, (block, posterior) in enumerate(trials[1:], 1):
+            if _log_evidence(block, posterior.best, best, own.best) > 0.0:
+                k, (best, own) = i, (block, posterior)
+        moved = self._moved_by(self.numbers, self._h) @ (own.best.coefficients - self.coefficients)
+        Phi = self.innovations.Phi
+        white, _ = self.innovations(
+            np.stack([self._errors(of.end, Phi) - moved for of in ends], axis=2)
+        )
+        alike = _alike(white, k, self.log.rounding)
+        return [ends[k], *(ends[i] for i in alike if i != k)], best, own
+
+    def _moved_by(self, c: Array, step: Array) -> Array:
+        """What causes do to the rows (N, 2n, P) by an integrator of numbers c of first order, steps (N, 1).
+
+        Its fields are those of the field with the causes in it: (G, 0), (0, G_q u) and (0, G_u a + a_u G).
+        """
+        n, h = self.model.n, self.log.intervals.h
+        moves = self.B[:, :, self.fields[0].shape[2] :].copy()
+        first, last = self.causes[0][:, n:], self.causes[-1][:, n:]
+        mean, size = 0.5 * (first + last), step[:, :, None]
+        moves[:, :n] += c[0] * size * h[:, :, None] * mean
+        moves[:, n:] += 0.5 * (c[1] + c[2]) * size * (last - first)
+        moves[:, n:] += c[2] * size * h[:, :, None] * (self.J[0][:, n:, n:] @ mean)
+        return moves
+
+    def _with_noise_left(
+        self, posterior: Posterior, of: Map, places: NDArray[np.intp]
+    ) -> Posterior:
+        """The posterior with the noise that a method that closes the rows leaves of them, if that is less.
+
+        What another integrator does looked like noise.
+        """
+        log, optimum = self.log, self.of_rows.optimum - self.coefficients
+        w = self._errors(of.end, self.innovations.Phi)
+        w = (
+            w
+            - self._moved_by(numbers_of(of.method), log.intervals.h / of.counts[:, None]) @ optimum
+        )
+        known, noise = ~log.unknown, log.with_noise(w)
+        if not np.any(LESS * noise.noise[1][:, known] < log.noise[1][:, known]):
+            return posterior
+        self.log = noise
+        self.of_rows = self._of_method(of, places)
+        return self._search(self.of_rows)
 
     def _maps(self) -> Sequence[Map]:
         """Maps of methods by which rows may follow from each other: the same until the flow is another."""
@@ -667,14 +859,15 @@ class _Inferring:
         tau = autocorrelation_time(series.residual(best.coefficients))
         return p.nuisance_at(best.coefficients)[some], (p.inverse * variance * tau)[some, some]
 
-    def _closest(self, ends: list[Map], Phi: Array, D: Array) -> _Methods | None:
-        """Those by which rows follow from each other most closely, beside whitened causes D."""
+    def _closest(self, ends: Sequence[tuple[Map, Observations]]) -> _Methods | None:
+        """Those by which rows follow most closely beside causes, each at states of its own."""
         if not ends:
             return None
-        log = self.log
-        own = np.stack([self.model.difference(of.end, log.intervals.end) for of in ends], axis=2)
-        white, _ = whitened(log.pieces, Phi, log.noise, self.Q, own)
-        return _Methods.of(ends, white, D, log.rounding)
+        Phi = self.innovations.Phi
+        white, _ = self.innovations(
+            np.stack([self._errors(of.end, Phi, log) for of, log in ends], axis=2)
+        )
+        return _Methods.of([of for of, _ in ends], white, self.D, self.log.rounding)
 
     def _weights(self) -> tuple[Array, Array]:
         """What a defect of an interval adds to ΔC, (N, 2n): ∂E/∂x at its end and, by the flow, at its start.
@@ -727,12 +920,12 @@ class _Inferring:
     def _of_method(self, of: Map, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
         log = self.log
-        w = self.model.difference(of.end, log.intervals.end)
-        Phi = transition(self.plant, of, log.intervals, self.force(self.kinds))
-        columns = np.concatenate([w[:, :, None], self.B], axis=2)
-        white, _ = whitened(
-            log.pieces, self.Phi if Phi is None else Phi, log.noise, self.Q, columns
-        )
+        own = transition(self.plant, of, log.intervals, self.force(self.kinds))
+        Phi = self.Phi if own is None else own
+        columns = np.concatenate([self._errors(of.end, Phi)[:, :, None], self.B], axis=2)
+        step = log.intervals.h / of.counts[:, None]
+        columns[:, :, places + 1] = self._moved_by(numbers_of(of.method), step)
+        white, _ = log.innovations(Phi, self.Q)(columns)
         return self._block(white[:, :, 0], white[:, :, 1:], 0, places)
 
     def _block(self, r: Array, D: Array, nuisance: int, places: NDArray[np.intp]) -> Block:
@@ -871,11 +1064,10 @@ class _Inferring:
             for a, b in zip(self.fields, self.causes, strict=True)
         ]
         Phi, B = transported(h, self.J, own)
-        w, B = self.w[:, :, None] + B[:, :, -1:], B[:, :, :-1]
+        w = self._errors(self.flow.end, Phi)[:, :, None]
+        w, B = w + B[:, :, -1:], B[:, :, :-1]
         everything = [w, B, np.stack(columns, axis=2)]
-        white, _ = whitened(
-            self.log.pieces, Phi, self.log.noise, self.Q, np.concatenate(everything, axis=2)
-        )
+        white, _ = self.log.innovations(Phi, self.Q)(np.concatenate(everything, axis=2))
         count = B.shape[2]
         prior = np.concatenate([self.prior, np.full(count - len(self.prior), 1e6)])
         places = count + np.arange(len(columns))
@@ -894,14 +1086,17 @@ class _Inferring:
         power = np.einsum("km,kmp->kp", self.gradient, self.B)
         gradient, ends = self.model.energy_gradient, (self.as_logged.end, log.intervals.end)
         slope, w = 0.5 * sum(map(gradient, ends)), self.model.difference(*ends)
-        jump = np.einsum("km,km->k", slope - self.slack, w)
+        jump, between = np.einsum("km,km->k", slope - self.slack, w), 0.0
         causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
         if self.methods:
             work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]
+            work += [np.einsum("km,km->k", self.gradient, x) for x in self._other_defects()]
             curves = log.running(np.stack(work, axis=1)).T
             # Methods that close the rows alike do not make the same joules; nor do forces between rows of
             # which a method takes one alone.
-            others = np.stack([*curves, *(curves[0] + x for x in self._other_forces())])
+            forces = [curves[0] + x for x in self._other_forces()]
+            between = float(np.abs(forces - curves[0]).max(initial=0.0)) if forces else 0.0
+            others = np.stack([*curves, *forces])
             left = self.w - self.defects[0] - causes
             # Where they leave more than the rows' noise, the rest may be the integrator's.
             known = np.where(log.unknown, 0.0, self.gradient)
@@ -917,7 +1112,18 @@ class _Inferring:
             integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
             left = self.w - self.B[:, :, :ni] @ c - causes
         integrator = self._on_path(integrator, self.w - left - causes, left)
-        mistake = self._share(best, power[:, ni:], tau)
+        unseen = self._unseen(best, tau)
+        moved = causes + self.model.difference(self.nominal.end, self.flow.end)
+        mistake = self._on_path(self._share(best, power[:, ni:], tau), moved, left)
+        # Sets of causes that explain as much do other joules, and one that is not seen may do some.
+        sets = [self._share(fit, power[:, ni:], tau).curve for fit in posterior.alternatives]
+        spread = np.abs([x - mistake.curve for x in (mistake.curve, *sets)]).max(axis=0)
+        sizes = np.minimum(list(unseen.values()), self.energy)
+        hidden = float(np.sqrt(np.mean(sizes**2))) if len(sizes) else 0.0
+        grown = np.linspace(0.0, hidden, len(spread))
+        mistake = replace(
+            mistake, curve_error=np.sqrt(mistake.curve_error**2 + spread**2 + grown**2)
+        )
         of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
         own, doubt = self.uncertain
         attribution, unexplained = joules(
@@ -933,6 +1139,8 @@ class _Inferring:
         exchanged, errors, energy = self._exchanged(best)
         odds, explained, coefficients = _generic(self.blocks[0], best)
         unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
+        if unnamed < self.least:  # as little as what the series leaves out
+            odds = -np.inf
         damped = self.plant.damped
         return Inference(
             model=self.model,
@@ -945,7 +1153,10 @@ class _Inferring:
             posterior=posterior,
             candidates=self.candidates,
             integrator=(
-                identified(self.methods, float(np.median(log.intervals.h[:, 0] / self.between)))
+                identified(
+                    (*self.methods, *(of.method for of, _ in self._others)),
+                    float(np.median(log.intervals.h[:, 0] / self.between)),
+                )
                 if self.methods
                 else estimate(
                     c[: len(FIELDS)], covariance[: len(FIELDS), : len(FIELDS)], damped, self.step
@@ -960,8 +1171,9 @@ class _Inferring:
             energy=energy,
             generic=Generic(odds, float(unnamed), explained),
             unexplained=unexplained,
-            intermittent=_intermittent(rows, best),
-            unseen=self._unseen(best, tau),
+            intermittent=_intermittent(rows, best, self.thinned),
+            unseen=unseen,
+            between=between,
             residual=left,
             acceleration=self.model.at(self.nominal.nodes[0]),
             w=w,
@@ -992,7 +1204,7 @@ class _Inferring:
     def _other_forces(self) -> Iterator[Array]:
         """What forces that the closing method cannot tell from those assumed add to its joules, running."""
         step, force = self.methods[0].step, self.force(self.kinds)
-        if step is None or self.methods[0].order > 1 or self.filter or not self.kinds:
+        if step is None or self.methods[0].order > 1 or not self.kinds or self.told:
             return
         for kind in ("start", "ramp"):
             other = self.force(tuple(own or kind for own in self.declared))
@@ -1003,7 +1215,20 @@ class _Inferring:
                 moved = np.zeros_like(self.w)
                 for k, response in enumerate(self._force_responses):
                     moved += _impulse(response, change[:, :, k], self.log)
-                yield -self.log.running(np.einsum("km,km->k", self.gradient, moved))
+                yield -HALF * self.log.running(np.einsum("km,km->k", self.gradient, moved))
+
+    @property
+    def _others(self) -> Sequence[tuple[Map, Observations]]:
+        """Methods that close coordinates alone as well as the one found, each with speeds of its own."""
+        found = self.methods and self.alike and self.alike[0][0].method in self.methods
+        return self.alike[1:] if found else []
+
+    def _other_defects(self) -> Iterator[Array]:
+        """What these do in each interval beside the flow."""
+        for of, log in self._others:
+            force, noise = self.force(self.kinds), log.noise[1]
+            flow = predict(self.plant, log.intervals, force, noise, self.steps)
+            yield self.model.difference(flow.end, of.end)
 
     def _on_path(self, share: Share, defects: Array, left: Array) -> Share:
         """The integrator's share with the errors of its weights, and of the path.
@@ -1029,7 +1254,7 @@ class _Inferring:
             deviation = _deviation(self.blocks, c, best, tau)
             name = f"{c.kind} {c.element}".strip()
             most = float(np.abs(curves[:, list(c.columns)] @ c.linear[:, 0]).max())
-            if most > 0.0:
+            if most > 0.0 and np.isfinite(deviation):  # else it is one of those found
                 joules[name] = max(joules.get(name, 0.0), deviation * most)
         return joules
 
@@ -1040,11 +1265,14 @@ class _Methods:
 
     ends: list[Map]
     floor: float
+    floors: Array
+    alone: float
 
     @staticmethod
     def of(ends: list[Map], r: Array, D: Array, rounding: float) -> _Methods | None:
         """The best by what all causes leave of their prediction errors r (N, m, methods), whitened."""
         finite = [k for k in range(len(ends)) if np.isfinite(r[:, :, k]).all()]
+        every = np.full(len(ends), np.inf)
         if not finite:
             return None
         y = r[:, :, finite].reshape(-1, len(finite))
@@ -1052,18 +1280,28 @@ class _Methods:
         x = least_squares(X.T @ X, X.T @ y)
         residual = y - X @ x
         floors = np.maximum((residual**2).sum(axis=0), 1e-300)
+        every[finite] = floors
         best = int(np.argmin(floors))
-        tau = autocorrelation_time(residual[:, best].reshape(len(r), -1))
-        odds = 0.5 * len(y) / tau * np.log(floors / floors[best])
-        # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
-        low = min(rounding * len(y), ROUNDED * floors[best])
-        alike = np.flatnonzero((odds < EQUAL) | (floors <= low))
-        order = [finite[k] for k in (best, *alike[alike != best])]
-        return _Methods([ends[k] for k in order], float(floors[best]))
+        alike = _alike(residual.reshape(*r.shape[:2], -1), best, rounding)
+        # Those that need no causes come first.
+        alike = alike[np.argsort((y[:, alike] ** 2).sum(axis=0), kind="stable")]
+        order = [finite[k] for k in alike]
+        alone = float((y[:, best] ** 2).sum())
+        return _Methods([ends[k] for k in order], float(floors[best]), every, alone)
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""
         return self.floor < SERIES * series.misfit(best.coefficients)
+
+
+def _alike(r: Array, best: int, rounding: float) -> NDArray[np.intp]:
+    """Which of several residuals (N, m, k) are as likely as the best."""
+    floors = np.maximum((r**2).sum(axis=(0, 1)), 1e-300)
+    count = r.shape[0] * r.shape[1]
+    odds = 0.5 * count / autocorrelation_time(r[:, :, best]) * np.log(floors / floors[best])
+    # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
+    low = min(rounding * count, ROUNDED * floors[best])
+    return np.flatnonzero((odds < EQUAL) | (floors <= low))
 
 
 ROUNDED = 4.0
@@ -1122,16 +1360,20 @@ def _jumps(w: Array) -> NDArray[np.bool_]:
     return np.asarray(size > ACTIVE * np.median(size))
 
 
-def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:
+def _intermittent(
+    block: Block, best: Fit, thinned: NDArray[np.bool_]
+) -> tuple[float, NDArray[np.bool_]]:
     """Log odds that what is left comes in intervals of their own, and these intervals (N,).
 
     Two variances, of quiet and of active intervals, against the one of the best causes; each spell of
-    activity costs its two ends.
+    activity costs its two ends. What logged forces did in intervals of which steps are lost is not known:
+    beside others that are whole, these tell nothing.
     """
-    r = block.residual(np.zeros(len(block.causes)))
+    none = np.zeros(len(block.r), dtype=np.bool_)
+    whole = np.flatnonzero(~thinned) if not thinned.all() else np.arange(len(block.r))
+    r = block.residual(np.zeros(len(block.causes)))[whole]
     n, d = r.shape
     size = np.mean(r**2, axis=1) + 1e-300
-    none = np.zeros(n, dtype=np.bool_)
     ordered = np.sort(size)
     quiet = float(np.median(ordered[: max(4, n // 2)])) + 1e-300
     active = size > ACTIVE * quiet
@@ -1145,19 +1387,20 @@ def _intermittent(block: Block, best: Fit) -> tuple[float, NDArray[np.bool_]]:
         return -np.inf, none
     if len(block.nuisance):
         # Nuisance columns of quiet intervals alone: what acts now and then must not bend them.
-        D, y = block.D[~active][:, :, block.nuisance], block.r[~active]
+        D, y = block.D[whole][:, :, block.nuisance], block.r[whole]
         ridge = np.diag(np.sqrt(block.floor) / block.prior)
-        A = np.concatenate([D.reshape(-1, D.shape[2]), ridge])
-        x = np.linalg.lstsq(A, np.concatenate([y.ravel(), np.zeros(len(ridge))]), rcond=1e-13)[0]
-        r = block.r - block.D[:, :, block.nuisance] @ x
+        A = np.concatenate([D[~active].reshape(-1, D.shape[2]), ridge])
+        b = np.concatenate([y[~active].ravel(), np.zeros(len(ridge))])
+        r = y - D @ np.linalg.lstsq(A, b, rcond=1e-13)[0]
     low, high = float(np.mean(r[~active] ** 2)), float(np.mean(r[active] ** 2))
     share = active.mean()
-    one = block.projected.left(best.coefficients) / block.r.size
+    one = float(np.mean(block.residual(best.coefficients)[whole] ** 2))
     tau = autocorrelation_time(r[~active])
     spells = int(np.count_nonzero(np.diff(active.astype(int)) == 1)) + 1
     two = (1 - share) * np.log(low + 1e-300) + share * np.log(high + 1e-300)
     odds = 0.5 * n * d / tau * (np.log(one + 1e-300) - two)
-    return float(odds - 2.0 * spells * np.log(n)), active
+    none[whole] = active
+    return float(odds - 2.0 * spells * np.log(n)), none
 
 
 ACTIVE = 100.0

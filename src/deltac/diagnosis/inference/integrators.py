@@ -177,14 +177,29 @@ MOST_STEPS = 12
 """Steps between two rows up to which a method is repeated: what takes longer is left to the series."""
 
 
+def step_of(h: Array) -> float:
+    """The step of a log that does not say its own, of intervals h (N, 1).
+
+    The shortest of them if all are a whole number of it, else a typical one.
+    """
+    shortest = float(h.min())
+    ratio = h / shortest
+    whole = bool(np.all(np.abs(ratio - np.rint(ratio)) <= WHOLE))
+    return shortest if whole else float(np.median(h))
+
+
+WHOLE = 1e-3
+"""How near to a whole number of steps intervals are, in steps: clocks are rounded."""
+
+
 def steps_between(h: Array, step: float | None) -> NDArray[np.intp] | None:
     """Steps (N,) between rows that lie h (N, 1) apart; None where they are no whole number of steps.
 
     Rows that are no whole number of some unknown step apart are the steps of a solver that chooses them.
     """
-    ratio = h[:, 0] / (step or float(np.median(h)))
+    ratio = h[:, 0] / (step or step_of(h))
     counts = np.rint(ratio).astype(np.intp)
-    if np.all(np.abs(ratio - counts) <= 1e-3) and counts.min() >= 1:
+    if np.all(np.abs(ratio - counts) <= WHOLE) and counts.min() >= 1:
         return counts
     return np.ones(len(h), dtype=np.intp) if step is None else None
 
@@ -220,10 +235,20 @@ def maps(
         if method.defect is not None and counts.max() == 1:
             at, end = intervals.start, intervals.end
             q, u = method.defect(model, at, end, intervals.h)
-            yield Map(method, counts, Rows(end.t, q, u, end.F))
+            yield Map(
+                method, counts, _solved(model, method, end, Rows(end.t, q, u, end.F), intervals.h)
+            )
         elif method.step is not None:
             end = _repeated(model, method.step, intervals, force, counts)
             yield Map(method, counts, end)
+
+
+def _solved(model: Model, method: Integrator, end: Rows, right: Rows, h: Array) -> Rows:
+    """The end of an implicit step by one of Newton's, from the row and the right-hand side there."""
+    share = 1.0 if method.order == 1 else 0.5
+    A = np.eye(2 * model.n) - share * h[:, :, None] * model.jacobian(end)
+    gap = model.difference(end, right)
+    return model.displaced(end, np.asarray(np.linalg.solve(A, gap[:, :, None]))[:, :, 0])
 
 
 def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween) -> Array | None:

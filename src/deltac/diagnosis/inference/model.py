@@ -235,6 +235,11 @@ class Model:
             end[:, i + 1 : i + 4] = p[:, :1] * v + w * p[:, 1:] + np.cross(p[:, 1:], v)
         return end
 
+    def displaced(self, at: Rows, by: Array) -> Rows:
+        """States displaced by (T, 2n)."""
+        q = self.moved(at.q, by[:, : self.n], np.ones((len(by), 1)))
+        return Rows(at.t, q, at.u + by[:, self.n :], at.F)
+
     def difference(self, start: Rows, end: Rows) -> Array:
         """The displacement (T, 2n) that takes `start` to `end`."""
         along = np.zeros_like(start.u)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.flow import Intervals, LoggedForce, Prediction
 from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.digits import digits_of, white_noise
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.trajectories import Trajectory
@@ -26,6 +27,7 @@ class Observations:
     digits       what of that comes from their digits
     force_noise  of the forces (N, m)
     unknown      components of the state that the log does not have: speeds made of coordinates (2n,)
+    beyond       the rows less the states at the starts and ends of the intervals, (N, 2n): none at first
     """
 
     intervals: Intervals
@@ -35,6 +37,25 @@ class Observations:
     digits: tuple[Array, Array]
     force_noise: Array
     unknown: NDArray[np.bool_]
+    beyond: tuple[Array, Array]
+
+    def shift(self, Phi: Array) -> Array:
+        """What the rows beyond the states at which the flow is taken add to prediction errors (N, 2n)."""
+        return np.asarray(self.beyond[1] - np.einsum("kij,kj->ki", Phi, self.beyond[0]))
+
+    def innovations(self, Phi: Array, Q: Array) -> Innovations:
+        """The whitener of prediction errors with these transition matrices and process noise."""
+        return Innovations(self.pieces, Phi, self.noise, Q, not self.unknown.any())
+
+    def at(self, model: Model, errors: tuple[Array, Array]) -> Observations:
+        """With the flow taken at the states that rows with such errors (N, 2n) are of."""
+        change = [e - b for e, b in zip(errors, self.beyond, strict=True)]
+        ends = self.intervals.start, self.intervals.end
+        start, end = (model.displaced(at, -x) for at, x in zip(ends, change, strict=True))
+        # What was made of coordinates is off by as much as that.
+        off = np.sqrt(np.mean(errors[1] ** 2, axis=0))
+        first, last = (np.where(self.unknown, off, x) for x in self.noise)
+        return replace(self, intervals=Intervals(start, end), beyond=errors, noise=(first, last))
 
     def without(self, lost: NDArray[np.bool_]) -> Observations:
         """Without some of the intervals; stretches are cut there."""
@@ -48,10 +69,12 @@ class Observations:
         starts = [np.arange(a, b - 1) for a, b in self.rows]
         rows = np.concatenate(starts)[kept]
         edges = [(int(rows[a]), int(rows[b - 1]) + 2) for a, b in pieces]
-        noise, digits = ((x[0][kept], x[1][kept]) for x in (self.noise, self.digits))
+        noise, digits, beyond = (
+            (x[0][kept], x[1][kept]) for x in (self.noise, self.digits, self.beyond)
+        )
         return Observations(
             self.intervals.take(kept), pieces, edges, noise, digits, self.force_noise[kept],
-            self.unknown,
+            self.unknown, beyond,
         )  # fmt: skip
 
     def running(self, x: Array) -> Array:
@@ -133,6 +156,7 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
         both,
         np.concatenate(of_F, axis=1)[starts],
         np.repeat([False, derived], model.n),
+        (np.zeros_like(both[0]), np.zeros_like(both[0])),
     )
 
 
@@ -203,13 +227,13 @@ def unknown(
     force: LoggedForce,
     kinds: Sequence[str],
     w: Array,
-    thinned: bool,
+    thinned: NDArray[np.bool_],
 ) -> tuple[Array, Array, Array]:
     """Covariances (N, 2n, 2n) of what the flow does not know: own, between rows, across constraints.
 
     Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep
-    them. Where steps were not all logged a force may have taken any way from one row to the next: by its
-    change, uniformly. Where they were, one that is smooth (`kinds`) may differ from its spline.
+    them. In intervals of which a step is lost (`thinned`, N) a force may have taken any way from one row to
+    the next: by its change, uniformly. In others, one that is smooth (`kinds`) may differ from its spline.
     """
     n, h, at = model.n, log.intervals.h, flow.nodes[0]
     Q = np.zeros((len(h), 2 * n, 2 * n))
@@ -219,15 +243,14 @@ def unknown(
     between = np.zeros_like(Q)
     smooth = np.array([kind == "smooth" for kind in kinds], dtype=bool)
     doubt = np.where(smooth, force.doubt, 0.0)
-    some = coarse.any() or thinned or doubt.any()
+    some = coarse.any() or thinned.any() or doubt.any()
     for k, response in enumerate(unit_responses(model, at) if some else ()):
         du = response * h * log.force_noise[:, k : k + 1]
         both = np.concatenate([0.5 * h * du, du], axis=1)
         Q += both[:, :, None] * both[:, None, :]
-        size = doubt[:, k]
-        if thinned:
-            bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
-            size = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
+        bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
+        lost = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
+        size = np.where(thinned, lost, doubt[:, k])
         if size.any():
             du = response * (h[:, 0] * size)[:, None]
             both = np.concatenate([0.5 * h * du, du], axis=1)

@@ -13,8 +13,11 @@ parameters beside them.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from deltac.arrays import Array
@@ -24,53 +27,187 @@ ROUNDING = 1e-10
 noise of ten million rows."""
 
 
-def whitened(
-    pieces: Sequence[tuple[int, int]],
-    Phi: Array,
-    noise: tuple[Array, Array],
-    Q: Array,
-    columns: Array,
-) -> tuple[Array, float]:
-    """L⁻¹ of columns (N, m, p) of N intervals, (N, m, p); and log det L.
+@dataclass(frozen=True, eq=False)
+class Innovations:
+    """The whitener of the prediction errors of N intervals, with 2n components each.
 
     Args:
         pieces: first and last + 1 of consecutive intervals.
-        Phi: transition matrices (N, m, m).
-        noise: standard deviations (N, m) of the rows at the starts of the intervals, and at their ends.
-        Q: covariance (N, m, m) of what the flow does not know.
-        columns: prediction errors and the columns of parameters.
+        Phi: transition matrices (N, 2n, 2n).
+        noise: standard deviations (N, 2n) of the rows at the starts of the intervals, and at their ends.
+        Q: covariance (N, 2n, 2n) of what the flow does not know.
+        speeds: whether rows have speeds. If not, three rows of coordinates tell: what the speeds of a row are
+            is eliminated, so that nothing is assumed of them.
     """
-    N, m, p = columns.shape
-    start, end = (x**2 for x in noise)
-    S = (Phi * start[:, None]) @ Phi.transpose(0, 2, 1) + Q
-    S[:, np.arange(m), np.arange(m)] += end
-    scale = np.sqrt(S[:, np.arange(m), np.arange(m)])
-    S /= scale[:, :, None] * scale[:, None, :]
-    S[:, np.arange(m), np.arange(m)] += ROUNDING
-    C = np.zeros((N, m, m))
-    C[:-1] = -Phi[1:] * end[:-1, None] / (scale[1:, :, None] * scale[:-1, None, :])
-    C[[last - 1 for _, last in pieces]] = 0.0
-    band = np.zeros((2 * m, N, m))
-    for j in range(m):
-        band[: m - j, :, j] = S[:, j:, j].T
-        band[m - j : 2 * m - j, :, j] += C[:, :, j].T
-    factor, info = lapack.dpbtrf(band.reshape(2 * m, N * m), lower=1, overwrite_ab=1)
-    if info:
-        raise np.linalg.LinAlgError(
-            "the covariance of the prediction errors is not positive definite"
-        )
-    factor = factor.reshape(2 * m, N, m)
-    diagonal, below = np.zeros((N, m, m)), np.zeros((N, m, m))
-    for j in range(m):
-        diagonal[:, j:, j] = factor[: m - j, :, j].T
-        below[:, :, j] = factor[m - j : 2 * m - j, :, j].T
-    # Forward substitution block by block, all columns at once; what is precomputed is of all blocks together.
-    inverse = np.linalg.inv(diagonal)
-    r = inverse @ (columns / scale[:, :, None])
-    carry = inverse[1:] @ below[:-1]
-    for k in range(1, N):
-        r[k] -= carry[k - 1] @ r[k - 1]
-    return r, float(np.log(factor[0]).sum() + np.log(scale).sum())
+
+    pieces: Sequence[tuple[int, int]]
+    Phi: Array
+    noise: tuple[Array, Array]
+    Q: Array
+    speeds: bool = True
+
+    def __call__(self, columns: Array) -> tuple[Array, float]:
+        """L⁻¹ of columns (N, 2n, p), an array (N, d, p), and log det L; d is 2n, without speeds n."""
+        inverse, below, scale, log_det = self._factor
+        # Forward substitution block by block, all columns at once; what is precomputed is of all blocks.
+        r = inverse @ (self._told(columns) / scale[:, :, None])
+        carries = [inverse[lag:] @ x[:-lag] for lag, x in enumerate(below, 1)]
+        for k in range(1, len(r)):
+            for lag, carry in enumerate(carries[:k], 1):
+                r[k] -= carry[k - lag] @ r[k - lag]
+        return r, log_det
+
+    def errors(self, w: Array) -> tuple[Array, Array]:
+        """The likeliest errors of the rows at the starts and at the ends of the intervals, (N, 2n) each.
+
+        Those of the smoother of Rauch, Tung and Striebel (1965), E e wᵀ (E w wᵀ)⁻¹ w; `w` (N, 2n) are
+        prediction errors without what integrator and causes do.
+        """
+        inverse, below, scale, _ = self._factor
+        x = self(w[:, :, None])[0][:, :, 0]
+        for k in reversed(range(len(x))):
+            for lag, under in enumerate(below, 1):
+                if k + lag < len(x):
+                    x[k] -= x[k + lag] @ under[k]
+            x[k] = x[k] @ inverse[k]
+        x /= scale
+        start, end = (y**2 for y in self.noise)
+        if self.speeds:
+            back = _times(x, self.Phi)
+            return start * (self._before(x) - back), end * (x - self._after(back))
+        n = w.shape[1] // 2
+        p = self._parts
+        x[self._last] = 0.0
+        ahead = self._before(_times(x, p.P_after))
+        own, middle = _times(x, p.own), _times(x, p.middle)
+        q = start[:, :n] * (own + self._before(middle + ahead))
+        q_end = end[:, :n] * (self._after(own) + middle + ahead)
+        told = np.concatenate([ahead - _times(x, p.R), x], axis=1)
+        v = np.einsum("kij,kj->ki", self.Q, told)
+        Phi = self.Phi
+        u = q_end - _applied(Phi[:, :n, :n], q) + v[:, :n] - w[:, :n]
+        u = _applied(p.P, u)
+        u_end = w[:, n:] + _applied(Phi[:, n:, :n], q) + _applied(Phi[:, n:, n:], u) - v[:, n:]
+        return np.concatenate([q, u], axis=1), np.concatenate([q_end, u_end], axis=1)
+
+    # --- where rows have no speeds ---
+
+    @cached_property
+    def _last(self) -> NDArray[np.intp]:
+        """The last interval of each piece."""
+        return np.array([last - 1 for _, last in self.pieces], dtype=np.intp)
+
+    def _after(self, x: Array) -> Array:
+        """Values of the next interval of the piece, zero in the last."""
+        y = np.zeros_like(x)
+        y[:-1] = x[1:]
+        y[self._last] = 0.0
+        return y
+
+    def _before(self, x: Array) -> Array:
+        """Values of the interval before, zero in the first of a piece."""
+        y = np.zeros_like(x)
+        y[1:] = x[:-1]
+        y[[first for first, _ in self.pieces]] = 0.0
+        return y
+
+    @cached_property
+    def _parts(self) -> _Eliminated:
+        n = self.Phi.shape[1] // 2
+        P: Array = np.asarray(np.linalg.inv(self.Phi[:, :n, n:]), dtype=float)
+        R, along = self.Phi[:, n:, n:] @ P, P @ self.Phi[:, :n, :n]
+        own = R @ self.Phi[:, :n, :n] - self.Phi[:, n:, :n]
+        return _Eliminated(P, self._after(P), R, own, -self._after(along) - R)
+
+    def _told(self, columns: Array) -> Array:
+        """What prediction errors or columns are without the speeds of the rows."""
+        if self.speeds:
+            return columns
+        n, p = self.Phi.shape[1] // 2, self._parts
+        y = columns[:, n:] + self._after(p.P @ columns[:, :n]) - p.R @ columns[:, :n]
+        y[self._last] = 0.0
+        return y
+
+    # --- the covariance and its factor ---
+
+    @cached_property
+    def _factor(self) -> tuple[Array, list[Array], Array, float]:
+        """L⁻¹ of the diagonal blocks, the blocks below them by lag, the scale of S, and log det L."""
+        S, *off = self._covariance()
+        N, m = S.shape[:2]
+        scale = np.sqrt(np.einsum("kii->ki", S))
+        S = S / (scale[:, :, None] * scale[:, None, :])
+        S[:, np.arange(m), np.arange(m)] += ROUNDING
+        band = np.zeros(((len(off) + 1) * m, N, m))
+        for j in range(m):
+            band[: m - j, :, j] = S[:, j:, j].T
+        for lag, C in enumerate(off, 1):
+            C[:-lag] /= scale[lag:, :, None] * scale[:-lag, None, :]
+            for j in range(m):
+                band[lag * m - j : (lag + 1) * m - j, :, j] += C[:, :, j].T
+        factor, info = lapack.dpbtrf(band.reshape(len(band), N * m), lower=1, overwrite_ab=1)
+        if info:
+            raise np.linalg.LinAlgError(
+                "the covariance of the prediction errors is not positive definite"
+            )
+        log_det = float(np.log(factor[0]).sum() + np.log(scale).sum())
+        factor = factor.reshape(len(band), N, m)
+        diagonal = np.zeros((N, m, m))
+        below: list[Array] = [np.zeros((N, m, m)) for _ in off]
+        for j in range(m):
+            diagonal[:, j:, j] = factor[: m - j, :, j].T
+            for lag, block in enumerate(below, 1):
+                block[:, :, j] = factor[lag * m - j : (lag + 1) * m - j, :, j].T
+        inverse: Array = np.asarray(np.linalg.inv(diagonal), dtype=float)
+        return inverse, below, np.asarray(scale), log_det
+
+    def _covariance(self) -> list[Array]:
+        """Covariances (N, d, d) of the blocks with themselves, and of later ones with them, by lag."""
+        start, end = (x**2 for x in self.noise)
+        if self.speeds:
+            m = start.shape[1]
+            S = (self.Phi * start[:, None]) @ self.Phi.transpose(0, 2, 1) + self.Q
+            S[:, np.arange(m), np.arange(m)] += end
+            return [S, -self._after(self.Phi) * end[:, None]]
+        n, p = start.shape[1] // 2, self._parts
+        first, second, third = start[:, None, :n], end[:, None, :n], self._after(end)[:, None, :n]
+        to = np.concatenate([-p.R, np.broadcast_to(np.eye(n), p.R.shape)], axis=2)
+        TQ, ahead = to @ self.Q, p.P_after.transpose(0, 2, 1)
+        own, middle = p.own.transpose(0, 2, 1), p.middle.transpose(0, 2, 1)
+        S = (p.own * first) @ own + (p.middle * second) @ middle + TQ @ to.transpose(0, 2, 1)
+        S += p.P_after @ (self._after(self.Q[:, :n, :n]) @ ahead + third.transpose(0, 2, 1) * ahead)
+        one = (self._after(p.own) * second) @ middle
+        one += (self._after(p.middle) * third + self._after(TQ[:, :, :n])) @ ahead
+        two = (self._after(self._after(p.own)) * third) @ ahead
+        last = self._last
+        S[last] = np.eye(n)
+        one[last], two[last] = 0.0, 0.0
+        one[last[last > 0] - 1], two[last[last > 0] - 1] = 0.0, 0.0
+        two[last[last > 1] - 2] = 0.0
+        return [S, one, two]
+
+
+@dataclass(frozen=True, eq=False)
+class _Eliminated:
+    """What rows do to three coordinates in a row, (N, n, n), where Φ = [[Φ_qq, Φ_qu], [Φ_uq, Φ_uu]].
+
+    P = Φ_qu⁻¹, that of the next interval, R = Φ_uu P; what multiplies the errors of the first row and of the
+    second; of the third it is P of the next interval.
+    """
+
+    P: Array
+    P_after: Array
+    R: Array
+    own: Array
+    middle: Array
+
+
+def _times(x: Array, A: Array) -> Array:
+    return np.asarray(np.einsum("ki,kij->kj", x, A))
+
+
+def _applied(A: Array, x: Array) -> Array:
+    return np.asarray(np.einsum("kij,kj->ki", A, x))
 
 
 def robust_weights(r: Array, share: float = 0.02) -> Array:

@@ -17,7 +17,6 @@ from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternions
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
-from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.dynamics.spatial import SX
 from deltac.errors import InputError, LogError, ModelError, StateError
@@ -417,8 +416,6 @@ ROUNDED = 1e5
 DEPTH = 0.1
 """Overlap, as a share of the smallest dimension of two shapes, down to which states are drawn."""
 
-CONTACT_NEWTON_STEPS = 30
-
 RANK = 1e-10
 """Singular values below this share of the largest count as zero."""
 
@@ -545,34 +542,18 @@ def joined(states: list[States]) -> States:
 
 
 def _overlapping(place: Place, base: States, rng: np.random.Generator) -> States:
-    """States moved by Newton steps, least in the mass metric, until the shapes overlap a little."""
-    kane = place.kane
-    point = kane.point(base.t, base.q, base.u)
-    t, q, u = base.t, point.q, point.u
-    still = np.zeros_like(u)
+    """States moved, least in the mass metric, until the shapes overlap a little."""
+    kane, t = place.kane, base.t
+    point = kane.point(t, base.q, base.u)
+    q, u, still = point.q, point.u, np.zeros_like(point.u)
     target = -place.depth * rng.uniform(0.1, 1.0, len(base))
-    holonomic = np.array(kane.rows.holonomic, dtype=bool)
+
+    def excess(q: Array) -> tuple[Array, Array]:
+        _, _, gap, approach = place.at(t, q, still)
+        return (gap - target)[None], approach
+
     with np.errstate(all="ignore"):
-        for _ in range(CONTACT_NEWTON_STEPS):
-            terms = kane.motion.terms(t, q, still)
-            _, _, gap, approach = place.at(t, q, still)
-            rows = np.concatenate([terms.G[:, holonomic], approach], axis=1)
-            violation = np.concatenate([terms.phi[holonomic], (gap - target)[None, :]])
-            usable = np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(violation).all(axis=0)
-            usable &= np.isfinite(terms.M).all(axis=(1, 2)) & (
-                np.abs(violation).max(axis=0) > 1e-14
-            )
-            if not usable.any():
-                break
-            step = np.zeros_like(u)
-            try:
-                tied = least_squares(terms.M[usable], rows[usable])
-            except np.linalg.LinAlgError:
-                break
-            step[:, usable] = tied.least(violation[:, usable].T).T
-            q = q + times(terms.W, step)
-            for quaternion in kane.motion.quaternions:
-                q[quaternion] /= np.linalg.norm(q[quaternion], axis=0)
+        q = onto_positions(kane.motion, t, q, tolerance=1e-14, most=NEWTON_STEPS, further=excess)
         good = np.isfinite(q).all(axis=0)
         own_q = kane.own_coordinates(t, q)
         if own_q is None:  # the map leads from own coordinates only: by chance

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from deltac.arrays import SAME, Array
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
-from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.step_size.energy_error import CREDIBLE
 from deltac.trajectories import Trajectory
@@ -138,12 +137,7 @@ def by_unit(sizes: Array, units: Sequence[str]) -> Array:
 
 def one_sided(mechanism: Mechanism, q: Array, reference: Array) -> Array:
     """Coordinates, each quaternion on the side of the reference's: q and −q are one rotation."""
-    for joint in mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is None:
-            continue
-        start = mechanism.coordinates.of(joint.name).start + offset
-        place = slice(start, start + 4)
+    for place in mechanism.quaternions.values():
         other = np.einsum("ij,ij->i", q[:, place], reference[:, place]) < 0.0
         q[other, place] *= -1.0
     return q

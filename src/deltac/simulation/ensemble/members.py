@@ -13,7 +13,6 @@ from deltac.arrays import Array
 from deltac.dynamics.system import trace
 from deltac.errors import NO_NUMBER, InputError, SolverError, StateError, WrongType
 from deltac.mechanism.coordinates import Entries
-from deltac.mechanism.joints import KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.arguments import count, whole_steps
@@ -218,18 +217,13 @@ def _check_values(what: str, values: Array, entries: Entries) -> None:
 def _with_unit_quaternions(mechanism: Mechanism, Q: Array) -> Array:
     """The coordinates with quaternions divided by their lengths, as `Mechanism.state` does."""
     result = Q.copy()
-    for joint in mechanism.joints:
-        offset = KINDS[joint.kind].quaternion
-        if offset is None:
-            continue
-        start = mechanism.coordinates.of(joint.name).start + offset
-        place = slice(start, start + 4)
+    for joint, place in mechanism.quaternions.items():
         length = np.sqrt(np.einsum("ij,ij->i", Q[:, place], Q[:, place]))
         bad = np.flatnonzero(np.abs(length - 1.0) > 1e-3)
         if len(bad):
             k = int(bad[0])
             raise StateError(
-                f"states: member {k}: the quaternion of joint {joint.name!r}, {tuple(Q[k, place].tolist())}, "
+                f"states: member {k}: the quaternion of joint {joint!r}, {tuple(Q[k, place].tolist())}, "
                 f"has length {length[k]:.6g}; expected a unit quaternion, scalar first. Divide it by its "
                 "length"
             )

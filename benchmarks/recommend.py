@@ -143,8 +143,10 @@ def cheapest(
         found = Search([alone], made, asked, deadline, None).cheapest()
         if found is None:
             left.append(family.name)
-        else:
-            trials.append(found.trials[found.passing])
+        elif (trial := found.trials[found.passing]).solver != best.solver or (
+            trial.setting != best.setting
+        ):
+            trials.append(trial)
     # Only those that may be the cheapest are timed in turn, and verified, which at kinks some do not stand.
     worth = [t for t in trials if t is best or t.seconds <= 2.0 * best.seconds]
     timed = sorted(((seconds(trial), k, trial) for k, trial in enumerate(worth)))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from tests.support.slow import repeated
 from tests.systems.cart_pole import CartPole, log
 
 RIGHT = CartPole()
@@ -61,7 +62,9 @@ def test_right_equations_under_noise_are_not_accused(seed: int) -> None:
     assert found.verdict.kind in ("consistent", "unresolved")
 
 
-@pytest.mark.parametrize("scheme", ["explicit-euler", "semi-implicit-euler", "heun"])
+@pytest.mark.parametrize(
+    "scheme", repeated(["explicit-euler", "semi-implicit-euler", "heun"], "semi-implicit-euler")
+)
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
 @pytest.mark.parametrize("damper", [0.0, 1e-3, 1e-2])
 def test_no_mistake_does_more_than_what_may_be_hidden(

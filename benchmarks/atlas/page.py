@@ -152,7 +152,7 @@ def by_simulator(every: Sequence[dict[str, Any]]) -> str:
         rows.append(
             (name, models, len(runs), *(counts[v] or "" for v in VERDICTS), f"{share:.1f} %")
         )
-    return table(("simulator", "models", "runs", *VERDICTS, "unresolved"), rows)
+    return table(("simulator", "models", "runs", *VERDICTS, "share unresolved"), rows)
 
 
 def by_package(every: Sequence[dict[str, Any]], refused: Sequence[dict[str, Any]]) -> str:

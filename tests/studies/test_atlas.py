@@ -410,3 +410,16 @@ def test_differences_in_the_last_digits_are_no_mistake() -> None:
             column[places] = values[k]
         assert np.abs(pin.rnea(model, data, *state)[places] - total[k]).max() < 1e-6
     assert dc.audit(experiment.model, run).verdict.kind == "integration-error"
+
+
+def test_a_simulator_that_ends_the_process_is_a_row(
+    tmp_path: Path, arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def end(*_: Any) -> dc.Trajectory:
+        raise SystemExit(1)
+
+    (tmp_path / "plan.toml").write_text(PLAN)
+    plan = plan_atlas(tmp_path / "plan.toml")
+    monkeypatch.setitem(experiments.SIMULATORS, "deltac", replace(SIMULATORS["deltac"], run=end))
+    outcome = plan.piece_at(plan.addresses[0]).outcome()
+    assert outcome["verdict"] == ["failed"] and "ends the process" in outcome["message"][0]

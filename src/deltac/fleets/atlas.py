@@ -188,6 +188,10 @@ def _row(run: Run) -> dict[str, Any]:
     except (RuntimeError, ValueError, ArithmeticError, LookupError, TypeError) as error:
         # What simulators written in C++ say of a model that they do not take.
         return _failed(Failure("E-RECORDING", f"{type(error).__name__}: {error}"[:500]))
+    except SystemExit:
+        return _failed(
+            Failure("E-RECORDING", "the simulator ends the process; its output says why")
+        )
 
 
 def solver_label(setting: Setting) -> str | None:

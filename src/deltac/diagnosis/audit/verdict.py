@@ -169,8 +169,10 @@ class Judgement:
         if self.ledger.method == "in-loop":
             # ΔC is of the steps' own works. By those of the flow the integrator has other joules, which is
             # no doubt of whose these are.
+            # What mistakes may hide that nobody sees is `hidden`.
             bar = self.ledger.error_bar[self.function]
-            error = np.minimum(error, np.hypot(bar, self.attribution.equations.curve_error))
+            mistakes = self.attribution.equations.curve_error if self.causes else 0.0
+            error = np.minimum(error, np.hypot(bar, mistakes))
         return float(self._beyond(share.curve, error).max())
 
     @cached_property

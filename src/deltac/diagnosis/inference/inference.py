@@ -1099,6 +1099,10 @@ class _Inferring:
             work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]
             work += [np.einsum("km,km->k", self.gradient, x) for x in self._other_defects()]
             curves = log.running(np.stack(work, axis=1)).T
+            if log.unknown.any():
+                logs = [*(log for _ in self.methods), *(other for _, other in self._others)]
+                own = zip((*self.methods, *(of.method for of, _ in self._others)), logs, strict=True)
+                curves = curves + [numbers_of(m)[0] * self._of_rates_of_q(at) for m, at in own]
             # Methods that close the rows alike do not make the same joules; nor do forces between rows of
             # which a method takes one alone.
             forces = [curves[0] + x for x in self._other_forces()]
@@ -1112,6 +1116,8 @@ class _Inferring:
             integrator = Share(curves[0], np.hypot(np.abs(others - curves[0]).max(axis=0), beyond))
         else:
             curves = log.running(power[:, :ni])
+            if log.unknown.any():
+                curves[:, 0] += self._of_rates_of_q(log)
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
             # The order beyond the series is no noise: its joules grow with the motion.
             beyond = self._remainder(rows) * np.linspace(0.0, 1.0, len(self.w))
@@ -1223,6 +1229,21 @@ class _Inferring:
                 for k, response in enumerate(self._force_responses):
                     moved += _impulse(response, change[:, :, k], self.log)
                 yield -HALF * self.log.running(np.einsum("km,km->k", self.gradient, moved))
+
+    def _of_rates_of_q(self, log: Observations) -> Array:
+        """What a unit of the field (a, 0) of first order adds to ΔC of the rates of the coordinates (N,), J.
+
+        Methods that are one method of the coordinates alone have speeds of other instants. Where the log has
+        none, the energy is that of the coordinates' own rates, q̇ = u + c h a: it is the same for all of them.
+        """
+        n, h, (first, _) = self.model.n, self._h, log.pieces[0]
+
+        def shift(at: Rows, h: Array) -> Array:
+            gradient = self.model.energy_gradient(at)[:, n:]
+            return np.asarray(np.einsum("km,km->k", gradient, h * self.plant.at(at)))
+
+        start = log.intervals.start.take(np.array([first]))
+        return shift(log.intervals.end, h) - shift(start, h[first : first + 1])
 
     @property
     def _others(self) -> Sequence[tuple[Map, Observations]]:

@@ -562,7 +562,10 @@ class _Inferring:
         self._act(nothing(len(self.coefficients)))
         posterior = self._compare()
         # What mistakes do looks like filters and those like mistakes: filters are asked for beside causes.
-        if self._act(self._of_equations(posterior.best), filters=True):
+        # Where a method closes the rows, forces act as they do in it.
+        left = self.of_rows.projected.left(posterior.best.coefficients)
+        closing = bool(self.methods) and left <= self.of_rows.count
+        if not closing and self._act(self._of_equations(posterior.best), filters=True):
             posterior = self._compare()
         if self.methods and self.methods[0].order == 1 and not self.told and self._held():
             posterior = self._compare()

@@ -43,9 +43,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     Undecided tests cannot fail, so they are slow ones: `make test-slow` tells which pass.
     """
     without = find_spec("heyoka") is None
-    undecided = {
-        x for x in (TESTS / "undecided.txt").read_text("utf-8").split() if "::" in x or "/" in x
-    }
+    lines = (TESTS / "undecided.txt").read_text("utf-8").splitlines()
+    undecided = {line for line in lines if not line.startswith("#")}
     skip = pytest.mark.skip(reason="heyoka is not installed on this platform")
     for item in items:
         function = item.nodeid.partition("[")[0]

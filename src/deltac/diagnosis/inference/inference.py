@@ -1104,7 +1104,9 @@ class _Inferring:
             curves = log.running(np.stack(work, axis=1)).T
             if log.unknown.any():
                 logs = [*(log for _ in self.methods), *(other for _, other in self._others)]
-                own = zip((*self.methods, *(of.method for of, _ in self._others)), logs, strict=True)
+                own = zip(
+                    (*self.methods, *(of.method for of, _ in self._others)), logs, strict=True
+                )
                 curves = curves + [numbers_of(m)[0] * self._of_rates_of_q(at) for m, at in own]
             # Methods that close the rows alike do not make the same joules; nor do forces between rows of
             # which a method takes one alone.

@@ -563,8 +563,9 @@ class _Inferring:
         posterior = self._compare()
         # What mistakes do looks like filters and those like mistakes: filters are asked for beside causes.
         # Where a method closes the rows, forces act as they do in it.
-        left = self.of_rows.projected.left(posterior.best.coefficients)
-        closing = bool(self.methods) and left <= self.of_rows.count
+        rows: Block = self.of_rows
+        left = rows.projected.left(posterior.best.coefficients)
+        closing = bool(self.methods) and left <= rows.count
         if not closing and self._act(self._of_equations(posterior.best), filters=True):
             posterior = self._compare()
         if self.methods and self.methods[0].order == 1 and not self.told and self._held():
@@ -769,7 +770,8 @@ class _Inferring:
         posterior, series = (measured[1], series) if measured else self._of_series(series)
         self.methods: tuple[Integrator, ...] = ()
         self.promising: Map | None = None
-        self.defects, self.of_rows = list[Array](), series
+        self.defects = list[Array]()
+        self.of_rows: Block = series
         for ends in (self._maps(), self._maps_by_parts(series, posterior.best)):
             methods = self._closest([(of, self.log) for of in ends])
             if methods is None or not methods.may_close(series, posterior.best):
@@ -1103,11 +1105,10 @@ class _Inferring:
             work += [np.einsum("km,km->k", self.gradient, x) for x in self._other_defects()]
             curves = log.running(np.stack(work, axis=1)).T
             if log.unknown.any():
-                logs = [*(log for _ in self.methods), *(other for _, other in self._others)]
-                own = zip(
-                    (*self.methods, *(of.method for of, _ in self._others)), logs, strict=True
-                )
-                curves = curves + [numbers_of(m)[0] * self._of_rates_of_q(at) for m, at in own]
+                states = [(m, log) for m in self.methods]
+                states += [(of.method, other) for of, other in self._others]
+                shifts = [numbers_of(m)[0] * self._of_rates_of_q(at) for m, at in states]
+                curves = curves + np.stack(shifts)
             # Methods that close the rows alike do not make the same joules; nor do forces between rows of
             # which a method takes one alone.
             forces = [curves[0] + x for x in self._other_forces()]

@@ -264,8 +264,12 @@ def test_an_integrator_is_known_by_coordinates_alone(step: Step, names: set[str]
     """And a damper of another strength with it, to digits: speeds by differences are off by a per cent."""
     run = log(step, 5e-3)
     table = {"t": run.t} | {f"q.{n}": x for n, x in zip(run.coordinates, run.q.T)}
-    found = dc.audit(MECHANISM, table).integrator
+    audit = dc.audit(MECHANISM, table)
+    found, share = audit.integrator, audit.attribution
     assert found is not None and set(found.names) & names
+    # The energy of the coordinates' own rates, beside that of central differences: their errors are of h².
+    assert share is not None
+    assert share.integrator.energy == pytest.approx(audit.energy_error[-1], abs=1e-3)
     assert set(found.names) <= names | {"implicit-damping-euler"}
     wrong = log(step, 5e-3, c2=1.1 * VALUES["c2"])
     table = {"t": wrong.t} | {f"q.{n}": x for n, x in zip(wrong.coordinates, wrong.q.T)}

@@ -718,7 +718,7 @@ class _Inferring:
             return at(w - self.defects[0])
         # Each method has states of its own, at which it closes the rows or does not.
         own = [(of, self.log) for of in self._maps() if of.method is not EXACT]
-        for _ in range(SMOOTHINGS + 1):
+        for _ in range(2 * SMOOTHINGS):
             own = [self._moved(of, at(self._errors(of.end, Phi, log))) for of, log in own]
             closest = self._closest(own)
             if closest is not None:

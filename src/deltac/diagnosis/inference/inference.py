@@ -1190,7 +1190,7 @@ class _Inferring:
             energy=energy,
             generic=Generic(odds, float(unnamed), explained),
             unexplained=unexplained,
-            intermittent=_intermittent(rows, best, self.thinned),
+            intermittent=self._intermittent(rows, best, left),
             unseen=unseen,
             between=between,
             residual=left,
@@ -1235,6 +1235,24 @@ class _Inferring:
                 for k, response in enumerate(self._force_responses):
                     moved += _impulse(response, change[:, :, k], self.log)
                 yield -HALF * self.log.running(np.einsum("km,km->k", self.gradient, moved))
+
+    def _intermittent(self, rows: Block, best: Fit, left: Array) -> tuple[float, NDArray[np.bool_]]:
+        """Log odds that something acts from time to time, and when; none where logged forces may be that.
+
+        Forces that were not declared to be held may do otherwise between two rows, as those of contacts at
+        the stages of a step: by as much as they change, at most.
+        """
+        odds, active = _intermittent(rows, best, self.thinned)
+        if odds > CERTAIN:
+            h, speeds = self.log.intervals.h, self.gradient[:, self.model.n :]
+            change, possible = self.force.change, np.zeros(len(left))
+            for k, response in enumerate(self._force_responses):
+                if not self.declared[k]:
+                    moved = response * h * change[:, k : k + 1]
+                    possible += np.abs(speeds * moved).sum(axis=1)
+            if possible[active].sum() > np.abs(self.gradient * left)[active].sum():
+                odds = -np.inf
+        return odds, active
 
     def _of_rates_of_q(self, log: Observations) -> Array:
         """What a unit of the field (a, 0) of first order adds to ΔC of the rates of the coordinates (N,), J.

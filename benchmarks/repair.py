@@ -25,7 +25,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from equations import CASES, load  # noqa: E402
+from equations import CASES, load  # noqa: E402, its folder is on the path by now
 
 _STATE: dict[str, Any] = {}
 

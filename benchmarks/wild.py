@@ -32,7 +32,7 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-from equations.wild import Case  # noqa: E402
+from equations.wild import Case  # noqa: E402, its folder is on the path by now
 
 
 def programs(name: str) -> tuple[tuple[Case, ...], tuple[str, ...]]:

@@ -341,7 +341,7 @@ class _Inferring:
         names = [str(n) for n, at in model.log.columns.items() for _ in range(at.start, at.stop)]
         self.declared = ["start" if name in held else "" for name in names]
         self.kinds = tuple(kind or "smooth" for kind in self.declared)
-        self.told = run.provenance.held is not None
+        self.says_what_was_held = run.provenance.held is not None
         self.steps, self.log = 0, log
         self.shortlist: tuple[Integrator, ...] = ()
         self.by_rates: tuple[Block, Posterior] | None = None
@@ -440,7 +440,8 @@ class _Inferring:
         self.force = LoggedForce.of(intervals, self.log.pieces)
         self.kinds = ("smooth",) * len(self.kinds)
         self.coefficients = self._of_filter(self.coefficients)
-        self.thinned[:] = True  # the kernel is not that of the filter: what it lacks is unknown
+        # The kernel is not that of the filter: what it lacks is unknown.
+        self.thinned = np.ones_like(self.thinned)
 
     def _linearised_at(self, coefficients: Array) -> None:
         """Flow and columns of the model with causes of these coefficients in its equations."""
@@ -568,7 +569,12 @@ class _Inferring:
         closing = bool(self.methods) and left <= rows.count
         if not closing and self._act(self._of_equations(posterior.best), filters=True):
             posterior = self._compare()
-        if self.methods and self.methods[0].order == 1 and not self.told and self._held():
+        if (
+            self.methods
+            and self.methods[0].order == 1
+            and not self.says_what_was_held
+            and self._held()
+        ):
             posterior = self._compare()
         self.posterior = posterior
         return self._made(posterior)
@@ -1223,7 +1229,7 @@ class _Inferring:
     def _other_forces(self) -> Iterator[Array]:
         """What forces that the closing method cannot tell from those assumed add to its joules, running."""
         step, force = self.methods[0].step, self.force(self.kinds)
-        if step is None or self.methods[0].order > 1 or not self.kinds or self.told:
+        if step is None or self.methods[0].order > 1 or not self.kinds or self.says_what_was_held:
             return
         for kind in ("start", "ramp"):
             other = self.force(tuple(own or kind for own in self.declared))

@@ -50,7 +50,7 @@ class Innovations:
         """L⁻¹ of columns (N, 2n, p), an array (N, d, p), and log det L; d is 2n, without speeds n."""
         inverse, below, scale, log_det = self._factor
         # Forward substitution block by block, all columns at once; what is precomputed is of all blocks.
-        r = inverse @ (self._told(columns) / scale[:, :, None])
+        r = inverse @ (self._without_speeds(columns) / scale[:, :, None])
         carries = [inverse[lag:] @ x[:-lag] for lag, x in enumerate(below, 1)]
         for k in range(1, len(r)):
             for lag, carry in enumerate(carries[:k], 1):
@@ -119,7 +119,7 @@ class Innovations:
         own = R @ self.Phi[:, :n, :n] - self.Phi[:, n:, :n]
         return _Eliminated(P, self._after(P), R, own, -self._after(along) - R)
 
-    def _told(self, columns: Array) -> Array:
+    def _without_speeds(self, columns: Array) -> Array:
         """What prediction errors or columns are without the speeds of the rows."""
         if self.speeds:
             return columns

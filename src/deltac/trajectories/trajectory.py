@@ -188,6 +188,8 @@ class Trajectory(Shown, Once):
     works       channel -> (T,) work that it did on the system, J, integrated in the loop by the solver, or
                 by a recorder at the stages of the solver, from the first row on; that of impulses is told
                 by `events`
+    stages      (T, s, nu) generalized forces, all but those of springs and dampers together, at the s later
+                stages of the step that the solver made from each row; or None when not known
     integrals   testing function -> (T,) integral over time of its power P, J, taken in the loop
                 by the solver, from the first row on
     provenance  who made it
@@ -209,6 +211,7 @@ class Trajectory(Shown, Once):
     udot: FloatArray | None = None
     forces: ByChannel = field(default_factory=dict)
     works: ByChannel = field(default_factory=dict)
+    stages: FloatArray | None = None
     integrals: Mapping[str, FloatArray] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
     events: tuple[Occurrence, ...] = ()
@@ -241,6 +244,8 @@ class Trajectory(Shown, Once):
             for channel, values in self.forces.items()
         }
         _set(self, "forces", MappingProxyType(forces))
+        if self.stages is not None:
+            _set(self, "stages", self._at_stages(np.asarray(self.stages)))
         for name, prefix in (("works", "work"), ("integrals", "integral")):
             sums = {
                 key: self._samples(f"{prefix}.{key}", values, None)
@@ -269,6 +274,17 @@ class Trajectory(Shown, Once):
             if (event.udot_before is None) != (self.udot is None):
                 raise LogError(f"events: {event!r} and the rows must both have udot, or neither")
             before = event.t
+
+    def _at_stages(self, values: FloatArray) -> FloatArray:
+        if values.ndim != 3:
+            raise LogError(f"stages: found shape {values.shape}, expected (T, s, nu)")
+        each = [
+            self._samples(f"stage{k + 2}", values[:, k], self.speeds)
+            for k in range(values.shape[1])
+        ]
+        stages = np.stack(each, axis=1) if each else np.zeros(values.shape)
+        stages.flags.writeable = False
+        return stages
 
     def _samples(self, label: str, values: Any, names: tuple[str, ...] | None) -> FloatArray:
         """`values` as a finite (T, len(names)) array, or (T,) when there are no names."""
@@ -478,6 +494,7 @@ class Trajectory(Shown, Once):
             udot=None if self.udot is None else self.udot[rows],
             forces={channel: values[rows] for channel, values in self.forces.items()},
             works={channel: values[rows] for channel, values in self.works.items()},
+            stages=None if self.stages is None else self.stages[rows],
             integrals={name: values[rows] for name, values in self.integrals.items()},
         )
 

@@ -35,7 +35,7 @@ from deltac.diagnosis.verdict import (
     check_tolerance,
 )
 from deltac.energy import Ledger, balance
-from deltac.energy.streaming import KEPT
+from deltac.energy.accumulator import KEPT
 from deltac.errors import InputError, LogError, ModelError, SolverError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap

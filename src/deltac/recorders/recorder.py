@@ -263,7 +263,7 @@ class TrajectoryBuilder:
         )
 
     def _stages(self, rows: int) -> Array | None:
-        """Sums of forces (T, s, nu) at the later stages of steps that begin with the row's; None for others."""
+        """Sums of forces (T, s, nu) at later stages; None for steps of one, or that begin otherwise."""
         steps = [self._steps.get(k, StepSums()).forces for k in range(rows - 1)]
         count = len(steps[0]) if steps else 0
         if count < 2 or any(len(step) != count for step in steps):

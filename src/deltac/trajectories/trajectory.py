@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
 from deltac.calls.services import service
@@ -484,19 +485,9 @@ class Trajectory(Shown, Once):
             raise InputError(
                 f"rows: found {interpolated}; expected at least one, in ascending order"
             )
-        t = self.t[rows]
-        return replace(
-            self,
-            t=t,
-            events=tuple(e for e in self.events if t[0] <= e.t <= t[-1]),
-            q=self.q[rows],
-            u=self.u[rows],
-            udot=None if self.udot is None else self.udot[rows],
-            forces={channel: values[rows] for channel, values in self.forces.items()},
-            works={channel: values[rows] for channel, values in self.works.items()},
-            stages=None if self.stages is None else self.stages[rows],
-            integrals={name: values[rows] for name, values in self.integrals.items()},
-        )
+        taken = column_by_column([self], lambda columns: columns[0][rows])
+        first, last = taken.t[0], taken.t[-1]
+        return replace(taken, events=tuple(e for e in self.events if first <= e.t <= last))
 
     @classmethod
     def from_scipy(
@@ -685,3 +676,21 @@ def _rebuild(instance: Provenance | Trajectory, **changes: Any) -> tuple[Any, ..
     values = {f.name: getattr(instance, f.name) for f in fields(instance)} | changes
     make: Callable[..., Any] = type(instance)
     return functools.partial(make, **values), ()
+
+
+def column_by_column(
+    runs: Sequence[Trajectory], made: Callable[[list[Array]], Array]
+) -> Trajectory:
+    """A trajectory each of whose columns is `made` of those of several runs that all have it.
+
+    Events stay out; what else there is of a run is the first one's.
+    """
+    columns: dict[str, Any] = {n: made([getattr(run, n) for run in runs]) for n in ("t", "q", "u")}
+    for name in ("udot", "stages"):
+        some = [getattr(run, name) for run in runs if getattr(run, name) is not None]
+        columns[name] = made(some) if len(some) == len(runs) else None
+    for group in ("forces", "works", "integrals"):
+        members = [getattr(run, group) for run in runs]
+        names = [name for name in members[-1] if all(name in one for one in members)]
+        columns[group] = {name: made([one[name] for one in members]) for name in names}
+    return replace(runs[0], events=(), **columns)

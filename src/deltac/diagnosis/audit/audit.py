@@ -35,7 +35,7 @@ from deltac.diagnosis.verdict import (
     check_tolerance,
 )
 from deltac.energy import Ledger, balance
-from deltac.energy.streaming import KEPT
+from deltac.energy.accumulator import KEPT
 from deltac.errors import InputError, LogError, ModelError, SolverError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -596,7 +596,8 @@ def _judgement(
     certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]
     if inference is not None and not certain:
         # Rows that follow from each other by a known step are not of another convention.
-        if not (inference.closes and not inference.finds_something) and not limit.passed("other conventions of the log"):
+        explained = inference.closes and not inference.finds_something
+        if not explained and not limit.passed("other conventions of the log"):
             reading = convention(mechanism, log.consecutive, inference)
         if reading is not None:  # in which forces of the log's states are others, too
             findings = [*(f for f in findings if f.kind != "channel-differs"), reading]

@@ -26,7 +26,9 @@ ForceBetween: TypeAlias = Callable[[float], Array]
 class ForceInStep(Protocol):
     """Forces (N, m) at a fraction of a step, and at that stage of it where the log tells them."""
 
-    def __call__(self, fraction: float, stage: int = 0, /) -> Array: ...
+    def __call__(self, fraction: float, stage: int = 0, /) -> Array:
+        """The forces; those of the first stage are of the start."""
+        ...
 
 
 DOUBLINGS = 4

@@ -456,7 +456,8 @@ def search(
     """The causes with the best odds, one after the other, each beside all before.
 
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told,
-    one of less than `negligible` only if it leaves next to nothing (`ALL`) of what was left before. `most` are found together, each with a share of `beside` of the largest at least.
+    one of less than `negligible` only if it leaves next to nothing (`ALL`) of what was left before. `most`
+    are found together, each with a share of `beside` of the largest at least.
     """
     best, near = nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
@@ -487,9 +488,7 @@ def search(
 
 
 def _explains_all(blocks: Sequence[Block], without: Fit, fit: Fit) -> bool:
-    return all(
-        b.misfit(fit.coefficients) <= ALL * b.misfit(without.coefficients) for b in blocks
-    )
+    return all(b.misfit(fit.coefficients) <= ALL * b.misfit(without.coefficients) for b in blocks)
 
 
 def refitted(

@@ -52,9 +52,7 @@ KUTTA = Tableau(((), (0.5,), (-1.0, 2.0)), (1 / 6, 2 / 3, 1 / 6), (0.0, 0.5, 1.0
 def _explicit(tableau: Tableau | str, on_group: bool = False) -> Step:
     """A Runge–Kutta method; `on_group`: rotations are moved by exponentials, as MuJoCo does."""
 
-    def step(
-        model: Model, at: Rows, h: Array, force: ForceInStep
-    ) -> tuple[Array, Array]:
+    def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         own = tableau_of(tableau) if isinstance(tableau, str) else tableau
         assert own is not None
         return runge_kutta(model, own, at, h, force, on_group)
@@ -62,31 +60,23 @@ def _explicit(tableau: Tableau | str, on_group: bool = False) -> Step:
     return step
 
 
-def _kick_first(
-    model: Model, at: Rows, h: Array, force: ForceInStep
-) -> tuple[Array, Array]:
+def _kick_first(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     u = at.u + h * model.acceleration(at.t, at.q, at.u, force(0.0))
     return model.moved(at.q, u, h), u
 
 
-def _drift_first(
-    model: Model, at: Rows, h: Array, force: ForceInStep
-) -> tuple[Array, Array]:
+def _drift_first(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     q = model.moved(at.q, at.u, h)
     return q, at.u + h * model.acceleration(at.t, q, at.u, force(0.0))
 
 
-def _kick_drift_kick(
-    model: Model, at: Rows, h: Array, force: ForceInStep
-) -> tuple[Array, Array]:
+def _kick_drift_kick(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     half = at.u + 0.5 * h * model.acceleration(at.t, at.q, at.u, force(0.0))
     q = model.moved(at.q, half, h)
     return q, half + 0.5 * h * model.acceleration(at.t + h[:, 0], q, half, force(1.0))
 
 
-def _drift_kick_drift(
-    model: Model, at: Rows, h: Array, force: ForceInStep
-) -> tuple[Array, Array]:
+def _drift_kick_drift(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     q = model.moved(at.q, at.u, 0.5 * h)
     u = at.u + h * model.acceleration(at.t + 0.5 * h[:, 0], q, at.u, force(0.5))
     return model.moved(q, u, 0.5 * h), u
@@ -95,9 +85,7 @@ def _drift_kick_drift(
 def _implicit_in(whole: bool) -> Step:
     """Semi-implicit Euler with the dampers, or all of ∂a/∂u, at the end of the step."""
 
-    def step(
-        model: Model, at: Rows, h: Array, force: ForceInStep
-    ) -> tuple[Array, Array]:
+    def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         F = force(0.0)
         a = model.acceleration(at.t, at.q, at.u, F)
         columns = []

@@ -150,7 +150,9 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
     ends = np.cumsum([0, *(b - a - 1 for a, b in edges)]).tolist()
     both = noise[starts], noise[starts + 1]
     return Observations(
-        Intervals(all_rows.take(starts), all_rows.take(starts + 1), model.stages(run, chosen[starts])),
+        Intervals(
+            all_rows.take(starts), all_rows.take(starts + 1), model.stages(run, chosen[starts])
+        ),
         list(zip(ends, ends[1:], strict=False)),
         edges,
         both,

@@ -116,6 +116,16 @@ def test_another_axis_of_a_joint() -> None:
     )
 
 
+@pytest.mark.parametrize("joint", ["hip", "knee"])
+def test_a_joint_that_is_turned_round_with_its_motor(joint: str) -> None:
+    """As of a simulator whose axis points the other way: all that the log says of the joint is negative."""
+    sign = np.where(np.array(run().speeds) == joint, -1.0, 1.0)
+    forces = {name: f * sign for name, f in run().forces.items()}
+    found = dc.audit(mechanism(), replace(run(), q=run().q * sign, u=run().u * sign, forces=forces))
+    first = found.findings[0]
+    assert (found.verdict.kind, first.kind, first.element) == ("equation-error", "axis-sign", joint)
+
+
 def test_a_motor_that_fails_is_told_with_its_time() -> None:
     """Until 1.2 s the force of the knee's motor acts as logged, afterwards not."""
     failing = [

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference, infer
 from deltac.diagnosis.inference.model import Model
-from deltac.diagnosis.verdict import Finding
+from deltac.diagnosis.verdict import Finding, Weight
 from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.joints import Joint
@@ -31,13 +31,13 @@ from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
 
 LARGE = 0.05
-"""Share of the accelerations that the equations leave where a convention is looked for."""
+"""Share of the accelerations that the equations leave where conventions are asked for without a cause."""
 
 LEFT = 0.1
 """What the right one may leave of that: the mean of the accelerations at both ends of a step is not exact."""
 
 PARTS, ROWS = 4, 100
-"""Stretches of a log that are looked at, and their rows."""
+"""Stretches of a log that are looked at, and their rows: fewer of many speeds."""
 
 SHORTEST = 8
 """Rows of a log at least."""
@@ -65,6 +65,7 @@ class Reading:
             what is logged
     offset  what these coordinates are logged too large by (n,)
     forces  those that are read, by channel, of those that are logged
+    weight  of the finding: whatever the log says of a joint, the model may be what is turned round
     """
 
     kind: str
@@ -74,6 +75,7 @@ class Reading:
     matrix: Array | None = None
     offset: Array | float = 0.0
     forces: Callable[[Forces], Forces] = lambda forces: forces
+    weight: Weight = "doubt"
 
     def of(self, run: Trajectory) -> Trajectory:
         """The log, read so; its integrals are not."""
@@ -96,6 +98,12 @@ def _negated(forces: Forces) -> Forces:
     return {name: -force for name, force in forces.items()}
 
 
+def _negated_at(speed: int, forces: Forces) -> Forces:
+    """All forces with the other sign at one speed."""
+    sign = np.where(np.arange(next(iter(forces.values())).shape[1]) == speed, -1.0, 1.0)
+    return {name: sign * force for name, force in forces.items()}
+
+
 def _exchanged(a: ChannelName, b: ChannelName, forces: Forces) -> Forces:
     """Two forces that act on a speed each, where the other one is logged."""
 
@@ -113,7 +121,8 @@ def _rates(run: Trajectory) -> NDArray[np.intp]:
 
 def convention(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Finding | None:
     """The convention in which log and model differ, if one explains more than the best causes do."""
-    if not float(inference.relative[0].max()) > LARGE or len(run) < SHORTEST:
+    large = float(inference.relative[0].max()) > LARGE
+    if not (large or inference.finds_something) or len(run) < SHORTEST:
         return None
     readings = [*_units(mechanism, run), *_orders_and_signs(mechanism, run)]
     return _best(mechanism, run, readings, inference) or _axis(mechanism, run, inference)
@@ -134,7 +143,7 @@ def _best(
     part = _some(run)
     model = Model(mechanism, part)
     was = _left(model, part)
-    if not readings or not was > LARGE:
+    if not readings:
         return None
     residuals = [_left(model, reading.of(part)) for reading in readings]
     order = [int(k) for k in np.argsort(residuals) if residuals[int(k)] < LEFT * was]
@@ -165,7 +174,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
     part = _some(run)
     was = _left(Model(mechanism, part), part)
     trials: list[tuple[float, Joint, str, Mechanism]] = []
-    for joint in single if was > LARGE else ():
+    for joint in single:
         for name, axis in zip("xyz", np.eye(3)):
             if np.linalg.norm(np.cross(axis, joint.axes[0])) < PARALLEL:
                 continue
@@ -199,7 +208,7 @@ def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -
         f"read that way, the equations leave {percent(residual)} of the accelerations; as logged, "
         f"{percent(was)}",
         reading.remedy,
-        "doubt",
+        reading.weight,
         reading.element,
         equals=tuple((other.kind, other.element) for other in alike),
     )
@@ -207,11 +216,12 @@ def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -
 
 def _some(run: Trajectory) -> Trajectory:
     """A few stretches of a log."""
-    if len(run) <= PARTS * ROWS:
+    each = max(SHORTEST, ROWS * MANY // max(len(run.speeds), MANY))
+    if len(run) <= PARTS * each:
         rows = np.arange(len(run))
     else:
-        starts = np.linspace(0, len(run) - ROWS, PARTS).astype(np.intp)
-        rows = np.unique((starts[:, None] + np.arange(ROWS)).ravel())
+        starts = np.linspace(0, len(run) - each, PARTS).astype(np.intp)
+        rows = np.unique((starts[:, None] + np.arange(each)).ravel())
     return replace(run.take(rows), integrals={}, works={}, events=())
 
 
@@ -254,15 +264,16 @@ def _units(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:
 def _orders_and_signs(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:
     names, units = _named(mechanism, run)
     same = np.eye(len(names))
-    for name, own in zip(names, same):
-        yield Reading(
-            "axis-sign",
-            name,
-            f"{name!r} has the opposite direction",
-            "Turn the axis of this joint in the model, or change the sign of its coordinate, speed and force "
-            "in the log",
-            same - 2.0 * np.diag(own),
-        )
+    for name, own, speed in zip(names, same, _rates(run)[:, 1]):
+        what, turned = f"{name!r} has the opposite direction", same - 2.0 * np.diag(own)
+        remedy = "Turn the axis of this joint in the model, or change the sign of its coordinate, speed and "
+        remedy += "force in the log"
+        if any(force[:, speed].any() for force in run.forces.values()):
+            yield Reading("axis-sign", name, what + ", its forces have not", remedy, turned)
+            negated = partial(_negated_at, int(speed))
+            yield Reading("axis-sign", name, what, remedy, turned, 0.0, negated, "cause")
+        else:
+            yield Reading("axis-sign", name, what, remedy, turned, weight="cause")
     before = _before(mechanism, names)
     if before.any():
         yield Reading(

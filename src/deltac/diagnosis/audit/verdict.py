@@ -366,7 +366,9 @@ def departs(finding: Finding) -> bool:
 def unattributable(findings: Iterable[Finding]) -> bool:
     """Whether causes would only imitate what is known: a doubt of the log, an axis, forces that it lacks."""
     return any(
-        f.weight == "doubt" or f.kind == "joint-axis" or (f.kind == "not-replayed" and departs(f))
+        f.weight == "doubt"
+        or f.kind in ("joint-axis", "axis-sign")
+        or (f.kind == "not-replayed" and departs(f))
         for f in findings
     )
 

@@ -496,9 +496,10 @@ def refitted(
 ) -> Posterior:
     """The same causes with their numbers fitted anew, without those that have no odds any more.
 
-    Of sets that explained as much before, and of causes of fewer numbers within one of several, those that
-    explain as much here are equal again: what is preferred may be another one.
+    Of sets that explained as much before, and of simpler causes in the place of one of several numbers, those
+    that explain as much here are equal again: what is preferred may be another one.
     """
+    likely = [c for odds, c, _ in before.scores if odds > CERTAIN]
     sets = [(f.chosen, f.theta) for f in (before.best, *before.alternatives)]
     chosen, theta = sets[0]
     for k, c in enumerate(chosen):
@@ -506,7 +507,9 @@ def refitted(
         sets += [
             ((*rest[0], simple), tuple(rest[1]))
             for simple in candidates
-            if simple.size < c.size and set(simple.columns) <= set(c.columns)
+            if simple.size < c.size
+            and (simple in likely or set(simple.columns) <= set(c.columns))
+            and not any(simple is x or simple.excludes(x) or x.excludes(simple) for x in rest[0])
         ]
     fits = [fit for fit in (fitted(blocks, *some) for some in sets) if fit is not None]
     fits = [f for f in fits if all(c.plausible(x) for c, x in zip(f.chosen, f.theta))]

@@ -591,10 +591,10 @@ class _Inferring:
         Between rows they are not seen then; whoever computes them once a step holds them. Who takes those
         of the next row does not: they are functions of time.
         """
-        implicit = self.methods[0].defect is not None
+        later = self.methods[0].later
 
         def acting(kind: str) -> str:
-            if implicit:
+            if later:
                 return "ramp" if kind == "end" else kind
             return "start" if FORCES[kind][0] == 0.0 else kind
 
@@ -787,11 +787,13 @@ class _Inferring:
         self.of_rows: Block = series
         for ends in (self._maps(), self._maps_by_parts(series, posterior.best)):
             methods = self._closest([(of, self.log) for of in ends])
-            if methods is None or not methods.may_close(series, posterior.best):
-                if methods is not None and methods.floor < SQUARES * methods.alone:
-                    self.promising = self.promising or methods.ends[0]
+            if methods is None:
                 continue
-            ends, closing, other = self._best_of(methods.ends, places, measured)
+            first = methods.ends[0] if methods.floor < SQUARES * methods.alone else None
+            if not methods.may_close(series, posterior.best):
+                self.promising = self.promising or first
+                continue
+            ends, closing, other = self._best_of(methods, places, measured)
             gain = _log_evidence(closing, other.best, series, posterior.best)
             if gain - np.log(len(INTEGRATORS)) > CERTAIN:
                 posterior, self.of_rows = other, closing
@@ -801,19 +803,30 @@ class _Inferring:
                 if measured is None:
                     posterior = self._with_noise_left(posterior, ends[0], places)
                 break
+            self.promising = self.promising or first
         self.blocks: tuple[Block, ...] = (measured[0] if measured else self.of_rows,)
         return posterior
 
     def _best_of(
-        self, ends: list[Map], places: NDArray[np.intp], measured: tuple[Block, Posterior] | None
+        self,
+        methods: _Methods,
+        places: NDArray[np.intp],
+        measured: tuple[Block, Posterior] | None,
     ) -> tuple[list[Map], Block, Posterior]:
-        """The best of methods that are alike beside all causes, and those that are so beside its own."""
-        trials = list[tuple[Block, Posterior]]()
-        for of in ends[:ALIKE]:
+        """The best of methods that are alike beside all causes, and those that are so beside its own.
+
+        All causes together imitate a method that is near the right one, few do not: where none explains what
+        all do, those near are tried as well.
+        """
+        trials, ends = list[tuple[Block, Posterior]](), methods.ends
+        for of in [*ends, *methods.others][:ALIKE]:
             block = self._of_method(of, places)
             trials.append((block, measured[1] if measured else self._search(block)))
-            if not trials[-1][1].best.chosen:
+            left = block.misfit(trials[-1][1].best.coefficients)
+            explained = left <= max(FAR * methods.floor, block.least)
+            if explained and (len(trials) >= len(ends) or not trials[-1][1].best.chosen):
                 break
+        ends = [*ends, *methods.others][: max(len(ends), len(trials))]
         k, (best, own) = 0, trials[0]
         for i, (block, posterior) in enumerate(trials[1:], 1):
             if _log_evidence(block, posterior.best, best, own.best) > 0.0:
@@ -901,15 +914,17 @@ class _Inferring:
         difference. Where the motion is stiff, what is at the end no longer tells of the start.
         """
         intervals, gradient = self.log.intervals, self.model.energy_gradient
-        # The mean of both gradients makes of a quadratic energy what it changes by.
-        end = 0.5 * (gradient(self.flow.end) + gradient(intervals.end))
         rate = np.linalg.norm(self.J[0], axis=(1, 2)) * intervals.h[:, 0]
         mild = rate < 1.0
+        end = gradient(self.flow.end)
         start = np.array(end)
         transposed = self.Phi[mild].transpose(0, 2, 1)
         before = gradient(intervals.start)[mild][:, :, None]
         start[mild] = np.linalg.solve(transposed, before)[:, :, 0]
-        return 0.5 * (start + end), 0.5 * (end - start)
+        # The mean of the gradients at prediction and row makes of a quadratic energy what it changes by. It
+        # is of both weights: noise squared adds nothing to their difference.
+        half = 0.5 * (gradient(intervals.end) - end)
+        return 0.5 * (start + end) + half, 0.5 * (end - start)
 
     def _of_rates(self) -> tuple[Block, Posterior]:
         """The equations by known accelerations, and their posterior; the same wherever it is linearised."""
@@ -1236,8 +1251,8 @@ class _Inferring:
 
     def _other_forces(self) -> Iterator[Array]:
         """What forces that the closing method cannot tell from those assumed add to its joules, running."""
-        step, force = self.methods[0].step, self.force(self.kinds)
-        if step is None or self.methods[0].order > 1 or not self.kinds or self.says_what_was_held:
+        method, force = self.methods[0], self.force(self.kinds)
+        if method.later or method.order > 1 or not self.kinds or self.says_what_was_held:
             return
         for kind in ("start", "ramp"):
             other = self.force(tuple(own or kind for own in self.declared))
@@ -1327,9 +1342,10 @@ class _Inferring:
 
 @dataclass(frozen=True, eq=False)
 class _Methods:
-    """Methods whose own maps close the rows best and alike, the best first."""
+    """Methods whose own maps close the rows best and alike, the best first; `others` next to them."""
 
     ends: list[Map]
+    others: list[Map]
     floor: float
     floors: Array
     alone: float
@@ -1353,7 +1369,9 @@ class _Methods:
         alike = alike[np.argsort((y[:, alike] ** 2).sum(axis=0), kind="stable")]
         order = [finite[k] for k in alike]
         alone = float((y[:, best] ** 2).sum())
-        return _Methods([ends[k] for k in order], float(floors[best]), every, alone)
+        near = [k for k in np.argsort(floors) if k not in alike and floors[k] <= FAR * floors[best]]
+        others = [ends[finite[k]] for k in near]
+        return _Methods([ends[k] for k in order], others, float(floors[best]), every, alone)
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""

@@ -65,9 +65,14 @@ def _kick_first(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[A
     return model.moved(at.q, u, h), u
 
 
-def _drift_first(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
-    q = model.moved(at.q, at.u, h)
-    return q, at.u + h * model.acceleration(at.t, q, at.u, force(0.0))
+def _drift_first(time: float) -> Step:
+    """The place after the step, then the acceleration there, of forces at a time: 0 before it, 1 after it."""
+
+    def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+        q = model.moved(at.q, at.u, h)
+        return q, at.u + h * model.acceleration(at.t + time * h[:, 0], q, at.u, force(time))
+
+    return step
 
 
 def _kick_drift_kick(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
@@ -104,8 +109,14 @@ def _implicit_in(whole: bool) -> Step:
     return step
 
 
-def _implicit_euler(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
-    return model.moved(at.q, end.u, h), at.u + h * model.at(end)
+def _implicit_euler(time: float) -> Defect:
+    """The acceleration is that after the step, of forces at a time: 0 before it, as if held, 1 after it."""
+
+    def defect(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
+        F = end.F if time else at.F
+        return model.moved(at.q, end.u, h), at.u + h * model.acceleration(end.t, end.q, end.u, F)
+
+    return defect
 
 
 def _trapezoidal(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Array, Array]:
@@ -124,7 +135,7 @@ def _implicit_midpoint(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Arr
 class Integrator:
     """A method: its name, its order, the numbers c of its leading error terms, and its map.
 
-    `stages` of it whose forces logs may hold.
+    `stages` of it whose forces logs may hold; `later` if it takes forces at the end of the step.
     """
 
     name: str
@@ -133,6 +144,7 @@ class Integrator:
     step: Step | None = None
     defect: Defect | None = None
     stages: int = 0
+    later: bool = False
 
 
 EXACT = Integrator("higher-order", 3, {})
@@ -141,10 +153,12 @@ EXACT = Integrator("higher-order", 3, {})
 INTEGRATORS = (
     Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5), _explicit("ode1")),
     Integrator("semi-implicit-euler", 1, _first(0.5, -0.5, -0.5), _kick_first),
-    Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first),
+    Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first(0.0)),
+    Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first(1.0), later=True),
     Integrator("implicit-damping-euler", 1, _first(0.5, -0.5, -0.5, 1.0), _implicit_in(False)),
     Integrator("implicit-speed-euler", 1, _first(0.5, -0.5, 0.5), _implicit_in(True)),
-    Integrator("implicit-euler", 1, _first(0.5, 0.5, 0.5), defect=_implicit_euler),
+    Integrator("implicit-euler", 1, _first(0.5, 0.5, 0.5), defect=_implicit_euler(0.0)),
+    Integrator("implicit-euler", 1, _first(0.5, 0.5, 0.5), defect=_implicit_euler(1.0), later=True),
     Integrator("heun", 2, _second(1 / 12, -1 / 6), _explicit("ode2")),
     Integrator("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), _explicit(MIDPOINT)),
     Integrator("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), defect=_implicit_midpoint),
@@ -225,7 +239,8 @@ def maps(
         if method in ON_GROUP and not model.quaternions:
             continue
         if method.defect is not None and counts.max() == 1:
-            at, end = intervals.start, intervals.end
+            at = replace(intervals.start, F=force(0.0))
+            end = replace(intervals.end, F=force(1.0))
             q, u = method.defect(model, at, end, intervals.h)
             yield Map(
                 method, counts, _solved(model, method, end, Rows(end.t, q, u, end.F), intervals.h)
@@ -360,7 +375,7 @@ def estimate(c: Array, covariance: Array, damped: bool, step: float) -> Integrat
     order = min(orders) if orders else (1 if seen else 2)
     fields = [f.name for f in FIELDS]
     return IntegratorEstimate(
-        tuple(names),
+        tuple(dict.fromkeys(names)),
         dict(zip(fields, c.tolist(), strict=True)),
         dict(zip(fields, sigma.tolist(), strict=True)),
         order,

@@ -61,6 +61,7 @@ from deltac.diagnosis.inference.integrators import (
     Integrator,
     IntegratorEstimate,
     Map,
+    by_causes,
     estimate,
     identified,
     maps,
@@ -853,6 +854,14 @@ class _Inferring:
         moves[:, n:] += c[2] * size * h[:, :, None] * (self.J[0][:, n:, n:] @ mean)
         return moves
 
+    def _moved_in(self, of: Map) -> Array:
+        """What causes do to the rows (N, 2n, P) by the steps of a method, or else by its numbers."""
+        intervals = self.log.intervals
+        G = [x[:, self.model.n :] for x in self.causes]
+        own = by_causes(of, self.J, G, intervals) if of.method.order <= 2 else None
+        step = intervals.h / of.counts[:, None]
+        return self._moved_by(numbers_of(of.method), step) if own is None else own
+
     def _with_noise_left(
         self, posterior: Posterior, of: Map, places: NDArray[np.intp]
     ) -> Posterior:
@@ -861,11 +870,7 @@ class _Inferring:
         What another integrator does looked like noise.
         """
         log, optimum = self.log, self.of_rows.optimum - self.coefficients
-        w = self._errors(of.end, self.innovations.Phi)
-        w = (
-            w
-            - self._moved_by(numbers_of(of.method), log.intervals.h / of.counts[:, None]) @ optimum
-        )
+        w = self._errors(of.end, self.innovations.Phi) - self._moved_in(of) @ optimum
         known, noise = ~log.unknown, log.with_noise(w)
         if not np.any(LESS * noise.noise[1][:, known] < log.noise[1][:, known]):
             return posterior
@@ -964,8 +969,7 @@ class _Inferring:
         own = transition(self.plant, of, log.intervals, self.force(self.kinds))
         Phi = self.Phi if own is None else own
         columns = np.concatenate([self._errors(of.end, Phi)[:, :, None], self.B], axis=2)
-        step = log.intervals.h / of.counts[:, None]
-        columns[:, :, places + 1] = self._moved_by(numbers_of(of.method), step)
+        columns[:, :, places + 1] = self._moved_in(of)
         white, _ = log.innovations(Phi, self.Q)(columns)
         return self._block(white[:, :, 0], white[:, :, 1:], 0, places)
 

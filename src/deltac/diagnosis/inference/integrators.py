@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -239,8 +239,7 @@ def maps(
         if method in ON_GROUP and not model.quaternions:
             continue
         if method.defect is not None and counts.max() == 1:
-            at = replace(intervals.start, F=force(0.0))
-            end = replace(intervals.end, F=force(1.0))
+            at, end = intervals.start, intervals.end
             q, u = method.defect(model, at, end, intervals.h)
             yield Map(
                 method, counts, _solved(model, method, end, Rows(end.t, q, u, end.F), intervals.h)
@@ -252,10 +251,8 @@ def maps(
 
 def _solved(model: Model, method: Integrator, end: Rows, right: Rows, h: Array) -> Rows:
     """The end of an implicit step by one of Newton's, from the row and the right-hand side there."""
-    share = 1.0 if method.order == 1 else 0.5
-    A = np.eye(2 * model.n) - share * h[:, :, None] * model.jacobian(end)
-    gap = model.difference(end, right)
-    return model.displaced(end, np.asarray(np.linalg.solve(A, gap[:, :, None]))[:, :, 0])
+    gap = model.difference(end, right)[:, :, None]
+    return model.displaced(end, _newton(method, model.jacobian(end), h, gap)[:, :, 0])
 
 
 def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween) -> Array | None:
@@ -273,6 +270,83 @@ def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween)
         moved = _repeated(model, of.method, replace(intervals, start=start), force, of.counts)
         columns.append(model.difference(of.end, moved) / d)
     return np.stack(columns, axis=2)
+
+
+class _Variation:
+    """Small changes y of a motion by causes, ẏ = J y + (0, G): methods make steps of it as of a model.
+
+    J (N, 2n, 2n) and G (N, n, P) at the start, the middle and the end of each interval; rows of the changes
+    are those of all causes, interval by interval.
+    """
+
+    quaternions = ()
+
+    def __init__(self, J: Sequence[Array], G: Sequence[Array], intervals: Intervals) -> None:
+        nodes = [0, len(J) // 2, len(J) - 1]
+        self.J = np.stack([J[k][:, J[k].shape[1] // 2 :] for k in nodes])
+        self.G = np.stack([G[k] for k in nodes])
+        self.start, self.h = float(intervals.start.t[0]), float(intervals.h[0, 0])
+        self.n, self.causes = self.G.shape[2:]
+
+    def rows(self, t: Array) -> Rows:
+        """No changes, at times t (N,)."""
+        none = np.zeros((len(t) * self.causes, self.n))
+        return Rows(np.repeat(t, self.causes), none, none, none[:, :0])
+
+    def acceleration(self, t: Array, q: Array, u: Array, _: Array) -> Array:
+        """By J and G there: on the parabola through the three."""
+        c = (float(t[0]) - self.start) / self.h
+        weights = ((2.0 * c - 1.0) * (c - 1.0), 4.0 * c * (1.0 - c), c * (2.0 * c - 1.0))
+        J, G = (np.tensordot(weights, parts, axes=1) for parts in (self.J, self.G))
+        y = np.concatenate([q, u], axis=1).reshape(len(J), self.causes, 2 * self.n)
+        a = y @ J.transpose(0, 2, 1) + G.transpose(0, 2, 1)
+        return np.asarray(a.reshape(-1, self.n))
+
+    def at(self, rows: Rows) -> Array:
+        """The same at rows."""
+        return self.acceleration(rows.t, rows.q, rows.u, rows.F)
+
+    def rate(self, t: Array, q: Array, u: Array) -> Array:
+        """Of coordinates."""
+        return u
+
+    def moved(self, q: Array, u: Array, h: Array) -> Array:
+        """Along constant speeds."""
+        return q + h * u
+
+
+def by_causes(
+    of: Map, J: Sequence[Array], G: Sequence[Array], intervals: Intervals
+) -> Array | None:
+    """What causes do to the rows of a map (N, 2n, P), by the method's own steps; None where it is not told.
+
+    J (N, 2n, 2n) and G (N, n, P) are ∂ẋ/∂x and the causes' accelerations at the nodes of the flow.
+    """
+    method, N = of.method, len(intervals)
+    if np.ptp(of.counts) or "damping" in method.name or not G[0].shape[2]:
+        return None
+    variation: Any = _Variation(J, G, intervals)
+    P, n = variation.causes, variation.n
+    start, end = (variation.rows(at.t) for at in (intervals.start, intervals.end))
+    if method.step is not None:
+        still = Intervals(start, end)
+        counts = np.repeat(of.counts, P)
+        moved = _repeated(variation, method, still, lambda _: start.F, counts)
+        y = np.concatenate([moved.q, moved.u], axis=1).reshape(N, P, 2 * n).transpose(0, 2, 1)
+    elif method.defect is not None:
+        q, u = method.defect(variation, start, end, np.repeat(intervals.h, P, axis=0))
+        y = np.concatenate([q, u], axis=1).reshape(N, P, 2 * n).transpose(0, 2, 1)
+        y = _newton(method, J[-1], intervals.h, y)
+    else:
+        return None
+    return np.asarray(y)
+
+
+def _newton(method: Integrator, J: Array, h: Array, gap: Array) -> Array:
+    """The change (N, 2n, k) of the end of an implicit step that closes a gap."""
+    share = 1.0 if method.order == 1 else 0.5
+    A = np.eye(J.shape[1]) - share * h[:, :, None] * J
+    return np.asarray(np.linalg.solve(A, gap))
 
 
 MOST_SPEEDS = 12

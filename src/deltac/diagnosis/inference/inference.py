@@ -129,6 +129,9 @@ between held and ramped ones: the latter are those of one in four."""
 SQUARES = 1e-4
 """Share of what a method leaves that causes leave of it where that may be their squares: of a per cent."""
 
+SOME = 0.1
+"""Share of it up to which it may be that causes do otherwise in a method's own steps."""
+
 LESS = 2.0
 """Ratio of standard deviations from which on noise is known better than before."""
 
@@ -571,11 +574,12 @@ class _Inferring:
         posterior = self._compare()
         # What mistakes do looks like filters and those like mistakes: filters are asked for beside causes.
         # Where a method closes the rows, forces act as they do in it.
-        rows: Block = self.of_rows
-        left = rows.projected.left(posterior.best.coefficients)
-        closing = bool(self.methods) and left <= rows.count
-        if not closing and self._act(self._of_equations(posterior.best), filters=True):
-            posterior = self._compare()
+        closed = self._closed_otherwise()
+        if closed is not None:
+            posterior = closed
+        elif not self._closing(posterior):
+            if self._act(self._of_equations(posterior.best), filters=True):
+                posterior = self._compare()
         if (
             self.methods
             and self.methods[0].order == 1
@@ -585,6 +589,31 @@ class _Inferring:
             posterior = self._compare()
         self.posterior = posterior
         return self._made(posterior)
+
+    def _closing(self, posterior: Posterior) -> bool:
+        left = self.of_rows.projected.left(posterior.best.coefficients)
+        return bool(self.methods) and left <= self.of_rows.count
+
+    def _closed_otherwise(self) -> Posterior | None:
+        """The posterior of forces that are held, or straight between rows, if a method closes the rows then.
+
+        With a mistake in the rows the likelihood without its cause does not tell how forces act: what it does
+        is smooth, and kinks of forces are noise.
+        """
+        told = all(self.declared) or self.log.intervals.stages or self.filter is not None
+        state, before, noise = dict(self.__dict__), self.kinds, self.log.noise[1]
+        for kind in () if told or not self.kinds else ("start", "ramp"):
+            self.kinds = tuple(own or kind for own in self.declared)
+            if self.kinds != before:
+                self._predict()
+                self.log = self.log.with_noise(self._errors(self.flow.end, self.Phi))
+                if np.any(LESS * self.log.noise[1] < noise):
+                    self.Q = self._unknown()
+                    posterior = self._compare()
+                    if self._closing(posterior):
+                        return posterior
+            self.__dict__.update(state)
+        return None
 
     def _held(self) -> bool:
         """Hold forces of which the method takes the row's own; whether that is otherwise than before.
@@ -790,6 +819,7 @@ class _Inferring:
             methods = self._closest([(of, self.log) for of in ends])
             if methods is None:
                 continue
+            methods = self._by_own_steps(methods, places)
             first = methods.ends[0] if methods.floor < SQUARES * methods.alone else None
             if not methods.may_close(series, posterior.best):
                 self.promising = self.promising or first
@@ -807,6 +837,13 @@ class _Inferring:
             self.promising = self.promising or first
         self.blocks: tuple[Block, ...] = (measured[0] if measured else self.of_rows,)
         return posterior
+
+    def _by_own_steps(self, methods: _Methods, places: NDArray[np.intp]) -> _Methods:
+        """The methods, their floor by what causes do in their own steps where the series' leave some of it."""
+        if not len(places) or not SQUARES < methods.floor / methods.alone < SOME:
+            return methods
+        blocks = [self._of_method(of, places) for of in [*methods.ends, *methods.others][:ALIKE]]
+        return replace(methods, floor=min(block.floor * block.count for block in blocks))
 
     def _best_of(
         self,
@@ -858,7 +895,7 @@ class _Inferring:
         """What causes do to the rows (N, 2n, P) by the steps of a method, or else by its numbers."""
         intervals = self.log.intervals
         G = [x[:, self.model.n :] for x in self.causes]
-        own = by_causes(of, self.J, G, intervals) if of.method.order <= 2 else None
+        own = by_causes(of, self.J, G, intervals)
         step = intervals.h / of.counts[:, None]
         return self._moved_by(numbers_of(of.method), step) if own is None else own
 

@@ -24,11 +24,11 @@ from deltac.diagnosis.residuals.states import States
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
-from deltac.repair import sandbox
 from deltac.repair.edits.candidates import EditCandidate, apply, unified_diff
-from deltac.repair.edits.running import right_edits, text_edits
+from deltac.repair.edits.running import RUN_TIME, right_edits, text_edits
 from deltac.repair.edits.search import EditSearch, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects, undefined
+from deltac.repair.sandbox import sandbox, task
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import (
     Program,
@@ -86,8 +86,8 @@ AS_RUN, AS_RUN_TO = 4, 1e-5
 RUN_AT = 4
 """States at which edits of functions that cannot be read are tried; what is right there is run at all."""
 
-SANDBOX_TIME = 10.0
-"""Time in which Python runs the edited functions (s)."""
+ONLY_LIVE = "only the running session has it"
+"""Why Python cannot run an edited function in another process."""
 
 PERTURBED = 0.37
 """By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
@@ -237,12 +237,8 @@ def _by_running(
     if ".py:" in text and not caller.form.momenta and not samples.wrong(result) < RIGHT:
         source = replace(read_source(text), form=caller.form)
         some = samples.at(np.arange(min(RUN_AT, len(samples.t))))
-        one = sandbox.task(source)
-        if one is not None and not isinstance(sandbox.run([one], some, time_limit)[0], str):
-            right = right_edits(source, some, deadline)
-        tasks = [task for _, changed in right if (task := sandbox.task(changed)) is not None]
-        answers = sandbox.run(tasks, samples, time_limit)
-        right = [edit for edit, answer in zip(right, answers) if _fits(answer, samples)]
+        right = right_edits(source, some, deadline)
+        right = [edit for edit, answer in zip(right, _ran(right, samples)) if samples.right(answer)]
         groups = _groups(source, right, [0] * len(right))
         fixes = [replace(_fix(source, group), ran=True) for group in groups]
     wrong = np.flatnonzero(samples.wrong_rows(result))
@@ -263,11 +259,6 @@ def _by_running(
         terms=terms,
         unread=why.partition(". The function is traced")[0],
     )
-
-
-def _fits(answer: Array | str, samples: StateSamples) -> bool:
-    """Whether what a function gave, when it was run, is right."""
-    return not isinstance(answer, str) and samples.fits(answer) and samples.wrong(answer) < RIGHT
 
 
 def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT) -> Repair:
@@ -462,17 +453,20 @@ def _fixes(
 ) -> tuple[tuple[Fix, ...], tuple[str, ...]]:
     """One fix for each group, after Python has run it; and, in words, those that give something else then."""
     samples = target.samples()
-    fixes = [_fix(source, group) for group in groups]
-    tasks = [sandbox.task(group[0][1]) for group in groups]
-    answers = iter(sandbox.run([t for t in tasks if t is not None], samples, SANDBOX_TIME))
-    for k, task in enumerate(tasks):
-        answer = "only the running session has it" if task is None else next(answers)
-        if isinstance(answer, str):
-            fixes[k] = replace(fixes[k], not_run=answer)
-        else:
-            fixes[k] = replace(fixes[k], ran=samples.wrong(answer) < RIGHT)
+    fixes = []
+    for group, answer in zip(groups, _ran([group[0] for group in groups], samples)):
+        outcome = {"not_run": answer} if isinstance(answer, str) else {"ran": samples.right(answer)}
+        fixes.append(replace(_fix(source, group), **outcome))
     contradicted = tuple(str(fix) for fix in fixes if fix.ran is False)
     return tuple(fix for fix in fixes if fix.ran is not False), contradicted
+
+
+def _ran(edited: Edited, samples: StateSamples) -> Iterator[Array | str]:
+    """What Python gives of edited sources, or why it gives nothing."""
+    with sandbox() as run:
+        for _, changed in edited:
+            one = task(changed)
+            yield ONLY_LIVE if one is None else run(one, samples, RUN_TIME)
 
 
 def _fix(source: Source, group: Edited) -> Fix:

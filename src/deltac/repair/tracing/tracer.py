@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import InputError, SourceError
-from deltac.repair.sandbox_worker import function_named
+from deltac.foreign.scripts import function_named
 from deltac.repair.tracing import instrument, library
 from deltac.repair.tracing.library import Float, Foreign, Int, LibraryNumber, objects, plain
 from deltac.repair.tracing.modules import UserModule, found_beside

@@ -63,13 +63,9 @@ OPERATORS: dict[str, Callable[..., Any]] = {
     "Pow": operator.pow, "Mod": operator.mod, "FloorDiv": operator.floordiv, "MatMult": library.product,
     "BitAnd": operator.and_, "BitOr": operator.or_, "BitXor": operator.xor, "LShift": operator.lshift,
     "RShift": operator.rshift, "USub": operator.neg, "UAdd": operator.pos, "Invert": operator.invert,
+    "Lt": operator.lt, "LtE": operator.le, "Gt": operator.gt, "GtE": operator.ge,
+    "Eq": operator.eq, "NotEq": operator.ne,
 }  # fmt: skip
-
-COMPARED = {
-    "Lt": ("less", "lt"), "LtE": ("less_equal", "le"), "Gt": ("greater", "gt"),
-    "GtE": ("greater_equal", "ge"), "Eq": ("equal", "eq"), "NotEq": ("not_equal", "ne"),
-}  # fmt: skip
-"""Comparisons that are traced: of arrays, and of two numbers."""
 
 COMPILERS = {"numba", "jax", "typeguard", "beartype", "line_profiler", "deltac", "jaxtyping", "cython",
              "overrides", "autograd"}  # fmt: skip
@@ -736,10 +732,9 @@ class _Hooks:
 
     def compare(self, op: str, left: Any, right: Any) -> Any:
         """A comparison, entry by entry where there are arrays."""
-        ufunc, name = COMPARED[op]
         if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
-            return library.compared(COMPARISONS[ufunc], left, right)
-        return getattr(operator, name)(left, right)
+            return library.applied(COMPARISONS[op], left, right)
+        return OPERATORS[op](left, right)
 
     def index(self, value: Any) -> Any:
         """An index or a key as Python's own number; one that depends on the state as it is."""

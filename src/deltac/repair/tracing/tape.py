@@ -437,7 +437,7 @@ ELEMENTARY: dict[str, Operation] = {
 }  # fmt: skip
 """Functions of numbers, by their names in NumPy and math."""
 
-_UNARY = {
+_UNARY: dict[str, Operation] = {
     "__neg__": np.negative,
     "__pos__": np.positive,
     "__abs__": np.abs,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import itertools
 import re
@@ -24,10 +23,10 @@ from deltac.diagnosis.residuals.states import States
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
-from deltac.repair.edits.candidates import EditCandidate, apply, unified_diff
-from deltac.repair.edits.running import RUN_TIME, right_edits, text_edits
+from deltac.repair.edits.candidates import EditCandidate, unified_diff
+from deltac.repair.edits.running import RUN_TIME, right_edits
 from deltac.repair.edits.search import EditSearch, confirmed, pairs
-from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects, undefined
+from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects
 from deltac.repair.sandbox import sandbox, task
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import (
@@ -41,7 +40,7 @@ from deltac.repair.tracing.program import (
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
-from deltac.repair.tracing.tracer import Endless, Failed, TracingRefused, branches
+from deltac.repair.tracing.tracer import Endless, TracingRefused, branches
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import PLAIN
 
@@ -62,9 +61,6 @@ ALIKE = 4
 
 DEARER = 1.6
 """Edits that cost this much more than the least one are not reported."""
-
-FAILING_EDITS = 400
-"""Edits that are tried of a statement that raises an error."""
 
 MORE = 40
 """Edits that are tried for other ways when a repair is found."""
@@ -130,7 +126,7 @@ def repair_equations(
     target = Target(loaded.mechanism, own, seed, loaded.first)
     try:
         return repair_source(source_of(equations), target, time_limit)
-    except (Endless, Failed):
+    except Endless:
         raise
     except TracingRefused as refusal:
         if isinstance(equations, (str, Path)):  # the text alone was given: it is read, not run
@@ -175,11 +171,7 @@ def repair_loaded(
             raise
         except InputError as error:
             failure = failure or error
-    assert failure is not None
-    with contextlib.suppress(*([InputError] if isinstance(failure, Failed) else [])):
-        return _by_running(text, caller, target, start, time_limit, str(failure))
-    # An error of Python's: an edit of its line is sought.
-    return repair_source(next(_sources(text, equations))(), target, time_limit)
+    return _by_running(text, caller, target, start, time_limit, str(failure))
 
 
 def _caller(name: str, equations: Equations, target: Target) -> Caller:
@@ -265,13 +257,7 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
     """`repair_equations` for a source and a target at hand."""
     start = time.monotonic()
     deadline = start + time_limit
-    try:
-        program = read(source, target)
-    except Failed as failed:
-        repaired = _failing(source, target, failed, start, deadline)
-        if repaired is None:
-            raise
-        return repaired
+    program = read(source, target)
     if program.wrong < RIGHT:
         return _report(program, target, [], start, deadline)
     right, suspected = _search(program, target, deadline)
@@ -283,42 +269,6 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
         if right or not suspected:
             program, suspected, coincidence = nominal, more, True
     return _report(program, target, right, start, deadline, suspected, coincidence)
-
-
-def _failing(
-    source: Source, target: Target, failed: Failed, start: float, deadline: float
-) -> Repair | None:
-    """Repair a function that raises an error of Python's, by an edit of the statement where it does."""
-    if failed.file != source.name:
-        return None
-    statements = [n for n in source.nodes if isinstance(n, ast.stmt)]
-    covering = (
-        [n for n in statements if n.lineno <= line <= (n.end_lineno or n.lineno)]
-        for line in failed.lines
-    )
-    right: list[tuple[tuple[EditCandidate, ...], Source]] = []
-    for candidate in text_edits(source, [nodes[-1] for nodes in covering if nodes])[:FAILING_EDITS]:
-        if time.monotonic() > deadline or (right and candidate.cost > right[0][0][0].cost):
-            break
-        changed = apply(source, [candidate])
-        with contextlib.suppress(InputError):
-            changed = None if changed is None else formed(changed, target)
-            if changed is not None and read(changed, target, vary=False).wrong < RIGHT:
-                right.append(((candidate,), changed))
-    formulas, _ = _formulas(target, [changed for _, changed in right])
-    fixes, contradicted = _fixes(source, target, _groups(source, right, formulas))
-    if not fixes:
-        return None
-    return Repair(
-        file=source.name,
-        function=source.qualified,
-        residual=np.inf,
-        fixes=fixes,
-        complete=time.monotonic() <= deadline,
-        seconds=time.monotonic() - start,
-        undefined=str(failed).partition(". The function is traced")[0],
-        contradicted=contradicted,
-    )
 
 
 def _search(reading: ProgramReading, target: Target, deadline: float) -> tuple[Edited, list[str]]:
@@ -425,7 +375,6 @@ def _report(
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
         terms=terms,
-        undefined=undefined(program, target),
         contradicted=contradicted,
     )
 

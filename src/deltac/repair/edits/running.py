@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import time
-from collections.abc import Iterable
 
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
@@ -24,36 +23,17 @@ COST_MARGIN = 0.25
 """Edits that cost this much more than the least one that is right are not tried."""
 
 
-def text_edits(source: Source, statements: Iterable[ast.stmt]) -> list[EditCandidate]:
-    """All single edits of some statements, cheapest first."""
-    names = TextNames(source)
-    candidates: list[EditCandidate] = []
-    for statement in statements:
-        if isinstance(statement, ast.Import | ast.ImportFrom):
-            continue
-        for node in ast.walk(statement):
-            place = source.number.get(id(node))
-            if place is None or not isinstance(node, ast.expr | ast.stmt):
-                continue
-            candidates += structure(source, place, names)
-            if isinstance(node, ast.AugAssign) or valued(source, place):
-                candidates += edits(source, place, names)
-                candidates += additions(source, place, names)
-    return sorted(candidates, key=lambda c: (c.cost, c.place))
-
-
 def right_edits(
     source: Source, samples: StateSamples, deadline: float
 ) -> list[tuple[tuple[EditCandidate, ...], Source]]:
     """Single edits that make the function right where it is run, cheapest first, with what they make."""
-    statements = module_for(source.module, source.qualified.partition(".")[0]).body
     right: list[tuple[tuple[EditCandidate, ...], Source]] = []
     texts = {source.text}
     own = task(source)
     with sandbox() as run:
         if own is None or isinstance(run(own, samples, RUN_TIME), str):
             return []  # nor do its edits run
-        for candidate in text_edits(source, statements):
+        for candidate in _text_edits(source):
             left = deadline - time.monotonic()
             if left < 0.0 or len(texts) > MOST_RUNS:
                 break
@@ -71,3 +51,21 @@ def right_edits(
             if samples.right(answer):
                 right.append(((candidate,), changed))
     return right
+
+
+def _text_edits(source: Source) -> list[EditCandidate]:
+    """All single edits of what a function needs of its module, cheapest first."""
+    names = TextNames(source)
+    candidates: list[EditCandidate] = []
+    for statement in module_for(source.module, source.qualified.partition(".")[0]).body:
+        if isinstance(statement, ast.Import | ast.ImportFrom):
+            continue
+        for node in ast.walk(statement):
+            place = source.number.get(id(node))
+            if place is None or not isinstance(node, ast.expr | ast.stmt):
+                continue
+            candidates += structure(source, place, names)
+            if isinstance(node, ast.AugAssign) or valued(source, place):
+                candidates += edits(source, place, names)
+                candidates += additions(source, place, names)
+    return sorted(candidates, key=lambda c: (c.cost, c.place))

@@ -6,7 +6,7 @@ import ast
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -52,15 +52,11 @@ Kind: TypeAlias = Callable[[Source, int, Names], Iterator[EditCandidate]]
 
 @dataclass(eq=False, repr=False)
 class EditSearch:
-    """One program, and what is known of its expressions.
-
-    `residuals`: edits for which the text was traced again, and the residual (n, STATES) that they leave.
-    """
+    """One program, and what is known of its expressions."""
 
     program: Program
     target: Target
     deadline: float = np.inf
-    residuals: list[tuple[EditCandidate, Array]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.names = TracedNames(self.program)
@@ -199,14 +195,10 @@ class EditSearch:
             return False
         samples = self.target.samples()
         try:
-            few = reading(changed, samples.at(np.arange(min(FIRST_STATES, len(samples.t)))))
-            if few.wrong < RIGHT:
-                return reading(changed, samples).wrong < RIGHT
+            few = samples.at(np.arange(min(FIRST_STATES, len(samples.t))))
+            return all(reading(changed, some).wrong < RIGHT for some in (few, samples))
         except InputError:
             return False
-        if len(few.pieces) == 1:
-            self.residuals.append((candidate, few.worst.original_residual))
-        return False
 
 
 def confirmed(
@@ -271,7 +263,6 @@ def pairs(
         return
     for way, pool in zip(ways, pools):
         yield _followed(way, [*pool, *_closing(way)])
-    yield _after_reading(search)
 
 
 def _in_different_equations(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
@@ -430,47 +421,3 @@ def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:
     for place in places[_explained(along, program.original_residual)]:
         then.requirements.find(int(place))
     return sorted((c for r in then.whole for c in then.edits(r)), key=_plainness)
-
-
-def _after_reading(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
-    """An edit that is tried by reading the text again, and a second one, found in that text."""
-    program, target = search.program, search.target
-    samples = target.samples()
-    few = reading(program.source, samples.at(np.arange(min(FIRST_STATES, len(samples.t))))).worst
-    _, along = _directions(few)
-    likely = (
-        first
-        for first, residual in sorted(search.residuals, key=lambda x: x[0].cost)
-        if len(residual) > 1 and residual.shape == along.shape[1:]
-        if _explained(along, residual).any()
-    )
-    for first in itertools.islice(likely, _turns(program, len(program.numbers))):
-        if time.monotonic() > search.deadline:
-            return
-        changed = apply(program.source, [first])
-        assert changed is not None  # it has been read
-        try:
-            again = at(changed, target, tuple(program.samples.parameters)).worst
-        except InputError:
-            continue
-        for second in _seconds(search, again):
-            back = _before(program.source, first, changed, second.place)
-            if back is not None:
-                yield first, replace(second, source=program.source, place=back, new=second.text)
-
-
-def _before(source: Source, first: EditCandidate, changed: Source, place: int) -> int | None:
-    """The place in the source of a node of the edited one; None where it is part of the edit."""
-    _, end = source.span(source.nodes[first.place])
-    shift = len(changed.text) - len(source.text)
-    edited = changed.nodes[place]
-    a, b = changed.span(edited)
-    start, _ = source.span(source.nodes[first.place])
-    if a >= end + shift:
-        a, b = a - shift, b - shift
-    elif b > start:
-        return None
-    for k, node in enumerate(source.nodes):
-        if type(node) is type(edited) and hasattr(node, "lineno") and source.span(node) == (a, b):
-            return k
-    return None

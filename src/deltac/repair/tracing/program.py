@@ -17,7 +17,7 @@ from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
-from deltac.repair.tracing.tracer import Failed, Instance, Trace, branches, form_of
+from deltac.repair.tracing.tracer import Instance, Trace, branches, form_of
 from deltac.simulation.state_form import StateForm, as_told, forms, likeliest, told_order
 
 PLAIN = 12
@@ -269,10 +269,6 @@ def formed(source: Source, target: Target) -> Source:
     candidates = as_told(forms(names, needed, nq, nu, motors), declared, places)
     form = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if form is None:
-        failed = [f for f in failures if isinstance(f, Failed) and f.file == source.name]
-        if failed and failed[0] is failures[0]:  # in the likeliest form
-            lines = tuple(dict.fromkeys(line for f in failed for line in f.lines))
-            raise Failed(str(failed[0]), source.name, lines)
         if failures:
             raise failures[0]
         raise SourceError(

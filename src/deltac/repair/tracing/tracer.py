@@ -82,14 +82,6 @@ class TracingRefused(SourceError):
     """The function does what cannot be traced; the message has file and line."""
 
 
-class Failed(TracingRefused):
-    """An error of Python's, and the `lines` of a file where it is raised in the forms that were tried."""
-
-    def __init__(self, message: str, file: str, lines: tuple[int, ...]) -> None:
-        super().__init__(message)
-        self.file, self.lines = file, lines
-
-
 class Endless(TracingRefused):
     """A loop that does not end."""
 
@@ -335,14 +327,12 @@ class _Tracer:
                     f"{where}: a computation that cannot be traced ({message}). Instead, {READABLE}"
                 ) from None
             message = f"{where}: {type(error).__name__}: {message}"
-            if place is None or isinstance(error, NameError | ImportError):
-                raise TracingRefused(message) from None
-            raise Failed(
-                f"{message}. The function is traced: call it once, and if Python raises the same error at "
-                f"this line, mend that first; else {READABLE}",
-                name,
-                (line,),
-            ) from None
+            if place is not None and not isinstance(error, NameError | ImportError):
+                message += (
+                    ". The function is traced: call it once, and if Python raises the same error at this "
+                    f"line, mend that first; else {READABLE}"
+                )
+            raise TracingRefused(message) from None
 
     def place_of(self, error: BaseException) -> tuple[str, int] | None:
         """The file and line of the user's where an error was raised; None where it was in none."""

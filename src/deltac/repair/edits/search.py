@@ -77,11 +77,6 @@ class EditSearch:
         """The expressions any one of which could be the only mistake."""
         return [r for r in self.requirements.solved.values() if r.whole]
 
-    @property
-    def partial(self) -> list[Requirement]:
-        """The expressions that could be the mistake in some of the equations that are wrong."""
-        return [r for r in self.requirements.solved.values() if not r.whole]
-
     def single(self) -> list[EditCandidate]:
         """Single edits that seem to make the function right, cheapest first."""
         right = [c for r in self.whole for c in self.edits(r)]
@@ -218,9 +213,6 @@ def confirmed(
     return changed if again.wrong < RIGHT else None
 
 
-COMBINED = 12
-"""Edits of one set of equations that are combined with those of another."""
-
 POOL = 20_000
 
 FOLLOWED_OPERATIONS = 20_000_000
@@ -253,36 +245,16 @@ def pairs(
     ways = [search]
     if rows is not None:
         ways.insert(0, EditSearch(rows, search.target, search.deadline))
-        ways[0].require()
     pools = []
     for way in ways:
-        yield _in_different_equations(way)
         pools.append(_pool(way))
         yield _adding_up(way, pools[-1])
     if plain:
         return
     for way, pool in zip(ways, pools):
-        yield _followed(way, [*pool, *_closing(way)])
-
-
-def _in_different_equations(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
-    """One edit that rights some of the equations, another that rights the rest."""
-    wrong = _wrong(search.program)
-    by_rows: dict[tuple[bool, ...], list[EditCandidate]] = {}
-    for r in search.partial:
-        if time.monotonic() > search.deadline:
-            return
-        rows = tuple(bool(a and b) for a, b in zip(r.rows, wrong))
-        if any(rows):
-            by_rows.setdefault(rows, []).extend(search.edits(r))
-    for rows in by_rows:
-        by_rows[rows] = sorted(by_rows[rows], key=lambda c: (c.cost, len(c.text)))[:COMBINED]
-    matches = []
-    for (a, first), (b, second) in itertools.combinations(by_rows.items(), 2):
-        if all(np.array(a) | np.array(b) | ~wrong):
-            matches += [(x, y) for x in first for y in second if x.place != y.place]
-    matches.sort(key=lambda pair: pair[0].cost + pair[1].cost)
-    yield from matches
+        pool += _closing(way)
+        yield _adding_up(way, pool)
+        yield _followed(way, pool)
 
 
 def _pool(search: EditSearch) -> list[First]:
@@ -332,16 +304,12 @@ def _adding_up(
     yield from matches
 
 
-def _wrong(program: Program) -> NDArray[np.bool_]:
-    """The equations that are not right."""
-    return np.asarray(~(np.abs(program.original_residual).max(axis=1) < RIGHT))
-
-
 def _closing(search: EditSearch) -> list[First]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
     program = search.program
     firsts: list[First] = []
-    closings = itertools.product(program.numbers, np.flatnonzero(_wrong(program)).tolist())
+    right = np.abs(program.original_residual).max(axis=1) < RIGHT
+    closings = itertools.product(program.numbers, np.flatnonzero(~right).tolist())
     for place, row in itertools.islice(closings, _turns(program, ITERATIONS)):
         if time.monotonic() > search.deadline:
             break

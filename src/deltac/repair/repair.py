@@ -41,7 +41,7 @@ from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
 from deltac.repair.tracing.tracer import Endless, TracingRefused, branches
-from deltac.simulation.equations import Equations
+from deltac.simulation.equations import Equations, as_equations
 from deltac.simulation.state_form import PLAIN
 
 Edited: TypeAlias = Sequence[tuple[tuple[EditCandidate, ...], Source]]
@@ -95,6 +95,7 @@ def repair_equations(
     model: ModelLike,
     equations: str | Path | Callable[..., Any] | Equations,
     *,
+    function: Callable[..., Any] | Equations | None = None,
     coordinates: CoordinateMap | str | None = None,
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
@@ -106,12 +107,16 @@ def repair_equations(
     (signs, operators, names, indices, functions, powers, numbers, missing or superfluous factors and terms;
     two of them where one does not suffice) that produce these values are searched for. All that pass are
     tested at fresh states, at other parameters where the function names its constants as the mechanism does,
-    and by running the edited function in a process of its own. The file is left as it is. A function that
-    was given itself and cannot be traced, as it calls compiled code, is run to say which terms are wrong.
+    and by running the edited function in a process of its own. The file is left as it is.
+
+    A text alone is read, not run. A function that is given itself and cannot be traced, as it calls compiled
+    code, is run: with single edits of its text where it has one, else to say which terms are wrong.
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.
         equations: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
+        function: what the text ``"FILE.py:FUNCTION"`` means, where it has been loaded: its live values stand
+            in for what the text does not say.
         coordinates: the function's own coordinates, as for `check_equations`.
         seed: of the random states.
         time_limit: of the search (s).
@@ -122,56 +127,35 @@ def repair_equations(
     """
     start = time.monotonic()
     loaded = load_model(model)
-    own = chosen_map(loaded, coordinates, equations)
+    if function is None and not isinstance(equations, str | Path):
+        live: Callable[..., Any] | Equations | None = equations
+    else:
+        live = function
+    own = chosen_map(loaded, coordinates, equations if live is None else live)
     target = Target(loaded.mechanism, own, seed, loaded.first)
-    try:
+    if live is None:
         return repair_source(source_of(equations), target, time_limit)
-    except Endless:
-        raise
-    except TracingRefused as refusal:
-        if isinstance(equations, (str, Path)):  # the text alone was given: it is read, not run
-            raise
-        function = equations if isinstance(equations, Equations) else Equations(equations)
-        name = ":".join(getattr(function.rhs, k, "") for k in ("__module__", "__qualname__"))
-        caller = _caller(name, function, target)
-        return _by_running(name, caller, target, start, time_limit, str(refusal))
-
-
-def repair_loaded(
-    model: Any,
-    text: str,
-    function: Callable[..., Any] | Equations,
-    *,
-    coordinates: CoordinateMap | str | None = None,
-    seed: int = 0,
-    time_limit: float = TIME_LIMIT,
-) -> Repair:
-    """`repair_equations` of what has been loaded: ``FILE.py:NAME``, a function of a library.
-
-    The text is read; live values stand in only for what the text does not say. A function that cannot be read
-    is run: with single edits of its text where it has one, else to say which terms are wrong.
-    """
-    start = time.monotonic()
-    loaded = load_model(model)
-    equations = function if isinstance(function, Equations) else Equations(function)
-    own = chosen_map(loaded, coordinates, function)
-    target = Target(loaded.mechanism, own, seed, loaded.first)
-    caller = _caller(text, equations, target)
+    live = as_equations(live)
+    name = str(equations)
+    if function is None:
+        name = ":".join(getattr(live.rhs, k, "") for k in ("__module__", "__qualname__"))
+    caller = _caller(name, live, target)
     if caller.form.momenta:
-        return _by_running(
-            text, caller, target, start, time_limit, f"{text} is written in momenta ∂K/∂u"
-        )
-    failure: InputError | None = None
-    for read_text in _sources(text, equations):
+        why = f"{name} is written in momenta ∂K/∂u"
+        return _by_running(name, caller, target, start, time_limit, why)
+    failures: list[InputError] = []
+    for read_text in _sources(name, live):
         try:
             source = read_text()
-            _as_run(source, equations.rhs, target)
+            _as_run(source, live.rhs, target)
             return repair_source(source, target, time_limit)
         except Endless:
             raise
         except InputError as error:
-            failure = failure or error
-    return _by_running(text, caller, target, start, time_limit, str(failure))
+            if function is None and not isinstance(error, TracingRefused):
+                raise
+            failures.append(error)
+    return _by_running(name, caller, target, start, time_limit, str(failures[0]))
 
 
 def _caller(name: str, equations: Equations, target: Target) -> Caller:

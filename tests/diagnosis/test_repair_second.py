@@ -37,18 +37,6 @@ def torques(q, u):
 def rhs(t, q, u):
     return [sum(torques(q, u)) / (m * l**2)]
 """,
-    "globals set by a function": """
-from math import sin
-m = l = None
-g = c = 0.0
-def configure(p):
-    global m, l, g, c
-    m, l = p["m"], p["l"]
-    g, c = p["g"], p["c"]
-configure({"m": 1.3, "l": 0.7, "g": 9.81, "c": 0.2})
-def rhs(t, q, u):
-    return [-g / l * sin(q[0]) - c / (m * l**2) * u[0]]
-""",
     "a text of JSON": """
 import json
 from math import sin

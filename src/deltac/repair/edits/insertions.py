@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from deltac.arrays import HALF_DIGITS, SAME, Array
 from deltac.repair.edits.candidates import (
     EditCandidate,
+    functions_used,
     negated,
     number_cost,
     product,
@@ -83,9 +84,10 @@ class Vocabulary:
         }
         key = (id(owner), tuple(variables), tuple(expressions))
         if key not in self._atoms:
+            sines = self._sines(variables, expressions)
             self._atoms[key] = (
-                self._side(variables, expressions, varying=True),
-                self._side(variables, expressions, varying=False),
+                self._side(variables, expressions, sines, varying=True),
+                self._side(variables, expressions, {}, varying=False),
             )
         return self._atoms[key]
 
@@ -93,6 +95,7 @@ class Vocabulary:
         self,
         variables: dict[str, int],
         expressions: dict[str, int],
+        sines: dict[str, Array],
         varying: bool,
     ) -> Atoms:
         program = self.program
@@ -105,7 +108,7 @@ class Vocabulary:
             for slots in (variables, expressions)
         ]
         names = len(chosen[0])
-        together = {**chosen[0], **dict(list(chosen[1].items())[:MOST_EXPRESSIONS])}
+        together = {**chosen[0], **dict(list(chosen[1].items())[:MOST_EXPRESSIONS]), **sines}
         calls = sum("(" in text and text[-1] == ")" for text in together)
         width = len(program.samples.t)
         rows = np.array(list(together.values())) if together else np.empty((0, width))
@@ -164,6 +167,20 @@ class Vocabulary:
         return self._known[id(owner)]
 
     _known: dict[int, dict[str, tuple[int, set[str]]]] = field(default_factory=dict)
+
+    def _sines(self, variables: dict[str, int], expressions: dict[str, int]) -> dict[str, Array]:
+        """Sines and cosines of coordinates that the source does not have yet."""
+        program = self.program
+        coordinates = [
+            program.tape.values[k] for k in program.trace.inputs[1 : 1 + len(program.samples.q)]
+        ]
+        terms = {
+            f"{called}({text})": getattr(np, name)(program.values(k))
+            for name, called in functions_used(program.source).items()
+            for text, k in variables.items()
+            if any(program.tape.values[k] is value for value in coordinates)
+        }
+        return {text: value for text, value in terms.items() if text not in expressions}
 
 
 _RANKS: dict[type[ast.operator], int] = {ast.Add: 1, ast.Sub: 1, ast.Pow: 1, ast.Mult: 2}

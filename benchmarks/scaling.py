@@ -22,7 +22,7 @@ import numpy as np
 from kernel_sizes import accelerations, chain
 
 import deltac as dc
-from deltac.energy.streaming import OVERLAP, balance_chunks
+from deltac.energy.accumulator import OVERLAP, balance_chunks
 from deltac.trajectories import Chunk
 
 try:

@@ -13,7 +13,7 @@ import pytest
 
 import deltac as dc
 from deltac.calls.progress import Parts, counted
-from deltac.codes import FINDINGS, finding_code
+from deltac.codes import FINDINGS
 from deltac.diagnosis.causes.causes import PREFERENCE
 from deltac.errors import InputError, LogError, UnknownName
 from deltac.results import SCHEMA, Finding, Report, Section, Serialisable, Table, Verbatim, as_text
@@ -106,19 +106,6 @@ def test_text_keeps_to_its_width_and_breaks_no_word(width: int) -> None:
 
 
 # --- codes ----------------------------------------------------------------------------------------
-
-
-def test_the_page_of_codes_lists_them_all() -> None:
-    listed = dict(
-        re.findall(
-            r"^\| `([EF]-[A-Z0-9-]+)` \| (.*) \|$", (DOCS / "codes.md").read_text("utf-8"), re.M
-        )
-    )
-    findings = {finding_code(kind): meaning for kind, meaning in FINDINGS.items()}
-    errors = {code: meaning.rstrip(".") for code, meaning in InputError.codes().items()}
-    of_commands = {"E-USAGE", "E-INTERNAL", "E-TIME"}
-    assert {c: m for c, m in listed.items() if c not in of_commands} == findings | errors
-    assert of_commands <= set(listed)
 
 
 def test_every_cause_has_a_code_and_is_documented() -> None:

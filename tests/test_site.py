@@ -13,7 +13,9 @@ from website.docstrings import listed
 
 import deltac as dc
 from deltac.cli import COMMANDS
+from deltac.codes import COMMAND_ERRORS, FINDINGS, finding_code
 from deltac.results import Report
+from tests.natural_logs.cases import CASES
 
 
 @pytest.mark.parametrize("program", ["animation", "gallery", "notebooks"])
@@ -46,6 +48,26 @@ def test_the_keys_of_every_result() -> None:
             _, _, section = text.partition(f"## {name}\n")
             keys = re.findall(r"^\| `(\w+)` \|", section.partition("\n## ")[0], re.M)
             assert set(kind.told()) - {"verdict"} <= set(keys), name
+
+
+def test_codes_and_natural_logs_are_listed() -> None:
+    codes = set(re.findall(r"^\| `([EF]-[A-Z0-9-]+)` \| \S", "\n".join(hooks._codes()), re.M))
+    assert codes == {*map(finding_code, FINDINGS), *dc.InputError.codes(), *COMMAND_ERRORS}
+    text = "\n".join(hooks._natural_logs())
+    assert re.findall(r"^\| `(.+?)` \| \S", text, re.M) == [case.file for case in CASES]
+
+
+def test_a_link_to_a_csv_file_alone_is_a_table() -> None:
+    text = "Before.\n\n[results](data/a.csv)\n\nSee [results](data/a.csv), and so on.\n"
+    (match,) = hooks.TABLE.finditer(text)
+    assert match[1] == "data/a.csv"
+    table = hooks._table('name,value\n"|x|, y",1.5\n,-2e3\n')
+    assert table.splitlines() == [
+        "| name | value |",
+        "| --- | ---: |",
+        "| \\|x\\|, y | 1.5 |",
+        "|  | -2e3 |",
+    ]
 
 
 def test_columns_of_docstrings_become_lists() -> None:

@@ -3,8 +3,9 @@
 - README, NOTATION, ARCHITECTURE, … become pages; links between all documents are rewritten, so that they hold
   on the site as they do in the repository.
 - The reference of commands is made from the command line, that of Python from the public names in
-  `deltac/__init__.pyi` and their docstrings, the keys of the JSON from the classes of results, the page
-  on citing from CITATION.cff, the tutorials from the notebooks.
+  `deltac/__init__.pyi` and their docstrings, the keys of the JSON from the classes of results, codes and
+  natural logs from their lists, the page on citing from CITATION.cff, the tutorials from the notebooks.
+- A link to a CSV file that is a paragraph by itself becomes the table.
 - What is built is looked through: nothing may be fetched from another host.
 """
 
@@ -12,12 +13,13 @@ from __future__ import annotations
 
 import ast
 import base64
+import csv
 import html
 import json
 import posixpath
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -37,11 +39,15 @@ OUTSIDE = {
     "ARCHITECTURE.md": "architecture.md",
     "CONTRIBUTING.md": "contributing.md",
     "CHANGELOG.md": "changelog.md",
+    "CODE_OF_CONDUCT.md": "conduct.md",
     "SECURITY.md": "security.md",
     "LICENSE": "license.md",
     "CITATION.cff": "citing.md",
+    "src/deltac/codes.py": "codes.md",
+    "tests/natural_logs/cases.py": "natural-logs.md",
+    "action.yml": "action.md",
 }
-"""Documents outside docs/, and the pages that they become."""
+"""Documents and lists outside docs/, and the pages that they become."""
 
 NOTEBOOKS = ROOT / "docs" / "notebooks"
 
@@ -89,9 +95,13 @@ def _outside(name: str) -> str:
     text = (ROOT / name).read_text("utf-8")
     if name == "LICENSE":
         return f"# Licence\n\n```text\n{text}```\n"
-    if name == "CITATION.cff":
-        return "\n".join(_citing(text))
-    return text
+    made = {
+        "CITATION.cff": lambda: _citing(text),
+        "src/deltac/codes.py": _codes,
+        "tests/natural_logs/cases.py": _natural_logs,
+        "action.yml": lambda: _action(text),
+    }
+    return "\n".join(made[name]()) if name in made else text
 
 
 # --- links ---------------------------------------------------------------------------------------
@@ -112,11 +122,31 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         target = re.sub(r"^notebooks/(.*)\.ipynb$", r"tutorials/\1.md", target)
         return match[1] + posixpath.relpath(target, posixpath.dirname(here) or ".")
 
+    def filled(match: re.Match[str]) -> str:
+        return _table((ROOT / posixpath.dirname(source) / match[1]).read_text("utf-8"))
+
+    markdown = TABLE.sub(filled, markdown)
     parts = re.split(r"(^```.*?^```$)", markdown, flags=re.MULTILINE | re.DOTALL)
     text = "".join(p if p.startswith("```") else LINK.sub(moved, p) for p in parts)
     if "```mermaid" in text:
         raise PluginError(f"{here}: mermaid is drawn by a script from another host; use a picture")
     return text
+
+
+TABLE = re.compile(r"^\[[^\]\n]+\]\(([\w./-]+\.csv)\)$", re.MULTILINE)
+
+
+def _table(text: str) -> str:
+    """A CSV file as a table; columns of numbers are aligned to the right."""
+    head, *rows = csv.reader(text.splitlines())
+    number = re.compile(r"[-\d.,e+ %]*")
+    sides = [
+        "---:" if all(number.fullmatch(row[k]) for row in rows) else "---" for k in range(len(head))
+    ]
+    lines = [head, sides, *rows]
+    return "\n".join(
+        "| " + " | ".join(c.replace("|", "\\|") for c in line) + " |" for line in lines
+    )
 
 
 SHIM = "https://unpkg.com/iframe-worker/shim"
@@ -279,6 +309,90 @@ def _holds(kind: type, name: str) -> str:
             (c.__annotations__[name] for c in kind.__mro__ if name in c.__annotations__), ""
         )
     return str(told).replace("|", "or")
+
+
+# --- codes, natural logs, the action --------------------------------------------------------------
+
+CODES = """# Codes of findings and errors
+
+A code keeps its meaning, while the sentences around it may change. JSON contains codes, text shows them
+in brackets, and tests should assert them. `deltac.codes.FINDINGS` and `dc.InputError.codes()` list them;
+this page is made from these lists.
+
+## Errors
+
+Bad input raises a `deltac.InputError` (a subclass of `ValueError`), whose `code` names its kind. Commands
+exit with code 2.
+"""
+
+FINDING = """
+## Findings
+
+A finding has a `weight`: a *cause* explains what is wrong, a *doubt* means that the log cannot be judged
+as it stands, and a *note* is information. Its `kind` is the code in lower case, without the `F-`.
+"""
+
+NATURAL = """# Natural logs
+
+Log files as other programs write them, and whether deltac reads them: of a double pendulum, a pendulum, a
+pole on a cart, and a floating trunk with a leg. The files are in `tests/natural_logs/logs`. Most were
+written by the programs themselves (`python -m tests.natural_logs.generate`); those of programs that were
+not available, such as MATLAB, have the structure that the program's documentation describes. *As is*:
+`deltac audit MODEL LOG` reads it. *After the draft*: with the mapping that `--draft-mapping` writes,
+unedited. A refusal comes with the lines that convert the file. [Logs](../../docs/logs.md) says what is
+recognised; a test reads every file of this list.
+"""
+
+
+def _rows(head: str, rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """A table in Markdown."""
+    yield head
+    yield "|" + "---|" * (head.count("|") - 1)
+    for row in rows:
+        yield f"| {' | '.join(row)} |"
+
+
+def _codes() -> Iterator[str]:
+    """The codes of errors and findings, from their lists."""
+    from deltac.codes import COMMAND_ERRORS, FINDINGS, finding_code
+    from deltac.errors import InputError
+
+    errors = InputError.codes() | COMMAND_ERRORS
+    yield CODES
+    yield from _rows(
+        "| code | meaning |", ((f"`{code}`", text.rstrip(".")) for code, text in errors.items())
+    )
+    yield FINDING
+    yield from _rows(
+        "| code | meaning |", ((f"`{finding_code(kind)}`", text) for kind, text in FINDINGS.items())
+    )
+
+
+def _natural_logs() -> Iterator[str]:
+    """The natural logs, from the list that the tests read."""
+    from tests.natural_logs.cases import CASES
+
+    yield NATURAL
+    yield from _rows(
+        "| file | origin | read |",
+        (
+            (f"`{c.file}`", c.provenance, f"{c.outcome}{f': {c.remark}' if c.remark else ''}")
+            for c in CASES
+        ),
+    )
+
+
+def _action(text: str) -> Iterator[str]:
+    """Inputs and outputs of the GitHub Action, from its description."""
+    import yaml
+
+    action = yaml.safe_load(text)
+    yield f"# The GitHub Action\n\n{action['description']} [In a CI](docs/ci.md) shows its use.\n"
+    for part in ("input", "output"):
+        described = action[f"{part}s"].items()
+        rows = ((f"`{n}`", d["description"], str(d.get("default", ""))) for n, d in described)
+        yield from _rows(f"| {part} | what | default |", rows)
+        yield ""
 
 
 # --- citing --------------------------------------------------------------------------------------

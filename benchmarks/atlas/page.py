@@ -1,4 +1,4 @@
-"""The page of the atlas: tables of docs/atlas.md and the data of its interactive table.
+"""The page of the atlas: its tables in docs/data/atlas and the data of its interactive table.
 
     python benchmarks/atlas/page.py RESULTS
 
@@ -7,6 +7,7 @@ RESULTS is the folder of `deltac atlas benchmarks/atlas/plan.toml --out RESULTS`
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import statistics
@@ -111,13 +112,11 @@ def entries(rows: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
         }
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table in Markdown."""
-    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
-    return "\n".join(lines + [f"| {' | '.join(map(str, row))} |" for row in rows])
+Table = list[Sequence[Any]]
+"""A head and its rows."""
 
 
-def by_integrator(every: Sequence[dict[str, Any]]) -> str:
+def by_integrator(every: Sequence[dict[str, Any]]) -> Table:
     """Verdicts of the runs, and what an integrator costs at the models' own step."""
     rows = []
     for solver in sorted({entry["solver"] for entry in every}):
@@ -137,10 +136,10 @@ def by_integrator(every: Sequence[dict[str, Any]]) -> str:
             )
         )
     head = ("integrator", "models", "runs", *VERDICTS, "order (nominal)", "error per joule")
-    return table(head, rows)
+    return [head, *rows]
 
 
-def by_simulator(every: Sequence[dict[str, Any]]) -> str:
+def by_simulator(every: Sequence[dict[str, Any]]) -> Table:
     """Verdicts of all runs by simulator, with shares of those that were judged."""
     rows = []
     for key, name in [*SIMULATOR.items(), ("", "all")]:
@@ -152,10 +151,10 @@ def by_simulator(every: Sequence[dict[str, Any]]) -> str:
         rows.append(
             (name, models, len(runs), *(counts[v] or "" for v in VERDICTS), f"{share:.1f} %")
         )
-    return table(("simulator", "models", "runs", *VERDICTS, "share unresolved"), rows)
+    return [("simulator", "models", "runs", *VERDICTS, "share unresolved"), *rows]
 
 
-def by_package(every: Sequence[dict[str, Any]], refused: Sequence[dict[str, Any]]) -> str:
+def by_package(every: Sequence[dict[str, Any]], refused: Sequence[dict[str, Any]]) -> Table:
     """How many models a package ships, and what came of them."""
     names = Counter(entry["model"].split("/")[0] for entry in refused)
     models: dict[str, set[str]] = {}
@@ -170,10 +169,10 @@ def by_package(every: Sequence[dict[str, Any]], refused: Sequence[dict[str, Any]
             (package, len(models.get(package, ())), names[package], len(runs),
              *(counts[v] or "" for v in VERDICTS))
         )  # fmt: skip
-    return table(("package", "models run", "not run", "runs", *VERDICTS), rows)
+    return [("package", "models run", "not run", "runs", *VERDICTS), *rows]
 
 
-def below_nominal(every: Sequence[dict[str, Any]]) -> str:
+def below_nominal(every: Sequence[dict[str, Any]]) -> Table:
     """Where the observed order is less than the nominal one by more than a third."""
     rows = [
         (
@@ -185,7 +184,7 @@ def below_nominal(every: Sequence[dict[str, Any]]) -> str:
         for e in every
         if e["order"] is not None and e["order"] < nominal(e["solver"]) - 1 / 3
     ]
-    return table(("model", "integrator", "motion", "order (nominal)"), rows)
+    return [("model", "integrator", "motion", "order (nominal)"), *rows]
 
 
 def data(every: Sequence[dict[str, Any]]) -> str:
@@ -219,7 +218,7 @@ def data(every: Sequence[dict[str, Any]]) -> str:
 
 
 def main() -> None:
-    """Write the data, and the tables between the markers of the page."""
+    """Write the data, the tables, and the count between the markers of the page."""
     fleet = fleet_status(Path(sys.argv[1]))
     frame = fleet.frame
     rows = [row for row in frame.iter_rows(named=True)]
@@ -233,18 +232,20 @@ def main() -> None:
         [row[name] for row in rows if row[name] is not None] for name in ("seconds", "run_seconds")
     )
     builds = Counter(row["build"] for row in rows if row["build"])
-    told = {
-        "count": f"{runs} of {planned} planned runs, of {models} models; {len(refused)} models were not run. "
+    count = (
+        f"{runs} of {planned} planned runs, of {models} models; {len(refused)} models were not run. "
         f"Processor time: {sum(motions):.0f} s for the runs, {sum(audits):.0f} s for the audits, "
         f"{statistics.median(map(sum, zip(motions, audits, strict=True))):.2f} s in the median of both. "
-        f"Versions of deltac: {', '.join(f'{name} ({n} runs)' for name, n in builds.most_common())}.",
+        f"Versions of deltac: {', '.join(f'{name} ({n} runs)' for name, n in builds.most_common())}."
+    )
+    tables = {
         "simulators": by_simulator(every),
         "integrators": by_integrator(every),
         "packages": by_package(every, refused),
         "orders": below_nominal(every),
-        "refused": table(
+        "refused": [
             ("reason", "models"),
-            Counter(
+            *Counter(
                 re.sub(
                     r"^\d+ speeds, .*",
                     "too large for this atlas",
@@ -254,15 +255,19 @@ def main() -> None:
                 .replace("|", "/")
                 for row in refused
             ).most_common(12),
-        ),
+        ],
     }
+    for name, rows_of_table in tables.items():
+        with (DOCS / "data" / "atlas" / f"{name}.csv").open(
+            "w", encoding="utf-8", newline=""
+        ) as file:
+            csv.writer(file, lineterminator="\n").writerows(rows_of_table)
     page = DOCS / "atlas.md"
-    text = page.read_text()
-    for name, content in told.items():
-        marker = rf"(<!-- {name} -->\n)(.*?)(<!-- end -->)"
-        text = re.sub(marker, lambda m, c=content: f"{m[1]}{c}\n{m[3]}", text, flags=re.S)
-    page.write_text(text)
-    print(told["count"])
+    marked = r"(<!-- count -->\n)(.*?)(<!-- end -->)"
+    page.write_text(
+        re.sub(marked, lambda m: f"{m[1]}{count}\n{m[3]}", page.read_text(), flags=re.S)
+    )
+    print(count)
 
 
 if __name__ == "__main__":

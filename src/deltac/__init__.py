@@ -15,7 +15,7 @@ from typing import Any
 from deltac.calls.services import provide
 from deltac.calls.stubs import listed
 
-__version__ = "0.1.0"
+__version__ = "1.0.0"
 
 #: public name -> the module that defines it
 _PUBLIC = listed(__file__)

@@ -1,7 +1,7 @@
 """The stable codes of findings and what each means; those of errors are in `deltac.errors`.
 
 A code never changes its meaning, while the sentences around it may. A new kind of finding is one line
-here and one in docs/codes.md; a test compares the two.
+here; the site's page of codes is made from this list.
 """
 
 from __future__ import annotations
@@ -145,6 +145,13 @@ FINDINGS: dict[str, str] = {
     "linearised": "the function is linear, or right for small coordinates only",
 }
 """Kind of finding -> what it means. The code of a kind is "F-" and the kind in capitals."""
+
+COMMAND_ERRORS: dict[str, str] = {
+    "E-TIME": "A run, study or audit of a fleet that took longer than its time limit, and was ended",
+    "E-USAGE": "The command line itself: an unknown option, a missing argument. Exit code 2",
+    "E-INTERNAL": "A bug in deltac; please report it. Exit code 70",
+}
+"""Codes of errors that are no `deltac.InputError`, and what each means."""
 
 
 def finding_code(kind: str) -> str:

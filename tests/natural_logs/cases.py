@@ -183,15 +183,3 @@ CASES = (
     Case("opensim_forward", "OpenSim 4.6: all files of a forward simulation by ForwardTool"),
     Case("adams.tab", "Adams: a table of measures, units in brackets below the names"),
 )  # fmt: skip
-
-
-def rows() -> list[str]:
-    """The rows of the table in the documentation."""
-    return [
-        f"| `{c.file}` | {c.provenance} | {c.outcome}{f': {c.remark}' if c.remark else ''} |"
-        for c in CASES
-    ]
-
-
-if __name__ == "__main__":
-    print("\n".join(rows()))

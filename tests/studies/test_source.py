@@ -1,4 +1,4 @@
-"""The table in docs/thesis.md from the source to the code: what it names exists and is what the row says.
+"""From the source to the code, docs/data/thesis/source.csv: what it names exists and is what a row says.
 
 `SOURCE` was written from the thesis itself, not from the table: every equation of chapters 2 to 4, and words
 of its subject, one of which a row that names the equation must have.
@@ -6,6 +6,7 @@ of its subject, one of which a row that names the equation must have.
 
 from __future__ import annotations
 
+import csv
 import importlib
 import re
 from pathlib import Path
@@ -84,15 +85,11 @@ def _equations(text: str) -> list[str]:
 
 
 def _rows() -> list[tuple[str, list[str], list[str]]]:
-    text = (ROOT / "docs" / "thesis.md").read_text("utf-8")
-    table = text.split("## From the source to the code")[1].split("## ")[0]
-    rows = []
-    for line in table.splitlines():
-        cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
-        if len(cells) == 3 and "`" in cells[1]:
-            functions, tests = (re.findall(r"`([^`]+)`", cell) for cell in cells[1:])
-            rows.append((cells[0].replace("\\*", "*"), functions, tests))
-    return rows
+    text = (ROOT / "docs" / "data" / "thesis" / "source.csv").read_text("utf-8")
+    return [
+        (what.replace("\\*", "*"), *(re.findall(r"`([^`]+)`", cell) for cell in named))
+        for what, *named in list(csv.reader(text.splitlines()))[1:]
+    ]
 
 
 ROWS = _rows()

@@ -6,10 +6,10 @@ references (calculated by another program), or SciPy's integrator on the hand-wr
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import json
 import math
-import re
 from pathlib import Path
 
 import matplotlib.colors
@@ -479,19 +479,14 @@ def test_axes_are_those_that_the_thesis_labels(whole: Reproduction) -> None:
             assert len(panels[0].lines) == 3
 
 
-# --- the statements in docs/thesis.md ---------------------------------------------------------------
+# --- the statements in docs/data/thesis/statements.csv ----------------------------------------------
 
 
 def _documented() -> dict[tuple[str, str, str, str], tuple[str, str]]:
     """Figure, run, quantity and statement, and what is measured and whether it agrees."""
-    text = (Path(__file__).resolve().parents[2] / "docs" / "thesis.md").read_text("utf-8")
-    table = text.split("## Every statement")[1]
-    found = {}
-    for line in table.splitlines():
-        cells = [c.strip().replace("\\|", "|") for c in re.split(r"(?<!\\)\|", line)[1:-1]]
-        if len(cells) == 6 and cells[0].startswith("4."):
-            found[cells[0], cells[1], cells[2], cells[3]] = (cells[4], cells[5].strip("*"))
-    return found
+    path = Path(__file__).resolve().parents[2] / "docs" / "data" / "thesis" / "statements.csv"
+    rows = list(csv.reader(path.read_text("utf-8").splitlines()))[1:]
+    return {(a, b, c, d): (value, agreement.strip("*")) for a, b, c, d, value, agreement in rows}
 
 
 def test_statements_in_the_documents(whole: Reproduction) -> None:

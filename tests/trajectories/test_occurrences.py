@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.energy.streaming import OVERLAP, balance_chunks
+from deltac.energy.accumulator import OVERLAP, balance_chunks
 from deltac.trajectories import from_columns, to_columns, to_metadata
 
 

@@ -43,7 +43,7 @@ Format = Annotated[
     Form,
     typer.Option(
         "--format",
-        help="Output format. json: see docs/json.md; github: annotations and a job summary; junit: XML; "
+        help="Output format. json: see docs/contract.md; github: annotations and a job summary; junit: XML; "
         "sarif: findings and repairs with file and line.",
     ),
 ]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
-from deltac.energy.balance import balance, residuals
+from deltac.energy.accumulator import balance
+from deltac.energy.balance import residuals
 from deltac.energy.ledger import Ledger
 
 __all__ = ["TESTING_FUNCTIONS", "Ledger", "balance", "residuals"]

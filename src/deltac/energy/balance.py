@@ -1,4 +1,4 @@
-"""`balance`: from a mechanism and a trajectory, of whatever origin, to a ledger."""
+"""From a mechanism and rows of a trajectory, of whatever origin, to a ledger."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ from deltac.dynamics.testing_functions import (
     testing_functions,
 )
 from deltac.energy.discrete import DiscreteWork, discrete_work
-from deltac.energy.ledger import Ledger, worst_rows
+from deltac.energy.ledger import Ledger
 from deltac.energy.one_pass import OnePass, in_one_pass
-from deltac.energy.prepare import checked_samples, violations
+from deltac.energy.prepare import checked_samples
 from deltac.energy.sampling.quadrature import Integral
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
 from deltac.energy.sampling.segments import Jumps, Rows, integrate_pieces, jumps, rows_of
@@ -62,27 +62,29 @@ DIVISIONS = 64
 """Samples at which own speeds are held against the constraints."""
 
 
-def balance(
+def balance_of_rows(
     mechanism: Mechanism,
     run: Trajectory,
-    work: str | None = None,
-    testing: Sequence[str] | None = None,
-    *,
-    coordinates: CoordinateMap | None = None,
-    potential: Law | str | None = None,
-    keep: int | None = None,
-) -> Ledger:
-    """Evaluate the energy testing functions on a trajectory: the core of `deltac.balance`."""
+    work: str | None,
+    testing: Sequence[str] | None,
+    coordinates: CoordinateMap | None,
+    potential: Law | str | None,
+    keep: int | None,
+) -> Piece:
+    """What the rows of a run come to, by the arguments of `balance`.
+
+    Where one pass suffices and `keep` is given, at about so many rows; else at all.
+    """
     _require_trajectory(run)
+    if keep is not None and keep < 1:
+        raise ArgumentsError(
+            f"keep={keep}: expected how many rows the ledger is to keep, 1 or more"
+        )
     if potential is not None and work not in (None, "samples"):
         raise ArgumentsError(
             f"potential: ΔC with a V of your own is taken along the samples, not {work!r}; leave work out"
         )
     method = _method(run, work if potential is None else "samples")
-    if keep is not None and keep < 1:
-        raise ArgumentsError(
-            f"keep={keep}: expected how many rows the ledger is to keep, 1 or more"
-        )
     noted = run.provenance.coordinates
     if coordinates is None and noted and method == "in-loop":
         coordinates = CoordinateMap(**noted)
@@ -116,8 +118,7 @@ def balance(
     else:
         columns = _Columns.of_pass(one_pass, kernels)
     discrete = discrete_work(symbols, rows, samples, log) if method == "discrete" else None
-    jumped = jumps(rows, run.t, symbols.system, symbols.constrained, functions, coordinates)
-    ledger = _Balance(
+    return Piece(
         mechanism,
         run,
         method,
@@ -125,18 +126,10 @@ def balance(
         symbols,
         kernels,
         columns,
-        jumped,
+        jumps(rows, run.t, symbols.system, symbols.constrained, functions, coordinates),
         None if discrete is None else discrete.at(rows.own),
         integrated,
-    ).ledger(basis)
-    places, violation = columns.rows, violations(mechanism, run)
-    if keep is None:
-        return replace(ledger, violation=violation)
-    if one_pass is None:
-        places = worst_rows(ledger, places, len(run), keep)
-        ledger = ledger.at(places)
-    return replace(
-        ledger, violation={n: np.maximum.reduceat(v, places) for n, v in violation.items()}
+        basis,
     )
 
 
@@ -146,8 +139,7 @@ class _Columns:
 
     `rows` are their places in the run, `outputs` the kernel's values there, each (n, rows), `sums` the
     integrals of those of `between`, by `rule`. Over all rows of the run were taken: the `least` and `largest`
-    K2, K1, K0, V and K; ∫|ṗ_r| dt, `momentum_exchanged`; and `flow`, ∫|P| dt by channel, where the rows are
-    only some of the run's.
+    K2, K1, K0, V and K; in one pass also ∫|ṗ_r| dt, `momentum_exchanged`, and `flow`, ∫|P| dt by channel.
     """
 
     rows: NDArray[np.intp]
@@ -156,8 +148,8 @@ class _Columns:
     rule: str
     least: Array
     largest: Array
-    momentum_exchanged: Array
-    flow: Mapping[ChannelName, float] | None
+    momentum_exchanged: Array | None = None
+    flow: Mapping[ChannelName, float] | None = None
 
     @staticmethod
     def of_all_rows(
@@ -171,17 +163,13 @@ class _Columns:
         integral = integrate_pieces(samples, rows.starts, evaluate, between, rated, leading)
         outputs, sums = _by_name(kernels, values[:, rows.own], integral, rows.own)
         energies = np.vstack([outputs["energies"], Energies(*outputs["energies"]).K])
-        rates = np.abs(outputs["force"][len(kernels.momenta) :])
-        t = samples.t[rows.own]
         return _Columns(
-            np.arange(len(t)),
+            np.arange(energies.shape[1]),
             outputs,
             sums,
             integral.rule,
             energies.min(axis=1),
             energies.max(axis=1),
-            0.5 * ((rates[:, 1:] + rates[:, :-1]) * np.diff(t)).sum(axis=1),
-            None,
         )
 
     @staticmethod
@@ -214,11 +202,12 @@ def _by_name(
 
 
 @dataclass(frozen=True, eq=False)
-class _Balance:
-    """A balance part by part: from what its rows come to (`columns`), the works, ΔC and the ledger.
+class Piece:
+    """A balance of some rows part by part: from what these come to (`columns`), works, ΔC and the ledger.
 
     `integrated`: the powers of the testing functions were integrated in the loop; `discrete`: the works of a
-    scheme, where these are asked for; `jumped`: what impacts and other jumps did.
+    scheme, where these are asked for; `jumped`: what impacts and other jumps did; `basis`: where
+    accelerations and logged forces are from.
     """
 
     mechanism: Mechanism
@@ -231,6 +220,12 @@ class _Balance:
     jumped: Jumps
     discrete: DiscreteWork | None
     integrated: bool
+    basis: Mapping[str, str]
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """Places in the run of the ledger's rows."""
+        return self.columns.rows
 
     @cached_property
     def growth(self) -> Array:
@@ -337,18 +332,35 @@ class _Balance:
         works |= self.lost(works)
         return {name: works[name] for name in self.kernels.powers}
 
+    def flow(self, rows: slice) -> float:
+        """∫Σ|P| dt over some rows as far as it is certain, the sizes of impulses' works added, J."""
+        whole = self.columns.flow if rows == slice(0, len(self.rows)) else None
+        t, jumped = self.run.t[self.rows][rows], self.jumped.exchanged[self.rows[rows]]
+        flow = sum(
+            exchanged(work.at(rows), self.power[name][rows], t)
+            if whole is None
+            else certain(whole[name], work)
+            for name, work in self.of_forces.items()
+        )
+        return flow + float(jumped[-1] - jumped[0])
+
+    def momentum_flow(self, rows: slice) -> dict[str, float]:
+        """∫|ṗ_r| dt over some rows, by speed."""
+        kernels, columns = self.kernels, self.columns
+        if columns.momentum_exchanged is not None and rows == slice(0, len(self.rows)):
+            sizes = columns.momentum_exchanged
+        else:
+            rates = np.abs(columns.outputs["force"][len(kernels.momenta) :, rows])
+            h = np.diff(self.run.t[self.rows[rows]])
+            sizes = 0.5 * ((rates[:, 1:] + rates[:, :-1]) * h).sum(axis=1)
+        return dict(zip(kernels.speeds, map(float, sizes)))
+
     @cached_property
     def energy_exchanged(self) -> float:
         """∫Σ|P| dt + range(K) + range(V), as far as it is certain, J."""
-        columns, t = self.columns, self.run.t[self.columns.rows]
-        flow = sum(
-            exchanged(work, self.power[name], t)
-            if columns.flow is None
-            else certain(columns.flow[name], work)
-            for name, work in self.of_forces.items()
-        )
         # Of K2, K1, K0, V and K the range of the last two.
-        return flow + self.jumped.exchanged + float((columns.largest - columns.least)[-2:].sum())
+        ranges = (self.columns.largest - self.columns.least)[-2:]
+        return self.flow(slice(0, len(self.rows))) + float(ranges.sum())
 
     @cached_property
     def rounding(self) -> Array:
@@ -398,8 +410,9 @@ class _Balance:
             departures.append(Work(p - p[0] - flowed, bar + rounding))
         return dict(zip(names[:own], departures)), dict(zip(names[own:], departures[own:]))
 
-    def ledger(self, basis: Mapping[str, str]) -> Ledger:
-        """All of it, but for violations; `basis` says where accelerations and logged forces are from."""
+    @cached_property
+    def ledger(self) -> Ledger:
+        """All of it, but for violations."""
         columns, kernels, works = self.columns, self.kernels, self.works
         momentum, delta_p = self.momenta
         nothing = np.zeros(len(columns.rows))
@@ -421,11 +434,11 @@ class _Balance:
             momentum={name: departure.value for name, departure in momentum.items()},
             momentum_bar={name: departure.bar for name, departure in momentum.items()},
             violation={},
-            basis=computed | dict.fromkeys(self.impulsive, "measured") | dict(basis),
+            basis=computed | dict.fromkeys(self.impulsive, "measured") | dict(self.basis),
             rule="discrete" if self.discrete is not None else columns.rule,
             delta_p={name: departure.value for name, departure in delta_p.items()},
             delta_p_bar={name: departure.bar for name, departure in delta_p.items()},
-            momentum_exchanged=dict(zip(kernels.speeds, map(float, columns.momentum_exchanged))),
+            momentum_exchanged=self.momentum_flow(slice(0, len(self.rows))),
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -154,14 +154,9 @@ class Ledger(
         """ΔC (T,) of a testing function with the work of corrections counted as error, not as force."""
         return self.delta_c[name] + self.corrections
 
-    def at(self, rows: NDArray[np.intp]) -> Ledger:
+    def at(self, rows: NDArray[np.intp] | slice) -> Ledger:
         """The same at some of its rows; what was taken over all of them stays."""
-        arrays: dict[str, Any] = {n: getattr(self, n)[rows] for n in ("t", "K2", "K1", "K0")}
-        groups: dict[str, Any] = {
-            group: {name: values[rows] for name, values in getattr(self, group).items()}
-            for group in _WHAT.keys() - {"work_from", "momentum_exchanged"}
-        }
-        return replace(self, **arrays, **groups)
+        return _column_by_column([self], lambda columns: columns[0][rows])
 
     def to_frame(self) -> polars.DataFrame:
         """All of it as a table, a row a sample."""
@@ -281,6 +276,25 @@ class Ledger(
                 ),
             )
         yield f"{self.energy_exchanged:.4g} J were exchanged in {self.duration:g} s; ΔC by {self.method}."
+
+
+def joined(parts: Sequence[Ledger]) -> Ledger:
+    """The rows of ledgers one after the other; what was taken over all rows is that of the first."""
+    if len(parts) == 1:
+        return parts[0]
+    rules = ", ".join(dict.fromkeys(part.rule for part in parts))
+    return replace(_column_by_column(parts, np.concatenate), rule=rules)
+
+
+def _column_by_column(parts: Sequence[Ledger], made: Callable[[list[Array]], Array]) -> Ledger:
+    """A ledger each of whose columns is `made` of those of the parts."""
+    arrays: dict[str, Any] = {
+        name: made([getattr(part, name) for part in parts]) for name in ("t", "K2", "K1", "K0")
+    }
+    for group in _WHAT.keys() - {"work_from", "momentum_exchanged"}:
+        members = [getattr(part, group) for part in parts]
+        arrays[group] = {name: made([m[name] for m in members]) for name in members[0]}
+    return replace(parts[0], **arrays)
 
 
 def worst_rows(ledger: Ledger, places: NDArray[np.intp], rows: int, keep: int) -> NDArray[np.intp]:

@@ -55,6 +55,10 @@ class Work:
             growth = growth_of_rounding(np.arange(len(value)))
         return Work(value, growth * (EPS * (largest(value) + size)), way)
 
+    def at(self, rows: slice) -> Work:
+        """The same at some of the samples."""
+        return Work(self.value[rows], self.bar[rows], self.way)
+
     def __add__(self, other: Work) -> Work:
         return Work(self.value + other.value, self.bar + other.bar, self.way)
 

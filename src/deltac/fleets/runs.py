@@ -283,7 +283,7 @@ def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
 
 def _single(piece: RunPiece) -> dict[str, Any]:
     """One run by `simulate`: of solvers that ensembles do not have, and of mechanisms with events."""
-    from deltac.energy.balance import balance
+    from deltac.energy import balance
     from deltac.simulation.solvers import find_solver
 
     task = piece.task

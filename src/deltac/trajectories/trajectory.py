@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
 from deltac.calls.services import service
@@ -188,6 +189,8 @@ class Trajectory(Shown, Once):
     works       channel -> (T,) work that it did on the system, J, integrated in the loop by the solver, or
                 by a recorder at the stages of the solver, from the first row on; that of impulses is told
                 by `events`
+    stages      (T, s, nu) generalized forces, all but those of springs and dampers together, at the s later
+                stages of the step that the solver made from each row; or None when not known
     integrals   testing function -> (T,) integral over time of its power P, J, taken in the loop
                 by the solver, from the first row on
     provenance  who made it
@@ -209,6 +212,7 @@ class Trajectory(Shown, Once):
     udot: FloatArray | None = None
     forces: ByChannel = field(default_factory=dict)
     works: ByChannel = field(default_factory=dict)
+    stages: FloatArray | None = None
     integrals: Mapping[str, FloatArray] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
     events: tuple[Occurrence, ...] = ()
@@ -241,6 +245,8 @@ class Trajectory(Shown, Once):
             for channel, values in self.forces.items()
         }
         _set(self, "forces", MappingProxyType(forces))
+        if self.stages is not None:
+            _set(self, "stages", self._at_stages(np.asarray(self.stages)))
         for name, prefix in (("works", "work"), ("integrals", "integral")):
             sums = {
                 key: self._samples(f"{prefix}.{key}", values, None)
@@ -269,6 +275,17 @@ class Trajectory(Shown, Once):
             if (event.udot_before is None) != (self.udot is None):
                 raise LogError(f"events: {event!r} and the rows must both have udot, or neither")
             before = event.t
+
+    def _at_stages(self, values: FloatArray) -> FloatArray:
+        if values.ndim != 3:
+            raise LogError(f"stages: found shape {values.shape}, expected (T, s, nu)")
+        each = [
+            self._samples(f"stage{k + 2}", values[:, k], self.speeds)
+            for k in range(values.shape[1])
+        ]
+        stages = np.stack(each, axis=1) if each else np.zeros(values.shape)
+        stages.flags.writeable = False
+        return stages
 
     def _samples(self, label: str, values: Any, names: tuple[str, ...] | None) -> FloatArray:
         """`values` as a finite (T, len(names)) array, or (T,) when there are no names."""
@@ -468,18 +485,9 @@ class Trajectory(Shown, Once):
             raise InputError(
                 f"rows: found {interpolated}; expected at least one, in ascending order"
             )
-        t = self.t[rows]
-        return replace(
-            self,
-            t=t,
-            events=tuple(e for e in self.events if t[0] <= e.t <= t[-1]),
-            q=self.q[rows],
-            u=self.u[rows],
-            udot=None if self.udot is None else self.udot[rows],
-            forces={channel: values[rows] for channel, values in self.forces.items()},
-            works={channel: values[rows] for channel, values in self.works.items()},
-            integrals={name: values[rows] for name, values in self.integrals.items()},
-        )
+        taken = column_by_column([self], lambda columns: columns[0][rows])
+        first, last = taken.t[0], taken.t[-1]
+        return replace(taken, events=tuple(e for e in self.events if first <= e.t <= last))
 
     @classmethod
     def from_scipy(
@@ -668,3 +676,21 @@ def _rebuild(instance: Provenance | Trajectory, **changes: Any) -> tuple[Any, ..
     values = {f.name: getattr(instance, f.name) for f in fields(instance)} | changes
     make: Callable[..., Any] = type(instance)
     return functools.partial(make, **values), ()
+
+
+def column_by_column(
+    runs: Sequence[Trajectory], made: Callable[[list[Array]], Array]
+) -> Trajectory:
+    """A trajectory each of whose columns is `made` of those of several runs that all have it.
+
+    Events stay out; what else there is of a run is the first one's.
+    """
+    columns: dict[str, Any] = {n: made([getattr(run, n) for run in runs]) for n in ("t", "q", "u")}
+    for name in ("udot", "stages"):
+        some = [getattr(run, name) for run in runs if getattr(run, name) is not None]
+        columns[name] = made(some) if len(some) == len(runs) else None
+    for group in ("forces", "works", "integrals"):
+        members = [getattr(run, group) for run in runs]
+        names = [name for name in members[-1] if all(name in one for one in members)]
+        columns[group] = {name: made([one[name] for one in members]) for name in names}
+    return replace(runs[0], events=(), **columns)

@@ -110,8 +110,8 @@ SHARES = (0.0, 0.01, 0.1, 1.0)
 """Shares of what forces may have done between the rows of a thinned log that are compared by likelihood."""
 
 NEGLIGIBLE = 1e-5
-"""Share of the energy exchanged below which a cause is not told: iterations of constraint solvers stop
-there."""
+"""Share of the energy exchanged below which a cause is told only if it is all that is left of the rows:
+iterations of constraint solvers stop there."""
 
 RELINEARISATIONS = 3
 """Times at most that flow and columns are taken anew with the causes in the equations (Gauss–Newton)."""
@@ -243,6 +243,12 @@ class Inference:
         return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
 
     @property
+    def knows_stages(self) -> bool:
+        """Whether the log holds the forces at all stages of the method that closes it."""
+        later = len(self.log.intervals.stages)
+        return bool(later) and any(m.stages == later + 1 for m in self.methods)
+
+    @property
     def closes(self) -> bool:
         """Whether each row follows from the one before by a known step, within the noise of both."""
         return bool(self.methods) and self.excess <= 1.0
@@ -257,7 +263,7 @@ def infer(
 ) -> Inference | None:
     """The inference for a run whose columns are in the mechanism's order; None for too few rows.
 
-    `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it are not told.
+    `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it must be all.
     Where the time `limit` has passed, places and axes are no causes, and causes count to first order.
     """
     if not len(mechanism.free.u) or len(run) < 3:
@@ -640,7 +646,8 @@ class _Inferring:
 
     def _act(self, best: Fit, filters: bool = False) -> bool:
         """Let forces act as is likeliest beside causes; whether that is otherwise than before."""
-        if self.filter is not None or not self.kinds or all(self.declared):
+        told = all(self.declared) or self.log.intervals.stages
+        if self.filter is not None or not self.kinds or told:
             return False
         # Without causes they were asked already.
         kinds = self._kinds_of_forces(best) if best.chosen or not filters else self.kinds
@@ -802,7 +809,7 @@ class _Inferring:
         series = self._block(white[:, :, 0], white[:, :, 1:], ni, places)
         self.D = np.ascontiguousarray(white[:, :, places + 1])
         self.gradient, self.slack = self._weights()
-        self.least = max(NEGLIGIBLE * self.energy, self._remainder(series), self._attenuation())
+        self.bias, self.omitted = self._attenuation(), self._remainder(series)
         measured = self._of_rates() if self._knows_accelerations else None
         posterior, series = (measured[1], series) if measured else self._of_series(series)
         self.methods: tuple[Integrator, ...] = ()
@@ -962,9 +969,10 @@ class _Inferring:
             return refitted((block,), self.posterior, self.candidates)
         # Known accelerations are linear in almost all causes: small ones beside large ones are real.
         many = (MANY, 0.0) if self._knows_accelerations else (TOGETHER, BESIDE)
-        return search(
-            (block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least, *many
-        )
+        # What the series leaves out is no matter of known accelerations, nor of a method's own map.
+        least = max(self.bias, self.omitted if len(block.nuisance) else 0.0)
+        joules, negligible = lambda fit: self._exchanged(fit)[0], NEGLIGIBLE * self.energy
+        return search((block,), self.candidates, joules, least, negligible, *many)
 
     def _of_method(self, of: Map, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
@@ -1200,7 +1208,7 @@ class _Inferring:
         exchanged, errors, energy = self._exchanged(best)
         odds, explained, coefficients = _generic(self.blocks[0], best)
         unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
-        if unnamed < self.least:  # as little as what the series leaves out
+        if unnamed < max(NEGLIGIBLE * self.energy, self.bias, self.omitted):
             odds = -np.inf
         damped = self.plant.damped
         return Inference(

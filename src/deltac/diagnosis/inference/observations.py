@@ -52,10 +52,11 @@ class Observations:
         change = [e - b for e, b in zip(errors, self.beyond, strict=True)]
         ends = self.intervals.start, self.intervals.end
         start, end = (model.displaced(at, -x) for at, x in zip(ends, change, strict=True))
+        intervals = replace(self.intervals, start=start, end=end)
         # What was made of coordinates is off by as much as that.
         off = np.sqrt(np.mean(errors[1] ** 2, axis=0))
         first, last = (np.where(self.unknown, off, x) for x in self.noise)
-        return replace(self, intervals=Intervals(start, end), beyond=errors, noise=(first, last))
+        return replace(self, intervals=intervals, beyond=errors, noise=(first, last))
 
     def without(self, lost: NDArray[np.bool_]) -> Observations:
         """Without some of the intervals; stretches are cut there."""
@@ -149,7 +150,9 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
     ends = np.cumsum([0, *(b - a - 1 for a, b in edges)]).tolist()
     both = noise[starts], noise[starts + 1]
     return Observations(
-        Intervals(all_rows.take(starts), all_rows.take(starts + 1)),
+        Intervals(
+            all_rows.take(starts), all_rows.take(starts + 1), model.stages(run, chosen[starts])
+        ),
         list(zip(ends, ends[1:], strict=False)),
         edges,
         both,

@@ -17,7 +17,7 @@ from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.measurements.kinematics import Comparison
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
-from deltac.energy.streaming import OVERLAP, balance_chunks
+from deltac.energy.accumulator import OVERLAP, balance_chunks
 from deltac.errors import ArgumentsError, LogError, closest, listed
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.coordinates import Entries

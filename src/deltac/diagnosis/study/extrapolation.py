@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from deltac.errors import SolverError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Report, Section, number
 from deltac.trajectories import Trajectory
+from deltac.trajectories.trajectory import column_by_column
 
 SPREAD = 0.3
 """Spread of an observed order by which one term may be taken off where the solver's is not known."""
@@ -152,24 +152,14 @@ def extrapolated(
     u_error = _envelope(u_error, [c.unit for c in mechanism.speeds])
     q, u = _admissible(mechanism, finest.t[rows[-1]], q, u)
 
-    def mapping(name: str) -> dict[Any, Array]:
-        shared = [getattr(entry.run, name) for entry in last]
-        names = [n for n in shared[-1] if all(n in one for one in shared)]
-        return {n: column([one[n] for one in shared])[0] for n in names}
-
-    accelerations = [entry.run.udot for entry in last]
-    udot = None
-    if all(a is not None for a in accelerations):
-        udot = column([a for a in accelerations if a is not None])[0]
     run = replace(
-        finest,
+        column_by_column(
+            [replace(entry.run, stages=None) for entry in last], lambda values: column(values)[0]
+        ),
         t=finest.t[rows[-1]],
         q=q,
         u=u,
-        udot=udot,
-        forces=mapping("forces"),
-        works=mapping("works"),
-        integrals=mapping("integrals"),
+        events=finest.events,
         provenance=replace(
             finest.provenance, notes={**finest.provenance.notes, "extrapolated": f"order {order:g}"}
         ),

@@ -181,7 +181,7 @@ class Jumps:
     """What the impulses of a run's events come to, cumulated at its rows (T,): J, and kg·m/s or kg·m²/s.
 
     `work` by channel, `functions` what flows into E of each testing function, `momentum` by balance,
-    `speeds` the generalized impulses (T, n) on the free (or own) speeds; `exchanged` is the sum of all
+    `speeds` the generalized impulses (T, n) on the free (or own) speeds; `exchanged` sums all
     |work|.
     """
 
@@ -189,7 +189,7 @@ class Jumps:
     functions: Mapping[str, Array]
     momentum: Mapping[str, Array]
     speeds: Array
-    exchanged: float
+    exchanged: Array
 
 
 def jumps(
@@ -203,7 +203,7 @@ def jumps(
     """Works of the impulses up to times `t`."""
     events = [event for event in rows.events if event.impulses]
     if not events:
-        return Jumps({}, {}, {}, np.zeros((len(t), 0)), 0.0)
+        return Jumps({}, {}, {}, np.zeros((len(t), 0)), np.zeros(len(t)))
     impulses = Impulses.symbols(len(system.mechanism.speeds))
     own = trace_split(system, speeds, None if constrained is None else constrained.rows)
     impulsive = impulse_terms(system, impulses, own, constrained)
@@ -248,7 +248,7 @@ def jumps(
         {g.name: cumulated(changes[:, k]) for k, g in enumerate(functions)},
         {b.name: cumulated(changes[:, len(functions) + k]) for k, b in enumerate(balances)},
         np.array([cumulated(f) for f in changes.T[len(functions) + len(balances) :]]).T,
-        float(sum(np.abs(values).sum() for values in works.values())),
+        cumulated(sum((np.abs(w) for w in works.values()), start=np.zeros(len(events)))),
     )
 
 

@@ -368,6 +368,6 @@ def matrices(flat: Array, rows: int, columns: int) -> Array:
 
 
 def _is_dense(function: Any, sizes: list[int]) -> bool:
-    """Whether a function takes columns of these sizes and stores all of its entries: arrays are its buffers."""
+    """Whether a function takes columns of these sizes and stores every entry: arrays can be its buffers."""
     stored = all(function.nnz_out(k) == function.numel_out(k) for k in range(function.n_out()))
     return stored and sizes == [function.nnz_in(k) for k in range(len(sizes))]

@@ -19,6 +19,7 @@ import numpy as np
 
 from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.check.terms import (
+    MOST_SPEEDS,
     Part,
     circular,
     inertia_term,
@@ -32,14 +33,8 @@ from deltac.results import Serialisable
 
 MOST_TERMS = 3
 
-MOST_VARIABLES = 4
-"""Coordinates in a dictionary of plain functions."""
-
 FAIR = 1.0
 """An explanation that costs no more than this is not doubted: plain factors of one part or two."""
-
-RATIO_OF = 4
-"""Coordinates, and speeds, of which a factor may be a function."""
 
 PAIRED = 120
 """Candidates of which all pairs are tried."""
@@ -139,7 +134,7 @@ def _denominator(test: EquationTest, error: Array, k: int) -> tuple[Match, ...]:
     right = test.acceleration[k]
     with np.errstate(all="ignore"):
         error_of_det = np.linalg.det(test.M) * (right / (right + error) - 1.0)
-    if not np.isfinite(error_of_det).all() or len(test.states.coordinates) > MOST_VARIABLES:
+    if not np.isfinite(error_of_det).all() or len(test.states.coordinates) > MOST_SPEEDS:
         return ()
     every = range(len(test.states.coordinates))
     parts = plain_parts(test.states, np.zeros_like(test.bias), every)
@@ -245,11 +240,11 @@ def ratios(test: EquationTest) -> tuple[list[str], Array, Array]:
     """Plain functions of the state that are forgotten, put in, or stand for others: texts, values, costs."""
     states = test.states
     one = np.ones(len(states))
-    own = list(zip(states.coordinates, states.q))[:RATIO_OF]
+    own = list(zip(states.coordinates, states.q))[:MOST_SPEEDS]
     shapes = [s for name, x in own for s in (*circular(name, x), (name, x))]
     for (a, x), (b, y) in combinations(own, 2):
         shapes += [s for text, angle in sums(a, b, x, y) for s in circular(text, angle)]
-    u = [(f"u.{name}", x) for name, x in zip(states.speeds, states.u)][:RATIO_OF]
+    u = [(f"u.{name}", x) for name, x in zip(states.speeds, states.u)][:MOST_SPEEDS]
     pairs = combinations(u, 2)
     rates = [*u, *((f"({text})", z) for (a, x), (b, y) in pairs for text, z in sums(b, a, y, x))]
     texts: list[str] = []
@@ -283,7 +278,7 @@ def explain_plainly(
     """The plain functions of what it depends on that a residual (B,) consists of; empty if it is no sum."""
     names = test.states.coordinates
     some = [k for k, n in enumerate(names) if depends is None or f"q.{n}" in depends]
-    if len(some) > MOST_VARIABLES:
+    if len(some) > MOST_SPEEDS:
         return ()
     parts = plain_parts(test.states, udot, some)
     if depends is not None:

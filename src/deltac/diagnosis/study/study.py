@@ -253,6 +253,8 @@ def studied(
             bars = [entry.momentum_bar[name] for entry in comparable]
             momentum[name] = _within(curves, bars, compared, first, steps)
     trusted = maker.trusted and maker.equations is None
+    if trusted and finest.blown_up:  # what is left before that is no motion to have an order
+        energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
     if nominal is not None:
         energy, state = (
             {n: _possible(c, nominal) for n, c in energy.items()},
@@ -390,6 +392,13 @@ def _possible(convergence: Convergence, nominal: int) -> Convergence:
     ):
         return convergence
     return replace(convergence, order=None, order_error=None, end_order=None)
+
+
+def _none(convergence: Convergence) -> Convergence:
+    """The same without an order."""
+    return replace(
+        convergence, trend="does not settle", order=None, order_error=None, end_order=None, steps=()
+    )
 
 
 def _state(compared: Comparison, first: int, steps: Array, rows: Sequence[int]) -> Convergence:

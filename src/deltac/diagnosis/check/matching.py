@@ -125,26 +125,7 @@ def explain_acceleration(test: EquationTest, error: Array, k: int) -> tuple[Matc
     Equations that were solved for the accelerations by hand have every force in every acceleration; a
     mistake in one of them is no term of any row of M u̇ = f.
     """
-    terms = _told(test, -error, acceleration_parts(test, k), "")
-    return terms or _denominator(test, error, k)
-
-
-def _denominator(test: EquationTest, error: Array, k: int) -> tuple[Match, ...]:
-    """What det M, by which an acceleration is divided, is off by; empty if it is no plain sum."""
-    right = test.acceleration[k]
-    with np.errstate(all="ignore"):
-        error_of_det = np.linalg.det(test.M) * (right / (right + error) - 1.0)
-    if not np.isfinite(error_of_det).all() or len(test.states.coordinates) > MOST_SPEEDS:
-        return ()
-    every = range(len(test.states.coordinates))
-    parts = plain_parts(test.states, np.zeros_like(test.bias), every)
-    still = [p for p in parts if p.of is not None and not any(n.startswith("u.") for n in p.of)]
-    functions = explain_by(error_of_det, still)
-    if len(functions) > 2:
-        return ()
-    return tuple(
-        Match(f"{p.name} in what it is divided by (det M is right)", c, None) for p, c in functions
-    )
+    return _told(test, -error, acceleration_parts(test, k), "")
 
 
 def acceleration_parts(test: EquationTest, k: int) -> list[Part]:
@@ -354,24 +335,10 @@ def _cheapest(
         if float(np.linalg.norm(rest)) > exact * float(np.linalg.norm(residual)):
             continue
         matches = tuple((parts[k], float(c)) for k, c in zip(chosen, coefficients))
-        total = 0.0 if cost is None else sum(cost(p, c) for p, c in matches) + _overlapping(matches)
+        total = 0.0 if cost is None else sum(cost(p, c) for p, c in matches)
         if total < least:
             best, least = matches, total
     return best
-
-
-def _overlapping(matches: tuple[tuple[Part, float], ...]) -> float:
-    """A whole and a part of it share what both are made of: told apart they would mislead."""
-    levels: dict[tuple[int, str], set[str]] = {}
-    for part, _ in matches:
-        if part.key is not None:
-            kind, _, rates = part.key
-            family = (
-                "gravity" if kind == "weight" or "gravity" in part.name else kind.partition(" ")[0]
-            )
-            level = "summand" if part.symbols else "rates" if rates is not None else kind
-            levels.setdefault((part.row, family), set()).add(level)
-    return float(sum(len(level_names) - 1 for level_names in levels.values()))
 
 
 def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tuple[Array, Array]:

@@ -42,7 +42,7 @@ from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
 from deltac.repair.tracing.tracer import Endless, Failed, TracingRefused, branches
-from deltac.simulation.equations import Equations
+from deltac.simulation.equations import Equations, RightHandSide
 from deltac.simulation.state_form import PLAIN
 
 Edited: TypeAlias = Sequence[tuple[tuple[EditCandidate, ...], Source]]
@@ -97,7 +97,7 @@ PERTURBED = 0.37
 @interruptible()
 def repair_equations(
     model: ModelLike,
-    equations: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | RightHandSide | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     seed: int = 0,
@@ -144,7 +144,7 @@ def repair_equations(
 def repair_loaded(
     model: Any,
     text: str,
-    function: Callable[..., Any] | Equations,
+    function: RightHandSide | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     seed: int = 0,

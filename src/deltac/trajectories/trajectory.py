@@ -22,6 +22,7 @@ from deltac.calls.services import service
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.laws import VectorLike
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Section, Shown, Table, number
 from deltac.trajectories.occurrences import Occurrence
@@ -360,12 +361,12 @@ class Trajectory(Shown, Once):
 
     # --- kinematics, of a run that knows its mechanism ---------------------------------------------
 
-    def position(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
+    def position(self, body: str, point: VectorLike = ORIGIN) -> FloatArray:
         """Where a point of a body, in the body's frame, is (T, 3), m, world components."""
         place: FloatArray = self._kinematics().position(body, point)
         return place
 
-    def velocity(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
+    def velocity(self, body: str, point: VectorLike = ORIGIN) -> FloatArray:
         """Velocity of a body's material point (T, 3), m/s, world components."""
         vector: FloatArray = self._kinematics().velocity(body, point)
         return vector

@@ -14,7 +14,6 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
-from deltac.repair.repair import repair_loaded
 
 M, L, G = 1.3, 0.6, 9.81
 
@@ -137,8 +136,10 @@ def test_hamiltons_equations_are_equations(crane: dc.Mechanism) -> None:
     wrong = dc.check_equations(crane, lambda t, y: hamilton(t, y, 1.1), count=12)
     assert wrong.verdict.kind == "equation-error"
     assert [b.speed for b in wrong.blame] == ["a"]
-    assert repair_loaded(crane, "test.py:hamilton", hamilton).right
-    repair = repair_loaded(crane, "test.py:hamilton", lambda t, y: hamilton(t, y, 1.1))
+    assert dc.repair_equations(crane, "test.py:hamilton", function=hamilton).right
+    repair = dc.repair_equations(
+        crane, "test.py:hamilton", function=lambda t, y: hamilton(t, y, 1.1)
+    )
     assert repair.equations == ("a",) and not repair.fixes
     assert "gravity" in repair.terms[0]
 

@@ -61,3 +61,26 @@ def test_rows_that_do_not_fit(row: tuple[object, ...], words: str) -> None:
 def test_no_rows() -> None:
     with pytest.raises(InputError):
         TrajectoryBuilder(("x",), ("x",)).trajectory(HERE)
+
+
+def test_later_stages_are_sums_without_springs_and_dampers() -> None:
+    builder = TrajectoryBuilder(("x",), ("x",))
+    for t in (0.0, 1.0):
+        builder.add(t, [0.0], [1.0], [0.0], {"contact a": [2.0], "limit b": [1.0]})
+        for k in range(3):
+            forces = {"contact a": [2.0 + k], "limit b": [1.0], "damper c": [-float(k)]}
+            builder.stage(0.25, [1.0], forces)
+    run = builder.trajectory(HERE)
+    assert run.stages is not None
+    assert np.array_equal(run.stages[0], [[4.0], [5.0]])
+    assert np.array_equal(run.works["contact a"], [0.0, 0.25 * (2 + 3 + 4)])
+    assert builder.varying == {"contact a", "damper c"}
+
+
+def test_stages_that_do_not_begin_with_the_row_are_not_held() -> None:
+    builder = TrajectoryBuilder(("x",), ("x",))
+    for t in (0.0, 1.0):
+        builder.add(t, [0.0], [1.0], [0.0], {"contact a": [2.0]})
+        builder.stage(0.5, [1.0], {"contact a": [3.0]})
+        builder.stage(0.5, [1.0], {"contact a": [4.0]})
+    assert builder.trajectory(HERE).stages is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -195,6 +196,21 @@ def test_metadata_that_lack_an_entry(key: str) -> None:
     del metadata[key]
     with pytest.raises(InputError, match=f"metadata: no entry '{key}'"):
         from_columns(to_columns(run), metadata)
+
+
+@pytest.mark.parametrize("described", [True, False])
+def test_forces_at_stages_come_back(described: bool) -> None:
+    stages = np.arange(9.0).reshape(3, 3, 1) + 1.0
+    run = replace(pendulum(), stages=stages)
+    columns = to_columns(run)
+    assert [name for name in columns if name.startswith("stage")] == [
+        "stage2.elbow",
+        "stage3.elbow",
+        "stage4.elbow",
+    ]
+    again = from_columns(columns, to_metadata(run) if described else None)
+    assert again.stages is not None
+    assert np.array_equal(again.stages, stages)
 
 
 def test_to_frame_has_the_columns_of_the_schema() -> None:

@@ -125,12 +125,12 @@ def _names(model: str, coordinates: Any) -> tuple[str, ...]:
 
 def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Repair | NoRepair:
     """Seek the edit in the function that the text names, as it is loaded; or say why not."""
+    from deltac.repair import repair_equations
     from deltac.repair.outcome import NoRepair
-    from deltac.repair.repair import repair_loaded
     from deltac.repair.tracing.tracer import Endless
 
     try:
-        return repair_loaded(model, text, rhs, coordinates=coordinates, seed=seed)
+        return repair_equations(model, text, function=rhs, coordinates=coordinates, seed=seed)
     except Endless:
         raise
     except InputError as error:

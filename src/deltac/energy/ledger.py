@@ -76,7 +76,7 @@ class Ledger(
     power: ByChannel
     work: ByChannel
     work_error: ByChannel
-    work_from: Mapping[Any, str]
+    work_from: Mapping[str, str]
     delta_c: Mapping[str, Array]
     error_bar: Mapping[str, Array]
     energy_exchanged: float

@@ -40,7 +40,7 @@ from deltac.recorders.mujoco_forces import (
     mass_times,
     plastic_state,
 )
-from deltac.recorders.recorder import OCCASIONAL, Recorder, TrajectoryBuilder, simulator
+from deltac.recorders.recorder import OCCASIONAL, Recorder, StepSums, TrajectoryBuilder, simulator
 from deltac.trajectories import Provenance, Trajectory
 
 Model: TypeAlias = Any
@@ -225,14 +225,15 @@ class MujocoRecorder(Recorder):
                 forces = {**forces, IMPLICIT: row.correction}
             udot = row.step_acceleration if implicit else row.qacc
             self._builder.add(row.t, row.q, row.u, udot, forces)
-            self._builder.work({n: w for n, w in row.works.items() if implicit or n != IMPLICIT})
+            self._builder.step(row.step)
+            if row.correction is not None and implicit:
+                self._builder.work({IMPLICIT: row.of_correction})
         if not rows:  # it broke off in its first step: there is the start, and why
             start = self._before
             if not np.isfinite([*start.qpos, *start.qvel]).all():
                 raise RecordingError(f"nothing was recorded: {message}")
             self._builder.add(float(start.time), start.qpos, start.qvel)
-        varying = frozenset[str]().union(*(row.varying for row in rows))
-        return self._builder.trajectory(self._provenance(implicit, varying, message))
+        return self._builder.trajectory(self._provenance(implicit, message))
 
     def _keep(self) -> None:
         """Keep all of the present state, warm start and contact memory included."""
@@ -252,9 +253,11 @@ class MujocoRecorder(Recorder):
             mujoco.mj_forward(model, data)
             qacc = np.array(data.qacc)
             forces = generalized_forces(model, data, self._elements, plastic)
-            works, varying = _summed(self._stages(data, forces, plastic), forces)
+            step = StepSums()
+            for stage in self._stages(data, forces, plastic):
+                step.add(*stage)
             mujoco.mj_RungeKutta(model, data, 4)
-            return _Row(t, q, u, qacc, forces, qacc, works, varying)
+            return _Row(t, q, u, qacc, forces, qacc, step)
         mujoco.mj_step(model, data)  # leaves the accelerations and forces of its start
         qacc = np.array(data.qacc)
         forces = generalized_forces(model, data, self._elements, plastic)
@@ -272,10 +275,10 @@ class MujocoRecorder(Recorder):
             rounding += SUM_OF_FORCES * np.abs(a).max(initial=0.0)
             corrected = bool(np.abs(a - qacc).max(initial=0.0) > rounding)
         # Forces and accelerations are held, so speeds are linear in time.
-        moved = 0.5 * h * (u + data.qvel)
-        forces_of_step = {**forces, IMPLICIT: correction}
-        works = {name: float(force @ moved) for name, force in forces_of_step.items()}
-        return _Row(t, q, u, qacc, forces, a, works, correction=correction, corrected=corrected)
+        mean, step = 0.5 * (u + data.qvel), StepSums()
+        step.add(h, mean, forces)
+        work = h * float(correction @ mean)
+        return _Row(t, q, u, qacc, forces, a, step, correction, work, corrected)
 
     def _stages(
         self, data: Data, forces: Forces, plastic: Array
@@ -324,8 +327,8 @@ class MujocoRecorder(Recorder):
                     "make a new recorder where you set the state"
                 )
 
-    def _provenance(self, implicit: bool, varying: frozenset[str], message: str) -> Provenance:
-        model, channels = self._model, self._builder.channels
+    def _provenance(self, implicit: bool, message: str) -> Provenance:
+        model, channels, varying = self._model, self._builder.channels, self._builder.varying
         solver = solver_name(model)
         steps = self._steps or {float(model.opt.timestep)}
         return Provenance(
@@ -349,24 +352,6 @@ class MujocoRecorder(Recorder):
 record_mujoco = checked(MujocoRecorder, name="record_mujoco")
 
 
-def _summed(
-    stages: Iterator[tuple[float, Array, Forces]], forces: Forces
-) -> tuple[dict[str, float], frozenset[str]]:
-    """The work of each channel over the stages of a step, and the channels whose `forces` changed in it."""
-    works: dict[str, float] = {}
-    varying: set[str] = set()
-    for duration, u, acting in stages:
-        nothing = np.zeros(len(u))
-        now = np.array([*acting.values(), nothing])
-        start = np.array([*(forces.get(name, nothing) for name in acting), nothing])
-        changed = np.abs(now - start).max(axis=1) > SUM_OF_FORCES * np.abs(start).max(axis=1)
-        varying |= forces.keys() - acting.keys()
-        varying.update(name for name, varies in zip(acting, changed) if varies)
-        for name, work in zip(acting, duration * (now @ u)):
-            works[name] = works.get(name, 0.0) + float(work)
-    return works, frozenset(varying)
-
-
 def _inverse_dexp(x: Array, w: Array) -> Array:
     """The rate ẋ (3,) of a rotation vector x at which exp(x) turns with w, in body components.
 
@@ -380,10 +365,9 @@ def _inverse_dexp(x: Array, w: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Row:
-    """A step: the state it began with, q̈ and forces there, and the works of the step.
+    """A step: the state it began with, q̈ and forces there, and the sums of its stages.
 
-    `varying` are the channels whose forces were not constant in it; `correction` is what an implicit
-    integrator added to the forces.
+    `correction` is what an implicit integrator added to the forces, `of_correction` its work, J.
     """
 
     t: float
@@ -392,9 +376,9 @@ class _Row:
     qacc: Array
     forces: Forces
     step_acceleration: Array
-    works: dict[str, float]
-    varying: frozenset[str] = frozenset()
+    step: StepSums
     correction: Array | None = None
+    of_correction: float = 0.0
     corrected: bool = False
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from deltac.arrays import PHYSICAL, Array
+from deltac.arrays import PHYSICAL, SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, LogError, PackageError, RecordingError, UnknownName, closest
 from deltac.mechanism.channels import ChannelName
@@ -53,6 +53,44 @@ def sized(what: str, values: Any, size: int, entries: str = "") -> Array:
 
 
 @checked
+class StepSums:
+    """What is kept of the stages of a step.
+
+    Attributes:
+        works: by channel, J.
+        forces: of each stage, the sum of all but those of springs and dampers (nu,).
+        varying: channels whose forces were not those of the first stage at all others.
+    """
+
+    def __init__(self) -> None:
+        self.works: dict[str, float] = {}
+        self.forces: list[Array] = []
+        self.varying: set[str] = set()
+        self._first: Mapping[str, Array] | None = None
+
+    def add(self, duration: float, u: Array, forces: Mapping[str, Array]) -> None:
+        """A stage, as `TrajectoryBuilder.stage` takes it."""
+        self.book({channel: duration * float(f @ u) for channel, f in forces.items()})
+        nothing = np.zeros(len(u))
+        others = (f for channel, f in forces.items() if not of_the_state(channel))
+        self.forces.append(np.asarray(sum(others, nothing)))
+        first = self._first = forces if self._first is None else self._first
+        for channel in (first.keys() | forces.keys()) - self.varying if first is not forces else ():
+            start, now = first.get(channel, nothing), forces.get(channel, nothing)
+            if np.abs(now - start).max() > SUM_OF_FORCES * np.abs(start).max():
+                self.varying.add(channel)
+
+    def book(self, works: Mapping[str, float]) -> None:
+        """Work of the step, J."""
+        for channel, work in works.items():
+            self.works[channel] = self.works.get(channel, 0.0) + float(work)
+
+
+def of_the_state(channel: str) -> bool:
+    """Whether the force of a channel is a function of the state: that of a spring or a damper."""
+    return channel.startswith(("spring ", "damper "))
+
+
 class TrajectoryBuilder:
     """Rows of a log, one `add` a sample: the state and, of the same instant, accelerations and forces.
 
@@ -66,8 +104,7 @@ class TrajectoryBuilder:
         self._speeds = tuple(speeds)
         self._rows: list[tuple[float, Array, Array, Array | None]] = []
         self._forces: dict[str, dict[int, Array]] = {}
-        self._works: dict[str, dict[int, float]] = {}
-        self._steps: set[int] = set()
+        self._steps: dict[int, StepSums] = {}
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -121,7 +158,7 @@ class TrajectoryBuilder:
         u: Sequence[float] | Array,
         forces: Mapping[str, Sequence[float] | Array],
     ) -> None:
-        """Add a stage of the step that the integrator makes from the last row.
+        """Add a stage of the step that the integrator makes from the last row, the first one first.
 
         The works of the trajectory are the sums of duration × force · u: what the integrator itself
         would find if it integrated the power. A Runge–Kutta method of weights b has stages of duration
@@ -136,23 +173,36 @@ class TrajectoryBuilder:
         Raises:
             InputError: an array of the wrong size, or no row yet.
         """
-        speeds = self._sized("u", u, duration)
-        self.work(
-            {n: duration * float(self._sized(n, f, duration) @ speeds) for n, f in forces.items()}
-        )
+        acting = {channel: self._sized(channel, f, duration) for channel, f in forces.items()}
+        self._step().add(duration, self._sized("u", u, duration), acting)
+        self._with_channels(acting)
 
     def work(self, works: Mapping[str, float]) -> None:
         """Add work (J), by channel, of the step that the integrator makes from the last row."""
+        self._step().book(works)
+        self._with_channels(works)
+
+    def step(self, sums: StepSums) -> None:
+        """The stages of the step that the integrator makes from the last row, summed up already."""
+        self._step()
+        self._steps[len(self._rows) - 1] = sums
+        self._with_channels(sums.works)
+
+    def _step(self) -> StepSums:
         if not self._rows:
             raise RecordingError(
                 "a stage or work belongs to the step from a row: add the row first"
             )
-        row = len(self._rows) - 1
-        self._steps.add(row)
-        for channel, work in works.items():
+        return self._steps.setdefault(len(self._rows) - 1, StepSums())
+
+    def _with_channels(self, channels: Iterable[str]) -> None:
+        for channel in channels:
             self._forces.setdefault(channel, {})
-            steps = self._works.setdefault(channel, {})
-            steps[row] = steps.get(row, 0.0) + float(work)
+
+    @property
+    def varying(self) -> frozenset[str]:
+        """Channels whose forces were not constant in some step."""
+        return frozenset[str]().union(*(step.varying for step in self._steps.values()))
 
     def end(self) -> float | None:
         """Forget the first row with numbers that are not physical and all after it.
@@ -164,11 +214,10 @@ class TrajectoryBuilder:
             return None
         t = self._rows[row][0]
         del self._rows[row:]
-        tables: list[dict[int, Any]] = [*self._forces.values(), *self._works.values()]
+        tables: list[dict[int, Any]] = [*self._forces.values(), self._steps]
         for of_rows in tables:
             for place in [k for k in of_rows if k >= row]:
                 del of_rows[place]
-        self._steps = {k for k in self._steps if k < row}
         return t
 
     def _is_physical(self, row: int) -> bool:
@@ -193,8 +242,8 @@ class TrajectoryBuilder:
                     "others have; give them for every step or for none"
                 )
             for channel in self._forces:
-                own = self._works.get(channel, {})
-                works[channel] = np.cumsum([0.0, *(own.get(k, 0.0) for k in steps)])
+                of_steps = (self._steps[k].works.get(channel, 0.0) for k in steps)
+                works[channel] = np.cumsum([0.0, *of_steps])
         forces = {}
         for channel, rows in self._forces.items():
             forces[channel] = np.zeros((len(t), len(self._speeds)))
@@ -209,8 +258,25 @@ class TrajectoryBuilder:
             speeds=self._speeds,
             forces=forces,
             works=works,
+            stages=self._stages(len(t)),
             provenance=provenance,
         )
+
+    def _stages(self, rows: int) -> Array | None:
+        """Sums of forces (T, s, nu) at later stages; None for steps of one, or that begin otherwise."""
+        steps = [self._steps.get(k, StepSums()).forces for k in range(rows - 1)]
+        count = len(steps[0]) if steps else 0
+        if count < 2 or any(len(step) != count for step in steps):
+            return None
+        first = np.zeros((rows, len(self._speeds)))
+        for channel, of_rows in self._forces.items():
+            if of_rows and not of_the_state(channel):
+                first[list(of_rows)] += list(of_rows.values())
+        stages = np.array(steps)
+        allowed = SUM_OF_FORCES * np.abs(first).max(initial=0.0)
+        if np.abs(stages[:, 0] - first[:-1]).max(initial=0.0) > allowed:
+            return None
+        return np.concatenate([stages[:, 1:], np.repeat(first[-1:, None], count - 1, axis=1)])
 
     def _sized(self, what: str, values: Any, t: float) -> Array:
         names = self._coordinates if what == "q" else self._speeds

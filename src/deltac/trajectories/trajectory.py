@@ -22,6 +22,7 @@ from deltac.calls.services import service
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.laws import VectorLike
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Section, Shown, Table, number
 from deltac.trajectories.occurrences import Occurrence
@@ -189,6 +190,8 @@ class Trajectory(Shown, Once):
     works       channel -> (T,) work that it did on the system, J, integrated in the loop by the solver, or
                 by a recorder at the stages of the solver, from the first row on; that of impulses is told
                 by `events`
+    stages      (T, s, nu) generalized forces, all but those of springs and dampers together, at the s later
+                stages of the step that the solver made from each row; or None when not known
     integrals   testing function -> (T,) integral over time of its power P, J, taken in the loop
                 by the solver, from the first row on
     provenance  who made it
@@ -210,6 +213,7 @@ class Trajectory(Shown, Once):
     udot: FloatArray | None = None
     forces: ByChannel = field(default_factory=dict)
     works: ByChannel = field(default_factory=dict)
+    stages: FloatArray | None = None
     integrals: Mapping[str, FloatArray] = field(default_factory=dict)
     provenance: Provenance = field(default_factory=lambda: Provenance("unknown"))
     events: tuple[Occurrence, ...] = ()
@@ -242,6 +246,8 @@ class Trajectory(Shown, Once):
             for channel, values in self.forces.items()
         }
         _set(self, "forces", MappingProxyType(forces))
+        if self.stages is not None:
+            _set(self, "stages", self._at_stages(np.asarray(self.stages)))
         for name, prefix in (("works", "work"), ("integrals", "integral")):
             sums = {
                 key: self._samples(f"{prefix}.{key}", values, None)
@@ -270,6 +276,17 @@ class Trajectory(Shown, Once):
             if (event.udot_before is None) != (self.udot is None):
                 raise LogError(f"events: {event!r} and the rows must both have udot, or neither")
             before = event.t
+
+    def _at_stages(self, values: FloatArray) -> FloatArray:
+        if values.ndim != 3:
+            raise LogError(f"stages: found shape {values.shape}, expected (T, s, nu)")
+        each = [
+            self._samples(f"stage{k + 2}", values[:, k], self.speeds)
+            for k in range(values.shape[1])
+        ]
+        stages = np.stack(each, axis=1) if each else np.zeros(values.shape)
+        stages.flags.writeable = False
+        return stages
 
     def _samples(self, label: str, values: Any, names: tuple[str, ...] | None) -> FloatArray:
         """`values` as a finite (T, len(names)) array, or (T,) when there are no names."""
@@ -344,12 +361,12 @@ class Trajectory(Shown, Once):
 
     # --- kinematics, of a run that knows its mechanism ---------------------------------------------
 
-    def position(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
+    def position(self, body: str, point: VectorLike = ORIGIN) -> FloatArray:
         """Where a point of a body, in the body's frame, is (T, 3), m, world components."""
         place: FloatArray = self._kinematics().position(body, point)
         return place
 
-    def velocity(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
+    def velocity(self, body: str, point: VectorLike = ORIGIN) -> FloatArray:
         """Velocity of a body's material point (T, 3), m/s, world components."""
         vector: FloatArray = self._kinematics().velocity(body, point)
         return vector
@@ -672,8 +689,9 @@ def column_by_column(
     columns: dict[str, Any] = {
         n: operation([getattr(run, n) for run in runs]) for n in ("t", "q", "u")
     }
-    rates = [run.udot for run in runs if run.udot is not None]
-    columns["udot"] = operation(rates) if len(rates) == len(runs) else None
+    for name in ("udot", "stages"):
+        some = [getattr(run, name) for run in runs if getattr(run, name) is not None]
+        columns[name] = operation(some) if len(some) == len(runs) else None
     for group in ("forces", "works", "integrals"):
         members = [getattr(run, group) for run in runs]
         names = [name for name in members[-1] if all(name in one for one in members)]

@@ -595,7 +595,9 @@ def _judgement(
     reading = None
     certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]
     if inference is not None and not certain:
-        if not limit.passed("other conventions of the log"):
+        # Rows that follow from each other by a known step are not of another convention.
+        explained = inference.closes and not inference.finds_something
+        if not explained and not limit.passed("other conventions of the log"):
             reading = convention(mechanism, log.consecutive, inference)
         if reading is not None:  # in which forces of the log's states are others, too
             findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
@@ -643,7 +645,9 @@ def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
     if not own:
         return run
     forces = {name: values for name, values in run.forces.items() if name not in own}
-    return replace(run, forces=forces, integrals={}, works={})
+    # The sums of forces at stages lack those of springs and dampers alone.
+    stages = run.stages if all(name.kind in PASSIVE for name in own) else None
+    return replace(run, forces=forces, integrals={}, works={}, stages=stages)
 
 
 def _audit(reference: Reference, judged: Judgement, strict: bool) -> Audit:
@@ -725,7 +729,8 @@ def _attributed(
             equations = Share(departures.equations, np.zeros_like(bar))
         rest = delta_c - equations.curve - departures.log
         error = np.hypot(bar, equations.curve_error)
-        if inference.methods and len(own.t) == len(t) - 1 and not departures.log.any():
+        whole = len(own.t) == len(t) - 1 and not departures.log.any()
+        if inference.methods and not inference.knows_stages and whole:
             # A step's own works and those of the flow from its row differ where forces depend on the state.
             error = np.hypot(error, np.abs(rest - along(own.integrator.curve)))
         return Attribution(t, Share(rest, error), equations, Share(departures.log, bar))

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.inference.flow import FORCES, Intervals, predict
+from deltac.diagnosis.inference.flow import FORCES, ForceInStep, Intervals, predict
 from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.inference.integrators import Integrator
 from deltac.diagnosis.inference.model import Rows
@@ -97,7 +97,7 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
     def joules(step: float) -> float:
         last = logged(start.t + step)
 
-        def force(share: float) -> Array:
+        def force(share: float, _: int = 0) -> Array:
             constant = start.F + a * (last - start.F)
             return np.where(b > 0.0, logged(start.t + share * step), constant)
 
@@ -124,7 +124,7 @@ def _stepped(
     method: Integrator,
     intervals: Intervals,
     end: Rows,
-    force: Callable[[float], Array],
+    force: ForceInStep,
 ) -> Rows:
     """The rows after a step of the method; NaN where an implicit one does not settle."""
     model, start, h = inference.model, intervals.start, intervals.h

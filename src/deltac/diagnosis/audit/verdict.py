@@ -555,7 +555,7 @@ def _rows(e: Judgement, inference: Inference) -> Iterator[str]:
         odds = ", ".join(f"{c.kind} {c.element}: {x:.3g}" for c, x in each)
         yield f"Log odds of causes against none: {odds}"
     kinds = [kind for kind in dict.fromkeys(inference.forces) if FORCES[kind][1] == 0.0]
-    if kinds:
+    if kinds and not inference.knows_stages:
         yield f"Logged forces act from row to row as {' or '.join(kinds)} values, by likelihood"
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,15 @@ from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 ForceBetween: TypeAlias = Callable[[float], Array]
 """Logged forces (N, m) at a fraction of each interval."""
+
+
+class ForceInStep(Protocol):
+    """Forces (N, m) at a fraction of a step, and at that stage of it where the log tells them."""
+
+    def __call__(self, fraction: float, stage: int = 0, /) -> Array:
+        """The forces; those of the first stage are of the start."""
+        ...
+
 
 DOUBLINGS = 4
 """Times that the steps of the flow are halved at most, until they agree beyond the noise of the rows."""
@@ -34,10 +43,14 @@ REFINEMENTS = 2
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
-    """Intervals between consecutive rows of a log: their starts and ends, N of them."""
+    """Intervals between consecutive rows of a log: their starts and ends, N of them.
+
+    `stages`: logged forces (N, m) at the later stages of the step that the solver made from the start.
+    """
 
     start: Rows
     end: Rows
+    stages: tuple[Array, ...] = ()
 
     @property
     def h(self) -> Array:
@@ -49,7 +62,8 @@ class Intervals:
 
     def take(self, which: NDArray[np.intp]) -> Intervals:
         """Some of them."""
-        return Intervals(self.start.take(which), self.end.take(which))
+        stages = tuple(F[which] for F in self.stages)
+        return Intervals(self.start.take(which), self.end.take(which), stages)
 
 
 FORCES: dict[str, tuple[float, float, float]] = {
@@ -222,10 +236,10 @@ def runge_kutta(
     tableau: Tableau,
     at: Rows,
     h: Array,
-    force: Callable[[float], Array],
+    force: ForceInStep,
     on_group: bool = False,
 ) -> tuple[Array, Array]:
-    """Coordinates and speeds after a step h (N, 1) by an explicit method; `force` at a fraction of the step.
+    """Coordinates and speeds after a step h (N, 1) by an explicit method.
 
     The stages' rates of rotations are added as quaternions, or `on_group` as rotation vectors.
     """
@@ -236,11 +250,11 @@ def runge_kutta(
         du = sum((w * s for w, s in zip(weights, slopes, strict=True) if w), 0.0 * slopes[0])
         return model.moved(at.q, dq, h) if on_group else at.q + h * dq, at.u + h * du
 
-    for row, c in zip(tableau.a, tableau.c, strict=True):
+    for stage, (row, c) in enumerate(zip(tableau.a, tableau.c, strict=True)):
         q, u = moved(row) if rates else (at.q, at.u)
         t = at.t + c * h[:, 0]
         rates.append(u if on_group else model.rate(t, q, u))
-        slopes.append(model.acceleration(t, q, u, force(c)))
+        slopes.append(model.acceleration(t, q, u, force(c, stage)))
     q, u = moved(tableau.b)
     for i, _ in model.quaternions:
         q[:, i : i + 4] /= np.linalg.norm(q[:, i : i + 4], axis=1, keepdims=True)
@@ -258,7 +272,7 @@ def _flow(
     at = nodes[0]
     for k in range(count * each):
 
-        def within(c: float, k: int = k) -> Array:
+        def within(c: float, _: int = 0, k: int = k) -> Array:
             return force((k + c) / (count * each))
 
         q, u = runge_kutta(model, tableau, at, h, within)
@@ -268,27 +282,34 @@ def _flow(
     return nodes
 
 
-def transported(h: Array, J: list[Array], F: list[Array]) -> tuple[Array, Array]:
-    """Φ (N, 2n, 2n) and B (N, 2n, p) over intervals of length h (N, 1), by J and F at their nodes.
+def transitions(h: Array, J: list[Array]) -> list[Array]:
+    """Φ (N, 2n, 2n) between neighbouring nodes of intervals of length h (N, 1), by J at the nodes.
 
-    Φ between neighbouring nodes by a step of the classical Runge–Kutta method with J linear between them, and
-    ∫Φ F dt over two of them by Simpson's rule.
+    By a step of the classical Runge–Kutta method, J linear within it.
     """
-    count = len(J) - 1
-    step = (h / count)[:, :, None]
-    one = np.eye(J[0].shape[1])
+    step = (h / (len(J) - 1))[:, :, None]
+    half, one = 0.5 * step, np.eye(J[0].shape[1])
 
-    def over(k: int) -> Array:
-        middle = 0.5 * (J[k] + J[k + 1])
-        k2 = middle + 0.5 * step * middle @ J[k]
-        k3 = middle + 0.5 * step * middle @ k2
-        k4 = J[k + 1] + step * J[k + 1] @ k3
-        return np.asarray(one + (step / 6.0) * (J[k] + 2.0 * k2 + 2.0 * k3 + k4))
+    def over(first: Array, last: Array) -> Array:
+        middle = 0.5 * (first + last)
+        k2 = middle + half * (middle @ first)
+        k3 = middle + half * (middle @ k2)
+        k4 = last + step * (last @ k3)
+        return np.asarray(one + (step / 6.0) * (first + 2.0 * k2 + 2.0 * k3 + k4))
 
-    Phi, B = np.broadcast_to(one, J[0].shape), np.zeros_like(F[0])
-    for k in range(0, count, 2):
-        first, second = over(k), over(k + 1)
-        B = second @ (first @ (B + (step / 3.0) * F[k]) + (4.0 * step / 3.0) * F[k + 1])
-        B += (step / 3.0) * F[k + 2]
+    return [over(*ends) for ends in zip(J, J[1:], strict=False)]
+
+
+def transported(h: Array, steps: list[Array], F: list[Array]) -> tuple[Array, Array]:
+    """Φ (N, 2n, 2n) and B (N, 2n, p) over intervals of length h (N, 1), by `transitions` and F at the nodes.
+
+    B = ∫Φ F dt by Simpson's rule over two steps each.
+    """
+    weight = (h / len(steps) / 3.0)[:, :, None]
+    Phi, B = np.eye(steps[0].shape[1]), np.zeros_like(F[0])
+    for k in range(0, len(steps), 2):
+        first, second = steps[k], steps[k + 1]
+        B = second @ (first @ (B + weight * F[k]) + 4.0 * weight * F[k + 1])
+        B += weight * F[k + 2]
         Phi = second @ first @ Phi
     return Phi, B

@@ -388,6 +388,9 @@ BESIDE = 0.05
 its own size looks like a small one of another kind."""
 
 
+ALL = 1e-3
+"""Share of a sum of squares that a cause leaves which explains all: three per cent of the errors."""
+
 PROMISING = 48
 """Causes that are fitted in full at most."""
 
@@ -446,13 +449,15 @@ def search(
     candidates: Sequence[Candidate],
     exchanged: Callable[[Fit], Array],
     least: float,
+    negligible: float = 0.0,
     most: int = TOGETHER,
     beside: float = BESIDE,
 ) -> Posterior:
     """The causes with the best odds, one after the other, each beside all before.
 
-    `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told.
-    `most` are found together, each with a share of `beside` of the largest at least.
+    `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told,
+    one of less than `negligible` only if it leaves next to nothing (`ALL`) of what was left before. `most`
+    are found together, each with a share of `beside` of the largest at least.
     """
     best, near = nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
@@ -468,6 +473,8 @@ def search(
             joules = exchanged(fit)
             if joules.min() < max(least, beside * joules.max()):
                 continue
+            if joules.min() < negligible and not _explains_all(blocks, best, fit):
+                continue
             fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
             top = max(top, fits[-1][0])
         fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))
@@ -478,6 +485,10 @@ def search(
         near = [f for e, f in fits if e >= fits[0][0] - EQUAL]
         best = min(near, key=lambda f: f.chosen[-1].rank(f.theta[-1]))
     return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
+
+
+def _explains_all(blocks: Sequence[Block], without: Fit, fit: Fit) -> bool:
+    return all(b.misfit(fit.coefficients) <= ALL * b.misfit(without.coefficients) for b in blocks)
 
 
 def refitted(

@@ -36,6 +36,7 @@ from deltac.diagnosis.inference.flow import (
     LoggedForce,
     Prediction,
     predict,
+    transitions,
     transported,
 )
 from deltac.diagnosis.inference.hypotheses import (
@@ -109,8 +110,8 @@ SHARES = (0.0, 0.01, 0.1, 1.0)
 """Shares of what forces may have done between the rows of a thinned log that are compared by likelihood."""
 
 NEGLIGIBLE = 1e-5
-"""Share of the energy exchanged below which a cause is not told: iterations of constraint solvers stop
-there."""
+"""Share of the energy exchanged below which a cause is told only if it is all that is left of the rows:
+iterations of constraint solvers stop there."""
 
 RELINEARISATIONS = 3
 """Times at most that flow and columns are taken anew with the causes in the equations (Gauss–Newton)."""
@@ -242,6 +243,12 @@ class Inference:
         return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
 
     @property
+    def knows_stages(self) -> bool:
+        """Whether the log holds the forces at all stages of the method that closes it."""
+        later = len(self.log.intervals.stages)
+        return bool(later) and any(m.stages == later + 1 for m in self.methods)
+
+    @property
     def closes(self) -> bool:
         """Whether each row follows from the one before by a known step, within the noise of both."""
         return bool(self.methods) and self.excess <= 1.0
@@ -256,7 +263,7 @@ def infer(
 ) -> Inference | None:
     """The inference for a run whose columns are in the mechanism's order; None for too few rows.
 
-    `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it are not told.
+    `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it must be all.
     Where the time `limit` has passed, places and axes are no causes, and causes count to first order.
     """
     if not len(mechanism.free.u) or len(run) < 3:
@@ -273,7 +280,10 @@ def infer(
     try:
         with np.errstate(all="ignore"), compiled():
             inferring = _Inferring(model, run, log, equations, energy)
-            if (alone := inferring.closed()) is not None:
+            alone = inferring.closed()
+            if alone is not None and not alone.finds_something:
+                if inferring.by_rates is not None:
+                    return _with_causes(alone, inferring.undetected(alone, kernels))
                 sample = _Inferring(model, run, few, equations, energy)
                 sample.add(kernels)
                 known = sample.result()
@@ -308,7 +318,7 @@ def _with_causes(alone: Inference, known: Inference) -> Inference:
         posterior=known.posterior,
         candidates=known.candidates,
         generic=known.generic,
-        unseen={name: share * joules for name, joules in known.unseen.items()},
+        unseen={name: float(share) * joules for name, joules in known.unseen.items()},
     )
 
 
@@ -349,7 +359,7 @@ class _Inferring:
         self.alike: list[tuple[Map, Observations]] = []
         self.refining = False
         self._predict()
-        self.fields, self.J = self._integrator_columns()
+        self._linearise()
         lost = ~np.all(
             [
                 np.isfinite(x).reshape(len(x), -1).all(axis=1)
@@ -368,7 +378,7 @@ class _Inferring:
             self.thinned = self.thinned[~lost]
             self.whole = float(run.t[-1] - run.t[0]) / float(self.log.intervals.h.sum())
             self._predict()
-            self.fields, self.J = self._integrator_columns()
+            self._linearise()
         self.log = self.log.with_noise(self.w)
         self.noise = self.log.noise
         self.Phi = np.zeros_like(
@@ -389,7 +399,7 @@ class _Inferring:
         if self.plant is not self.model:
             self.plant = self.model
             self._predict()
-            self.fields, self.J = self._integrator_columns()
+            self._linearise()
         self.kernels = (*self.kernels, kernels)
         columns = tuple(c for k in self.kernels for c in k.columns)
         self.candidates = candidates(self.equations, columns)
@@ -449,7 +459,7 @@ class _Inferring:
         self.plant = self.model.changed(self.kernels, of_equations)
         self.coefficients = self._of_filter(of_equations)
         self._predict()
-        self.fields, self.J = self._integrator_columns()
+        self._linearise()
         columns = (self.w, *self.J, *self.fields)
         if not all(np.isfinite(x).all() for x in columns):
             raise FlowError("the flow of the model with the causes found leaves all bounds")
@@ -468,6 +478,11 @@ class _Inferring:
         return self.flow.nodes[-1].take(
             np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
         )
+
+    def _linearise(self) -> None:
+        """The integrator's fields and ∂f/∂x at the nodes of the flow, and Φ between them."""
+        self.fields, self.J = self._integrator_columns()
+        self.transitions = transitions(self.log.intervals.h, self.J)
 
     def _integrator_columns(self) -> tuple[list[Array], list[Array]]:
         h = self._h
@@ -530,7 +545,7 @@ class _Inferring:
         beyond = remainder(self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, self._h)
         self.beyond = beyond
         if between.any():
-            Phi, B = transported(self.log.intervals.h, self.J, self.fields)
+            Phi, B = transported(self.log.intervals.h, self.transitions, self.fields)
             columns = np.concatenate([self._errors(self.flow.end, Phi)[:, :, None], B], axis=2)
 
             def likelihood(share: float) -> float:
@@ -556,6 +571,28 @@ class _Inferring:
         result = self.result()
         block = self.blocks[0]
         return result if block.projected.left(np.zeros(0)) <= block.least else None
+
+    def undetected(self, alone: Inference, kernels: ColumnKernels) -> Inference:
+        """The result of a log whose accelerations close, with how large the mistakes are that some rows hide.
+
+        A unit of a cause moves the accelerations by its column, and does the work of that.
+        """
+        self.add(kernels)
+        some = np.unique(np.linspace(0, len(self.w) - 1, FEW).astype(np.intp))
+        block, columns = self._measured(some)
+        power = np.einsum("kn,knp->kp", self.gradient[some, self.model.n :], columns)
+        duration = self.whole * float(self.log.intervals.h.sum())
+        curves = np.cumsum(power, axis=0) * (duration / len(some))
+        best = nothing(len(self.coefficients))
+        return replace(
+            alone,
+            kernels=self.kernels,
+            blocks=(block,),
+            posterior=Posterior(best, (), ()),
+            candidates=self.candidates,
+            unseen=self._unseen((block,), best, alone.tau, curves),
+            w=self.w[some],
+        )
 
     def result(self) -> Inference:
         """The posterior of the causes that there are columns of."""
@@ -609,7 +646,8 @@ class _Inferring:
 
     def _act(self, best: Fit, filters: bool = False) -> bool:
         """Let forces act as is likeliest beside causes; whether that is otherwise than before."""
-        if self.filter is not None or not self.kinds or all(self.declared):
+        told = all(self.declared) or self.log.intervals.stages
+        if self.filter is not None or not self.kinds or told:
             return False
         # Without causes they were asked already.
         kinds = self._kinds_of_forces(best) if best.chosen or not filters else self.kinds
@@ -681,7 +719,7 @@ class _Inferring:
             if moved <= STILL * np.linalg.norm(before):
                 break
             self._predict()
-            self.fields, self.J = self._integrator_columns()
+            self._linearise()
             self.causes = self._cause_columns()
             posterior = self._compare_once()
         return posterior
@@ -750,7 +788,7 @@ class _Inferring:
         both = [
             np.concatenate([a, b], axis=2) for a, b in zip(self.fields, self.causes, strict=True)
         ]
-        self.Phi, self.B = transported(log.intervals.h, self.J, both)
+        self.Phi, self.B = transported(log.intervals.h, self.transitions, both)
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
         places = ni + np.arange(P)
         Phi, w = self.Phi, self._errors(self.flow.end, self.Phi)
@@ -771,7 +809,7 @@ class _Inferring:
         series = self._block(white[:, :, 0], white[:, :, 1:], ni, places)
         self.D = np.ascontiguousarray(white[:, :, places + 1])
         self.gradient, self.slack = self._weights()
-        self.least = max(NEGLIGIBLE * self.energy, self._remainder(series), self._attenuation())
+        self.bias, self.omitted = self._attenuation(), self._remainder(series)
         measured = self._of_rates() if self._knows_accelerations else None
         posterior, series = (measured[1], series) if measured else self._of_series(series)
         self.methods: tuple[Integrator, ...] = ()
@@ -907,7 +945,7 @@ class _Inferring:
     def _of_rates(self) -> tuple[Block, Posterior]:
         """The equations by known accelerations, and their posterior; the same wherever it is linearised."""
         if self.by_rates is None or len(self.by_rates[0].causes) != len(self.coefficients):
-            block = self._measured()
+            block, _ = self._measured(np.arange(len(self.w)))
             self.by_rates = block, self._search(block)
         return self.by_rates
 
@@ -931,9 +969,10 @@ class _Inferring:
             return refitted((block,), self.posterior, self.candidates)
         # Known accelerations are linear in almost all causes: small ones beside large ones are real.
         many = (MANY, 0.0) if self._knows_accelerations else (TOGETHER, BESIDE)
-        return search(
-            (block,), self.candidates, lambda fit: self._exchanged(fit)[0], self.least, *many
-        )
+        # What the series leaves out is no matter of known accelerations, nor of a method's own map.
+        least = max(self.bias, self.omitted if len(block.nuisance) else 0.0)
+        joules, negligible = lambda fit: self._exchanged(fit)[0], NEGLIGIBLE * self.energy
+        return search((block,), self.candidates, joules, least, negligible, *many)
 
     def _of_method(self, of: Map, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
@@ -1003,20 +1042,24 @@ class _Inferring:
         ]
         return max(parts[0] * rho**3, parts[1] * rho**2)
 
-    def _measured(self) -> Block:
-        """The equations at the rows, by accelerations that are known to be theirs: nothing is integrated."""
+    def _measured(self, some: NDArray[np.intp]) -> tuple[Block, Array]:
+        """The equations at the starts of some intervals, by accelerations that are known to be theirs.
+
+        Nothing is integrated. The second value is what a unit of each column adds to the accelerations.
+        """
         run, model, log = self.run, self.model, self.log
         assert run.udot is not None
-        rows = np.concatenate([np.arange(a, b - 1) for a, b in log.rows])
-        free, at = model.mechanism.free.u, log.intervals.start
+        rows = np.concatenate([np.arange(a, b - 1) for a, b in log.rows])[some]
+        free, at = model.mechanism.free.u, log.intervals.start.take(some)
         udot, half = run.udot[rows][:, free], digits_of(run)["udot"].half()[rows][:, free]
         a, rest = model.at(at), np.zeros_like(at.F)
         columns = self._responses(model, at, udot, rest, rest)
-        of_rows = np.einsum("kij,kj->ki", np.abs(self.J[0][:, model.n :]), log.digits[0])
+        slopes = np.abs(self.J[0][some, model.n :])
+        of_rows = np.einsum("kij,kj->ki", slopes, log.digits[0][some])
         sigma = np.sqrt(half**2 + of_rows**2) + 1e-12 * (1.0 + np.abs(a).max())
         sigma = np.sqrt(np.mean(sigma**2, axis=0))
         none = np.zeros(0, dtype=np.intp)
-        return Block(
+        block = Block(
             (udot - a) / sigma,
             columns / sigma[:, None],
             none,
@@ -1024,6 +1067,7 @@ class _Inferring:
             np.arange(columns.shape[2]),
             1.0,
         )
+        return block, columns
 
     def _kinds_of_forces(self, best: Fit) -> tuple[str, ...]:
         """How each logged force acts between two rows, by the likelihood beside the best causes."""
@@ -1081,7 +1125,7 @@ class _Inferring:
             np.concatenate([a, b @ tangent], axis=2)
             for a, b in zip(self.fields, self.causes, strict=True)
         ]
-        Phi, B = transported(h, self.J, own)
+        Phi, B = transported(h, self.transitions, own)
         w = self._errors(self.flow.end, Phi)[:, :, None]
         w, B = w + B[:, :, -1:], B[:, :, :-1]
         everything = [w, B, np.stack(columns, axis=2)]
@@ -1137,7 +1181,7 @@ class _Inferring:
             integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
             left = self.w - self.B[:, :, :ni] @ c - causes
         integrator = self._on_path(integrator, self.w - left - causes, left)
-        unseen = self._unseen(best, tau)
+        unseen = self._unseen(self.blocks, best, tau, log.running(power[:, ni:]))
         moved = causes + self.model.difference(self.nominal.end, self.flow.end)
         mistake = self._on_path(self._share(best, power[:, ni:], tau), moved, left)
         # Sets of causes that explain as much do other joules, and one that is not seen may do some.
@@ -1164,7 +1208,7 @@ class _Inferring:
         exchanged, errors, energy = self._exchanged(best)
         odds, explained, coefficients = _generic(self.blocks[0], best)
         unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
-        if unnamed < self.least:  # as little as what the series leaves out
+        if unnamed < max(NEGLIGIBLE * self.energy, self.bias, self.omitted):
             odds = -np.inf
         damped = self.plant.damped
         return Inference(
@@ -1301,15 +1345,19 @@ class _Inferring:
         error = np.sqrt(share.curve_error**2 + (doubt * share.curve) ** 2 + slack**2)
         return Share(share.curve, error)
 
-    def _unseen(self, best: Fit, tau: float) -> dict[str, float]:
-        """Energy (J) that a mistake of one number may add to ΔC at one standard error, by its name."""
-        ni, joules = self.fields[0].shape[2], dict[str, float]()
-        curves = self.log.running(np.einsum("km,kmp->kp", self.gradient, self.B[:, :, ni:]))
+    def _unseen(
+        self, blocks: Sequence[Block], best: Fit, tau: float, curves: Array
+    ) -> dict[str, float]:
+        """Energy (J) that a mistake of one number may add to ΔC at one standard error, by its name.
+
+        `curves` (N, P) are what a unit of each column adds to ΔC.
+        """
+        joules = dict[str, float]()
         for c in self.candidates:
             linear = c.size == 1 and c.quadratic is None and c.kind not in OF_THE_LOG
             if not linear or any(c is x or c.excludes(x) for x in best.chosen):
                 continue
-            deviation = _deviation(self.blocks, c, best, tau)
+            deviation = _deviation(blocks, c, best, tau)
             name = f"{c.kind} {c.element}".strip()
             most = float(np.abs(curves[:, list(c.columns)] @ c.linear[:, 0]).max())
             if most > 0.0 and np.isfinite(deviation):  # else it is one of those found

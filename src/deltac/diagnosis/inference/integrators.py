@@ -10,7 +10,7 @@ the flow: the prediction errors of the right one are rounding.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.inference.fields import FIELDS
-from deltac.diagnosis.inference.flow import ForceBetween, Intervals, runge_kutta
+from deltac.diagnosis.inference.flow import ForceBetween, ForceInStep, Intervals, runge_kutta
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
@@ -38,8 +38,8 @@ def _second(twice: float, chain: float) -> dict[str, float]:
     }  # fmt: skip
 
 
-Step: TypeAlias = Callable[[Model, Rows, Array, Callable[[float], Array]], tuple[Array, Array]]
-"""q and u after a step of length h (N, 1) from rows; forces at a fraction of the step."""
+Step: TypeAlias = Callable[[Model, Rows, Array, ForceInStep], tuple[Array, Array]]
+"""q and u after a step of length h (N, 1) from rows."""
 
 Defect: TypeAlias = Callable[[Model, Rows, Rows, Array], tuple[Array, Array]]
 """What an implicit method would have for q and u at the end of the step, given both rows."""
@@ -52,9 +52,7 @@ KUTTA = Tableau(((), (0.5,), (-1.0, 2.0)), (1 / 6, 2 / 3, 1 / 6), (0.0, 0.5, 1.0
 def _explicit(tableau: Tableau | str, on_group: bool = False) -> Step:
     """A Runge–Kutta method; `on_group`: rotations are moved by exponentials, as MuJoCo does."""
 
-    def step(
-        model: Model, at: Rows, h: Array, force: Callable[[float], Array]
-    ) -> tuple[Array, Array]:
+    def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         own = tableau_of(tableau) if isinstance(tableau, str) else tableau
         assert own is not None
         return runge_kutta(model, own, at, h, force, on_group)
@@ -62,31 +60,23 @@ def _explicit(tableau: Tableau | str, on_group: bool = False) -> Step:
     return step
 
 
-def _kick_first(
-    model: Model, at: Rows, h: Array, force: Callable[[float], Array]
-) -> tuple[Array, Array]:
+def _kick_first(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     u = at.u + h * model.acceleration(at.t, at.q, at.u, force(0.0))
     return model.moved(at.q, u, h), u
 
 
-def _drift_first(
-    model: Model, at: Rows, h: Array, force: Callable[[float], Array]
-) -> tuple[Array, Array]:
+def _drift_first(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     q = model.moved(at.q, at.u, h)
     return q, at.u + h * model.acceleration(at.t, q, at.u, force(0.0))
 
 
-def _kick_drift_kick(
-    model: Model, at: Rows, h: Array, force: Callable[[float], Array]
-) -> tuple[Array, Array]:
+def _kick_drift_kick(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     half = at.u + 0.5 * h * model.acceleration(at.t, at.q, at.u, force(0.0))
     q = model.moved(at.q, half, h)
     return q, half + 0.5 * h * model.acceleration(at.t + h[:, 0], q, half, force(1.0))
 
 
-def _drift_kick_drift(
-    model: Model, at: Rows, h: Array, force: Callable[[float], Array]
-) -> tuple[Array, Array]:
+def _drift_kick_drift(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     q = model.moved(at.q, at.u, 0.5 * h)
     u = at.u + h * model.acceleration(at.t + 0.5 * h[:, 0], q, at.u, force(0.5))
     return model.moved(q, u, 0.5 * h), u
@@ -95,9 +85,7 @@ def _drift_kick_drift(
 def _implicit_in(whole: bool) -> Step:
     """Semi-implicit Euler with the dampers, or all of ∂a/∂u, at the end of the step."""
 
-    def step(
-        model: Model, at: Rows, h: Array, force: Callable[[float], Array]
-    ) -> tuple[Array, Array]:
+    def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         F = force(0.0)
         a = model.acceleration(at.t, at.q, at.u, F)
         columns = []
@@ -134,13 +122,17 @@ def _implicit_midpoint(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Arr
 
 @dataclass(frozen=True, eq=False)
 class Integrator:
-    """A method: its name, its order, the numbers c of its leading error terms, and its map."""
+    """A method: its name, its order, the numbers c of its leading error terms, and its map.
+
+    `stages` of it whose forces logs may hold.
+    """
 
     name: str
     order: int
     numbers: dict[str, float]
     step: Step | None = None
     defect: Defect | None = None
+    stages: int = 0
 
 
 EXACT = Integrator("higher-order", 3, {})
@@ -162,8 +154,8 @@ INTEGRATORS = (
     Integrator("position-verlet", 2, _first(0.0, 0.0, -0.5), _drift_kick_drift),
     Integrator("bogacki-shampine", 3, {}, _explicit("ode3")),
     Integrator("kutta-3", 3, {}, _explicit(KUTTA)),
-    Integrator("rk4", 4, {}, _explicit("ode4")),
-    Integrator("rk4", 4, {}, _explicit("ode4", on_group=True)),
+    Integrator("rk4", 4, {}, _explicit("ode4"), stages=4),
+    Integrator("rk4", 4, {}, _explicit("ode4", on_group=True), stages=4),
     Integrator("dormand-prince", 5, {}, _explicit("ode5")),
     EXACT,
 )
@@ -239,7 +231,7 @@ def maps(
                 method, counts, _solved(model, method, end, Rows(end.t, q, u, end.F), intervals.h)
             )
         elif method.step is not None:
-            end = _repeated(model, method.step, intervals, force, counts)
+            end = _repeated(model, method, intervals, force, counts)
             yield Map(method, counts, end)
 
 
@@ -253,8 +245,7 @@ def _solved(model: Model, method: Integrator, end: Rows, right: Rows, h: Array) 
 
 def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween) -> Array | None:
     """Derivatives (N, 2n, 2n) of a method's map by differences; None for an implicit one, or many speeds."""
-    step = of.method.step
-    if step is None or model.n > MOST_SPEEDS:
+    if of.method.step is None or model.n > MOST_SPEEDS:
         return None
     at, columns = intervals.start, []
     for k in range(2 * model.n):
@@ -263,8 +254,8 @@ def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween)
         d = 1e-6 * (1.0 + (0.0 if k < model.n else float(np.abs(at.u[:, k - model.n]).max())))
         along, u = np.broadcast_to(e, at.u.shape), at.u
         q = model.moved(at.q, along, np.full((len(u), 1), d)) if k < model.n else at.q
-        other = Intervals(Rows(at.t, q, u if k < model.n else u + d * e, at.F), intervals.end)
-        moved = _repeated(model, step, other, force, of.counts)
+        start = Rows(at.t, q, u if k < model.n else u + d * e, at.F)
+        moved = _repeated(model, of.method, replace(intervals, start=start), force, of.counts)
         columns.append(model.difference(of.end, moved) / d)
     return np.stack(columns, axis=2)
 
@@ -274,9 +265,16 @@ MOST_SPEEDS = 12
 
 
 def _repeated(
-    model: Model, step: Step, intervals: Intervals, force: ForceBetween, counts: NDArray[np.intp]
+    model: Model,
+    method: Integrator,
+    intervals: Intervals,
+    force: ForceBetween,
+    counts: NDArray[np.intp],
 ) -> Rows:
     """The states after `counts` (N,) steps in each interval."""
+    assert method.step is not None
+    stages = intervals.stages if method.stages == len(intervals.stages) + 1 else ()
+    stages = stages if counts.max() == 1 else ()
     at = intervals.start
     ends = [np.array(x) for x in (at.t, at.q, at.u, at.F)]
     for count in np.unique(counts):
@@ -284,10 +282,12 @@ def _repeated(
         rows, h = at.take(some), intervals.h[some] / count
         for k in range(count):
 
-            def within(c: float, k: int = k, some: NDArray[np.intp] = some) -> Array:
-                return force((k + c) / count)[some]  # noqa: B023, called in this turn of the loop
+            def within(c: float, stage: int = 0) -> Array:
+                # Called in this turn of the loops.
+                F = stages[stage - 1] if stages and stage else force((k + c) / count)  # noqa: B023
+                return F[some]  # noqa: B023
 
-            q, u = step(model, rows, h, within)
+            q, u = method.step(model, rows, h, within)
             rows = Rows(rows.t + h[:, 0], q, u, within(1.0))
         for end, x in zip(ends, (rows.t, rows.q, rows.u, rows.F), strict=True):
             end[some] = x

@@ -41,6 +41,10 @@ class Rows:
         return Rows(*(np.concatenate(x) for x in columns))
 
 
+PASSIVE = ("spring", "damper")
+"""Kinds of channels that are functions of the state."""
+
+
 class _Expressions:
     """What is evaluated of a mechanism with a log's forces: made once for logs of the same columns."""
 
@@ -150,6 +154,24 @@ class Model:
         forces = [np.zeros((len(run), 0)), *self.log.values(run).values()]
         free = self.mechanism.free
         return Rows(run.t, run.q[:, free.q], run.u[:, free.u], np.concatenate(forces, axis=1))
+
+    def stages(self, run: Trajectory, rows: NDArray[np.intp]) -> tuple[Array, ...]:
+        """Logged forces (N, m) at the later stages of the steps from some rows; none where the log has none.
+
+        It has their sums: what these are beyond those of the rows, the columns of a speed share.
+        """
+        if run.stages is None or any(
+            name.kind in PASSIVE for name, p in self.log.places.items() if p
+        ):
+            return ()
+        speeds = np.array([k for p in self.log.places.values() for k in p], dtype=np.intp)
+        F = self.rows(run.take(rows)).F
+        share = (speeds[:, None] == np.arange(len(run.speeds))) / 1.0
+        change = run.stages[rows] - (F @ share)[:, None]
+        if np.abs(change[:, :, np.setdiff1d(np.arange(len(run.speeds)), speeds)]).any():
+            return ()
+        change = change @ (share / np.maximum(share.sum(axis=0), 1.0)).T
+        return tuple((F[:, None] + change).transpose(1, 0, 2))
 
     def changed(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> Model:
         """The model with causes in its equations: coefficients (P,) of the columns of all kernels."""

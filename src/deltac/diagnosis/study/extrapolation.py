@@ -153,7 +153,9 @@ def extrapolated(
     q, u = _admissible(mechanism, finest.t[rows[-1]], q, u)
 
     run = replace(
-        column_by_column([entry.run for entry in last], lambda values: column(values)[0]),
+        column_by_column(
+            [replace(entry.run, stages=None) for entry in last], lambda values: column(values)[0]
+        ),
         t=finest.t[rows[-1]],
         q=q,
         u=u,

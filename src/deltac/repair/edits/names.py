@@ -224,7 +224,7 @@ class TracedNames:
         """An update x += y by another operator, on the numbers that it had."""
         if not isinstance(candidate.new, ast.AugAssign):
             return None
-        tape, operation = self.program.tape, BINARY[OPERATIONS[type(candidate.new.op)]]
+        tape, operation = self.program.tape, BINARY[type(candidate.new.op).__name__]
         slots = [
             slot.index
             for instance in self.program.trace.instances[candidate.place]
@@ -259,15 +259,6 @@ class TracedNames:
                 name = ast.unparse(tree.func).rpartition(".")[2]
                 return FUNCTIONS[name](*map(value, tree.args))
         raise LookupError
-
-
-OPERATIONS: dict[type[ast.operator], str] = {
-    ast.Add: "add",
-    ast.Sub: "sub",
-    ast.Mult: "mul",
-    ast.Div: "truediv",
-    ast.Pow: "pow",
-}
 
 
 def _array(value: Any) -> Any:

@@ -195,7 +195,7 @@ class _Rewriter:
         """A value that is given to names, some of them the module's from within a function."""
         for t in targets if self.globals else ():
             if any(isinstance(n, ast.Name) and n.id in self.globals for n in ast.walk(t)):
-                value = _hook("outside", self.number[id(t)], value)
+                value = _hook("outside", self.number[id(t)])
         return value
 
     def target(self, t: ast.expr) -> Any:

@@ -17,7 +17,7 @@ from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
-from deltac.repair.tracing.tracer import Failed, Instance, Trace, branches, form_of
+from deltac.repair.tracing.tracer import Instance, Trace, branches, form_of
 from deltac.simulation.state_form import StateForm, as_told, forms, likeliest, told_order
 
 PLAIN = 12
@@ -67,19 +67,27 @@ class Program:
         Where the function ends with solving A u̇ = b, it is A u̇ − b at the model's accelerations: linear in
         every entry of A and b, and each mistake stays in its own row. Else the residual of its results.
         """
-        if self._system is None:
+        if not self.solves:
             return self.samples.residual(self.run(changes, values))
-        entries = self.tape.run((*self._system, *self.trace.rates), changes, values)
-        n = len(self.samples.acceleration)
-        A, b, rates = np.split(entries, (n * n, n * n + n))
-        A = A.reshape(n, n, -1)
+        A, b = self.system(changes, values)
         with np.errstate(all="ignore"):
-            residual = (np.einsum("ijb,jb->ib", A, self.samples.acceleration) - b) / self._rows[
-                :, None
-            ]
-        if not len(rates):
+            residual = np.einsum("bij,jb->ib", A, self.samples.acceleration) - b
+            residual /= self._rows[:, None]
+        if not self.trace.rates:
             return np.asarray(residual)
+        rates = self.tape.run(self.trace.rates, changes, values)
         return np.concatenate([residual, (rates - self.samples.rates) / self.samples.rate_size])
+
+    def system(
+        self,
+        changes: Mapping[int, TapeChange] | None = None,
+        values: Mapping[int, Any] | None = None,
+    ) -> tuple[Array, Array]:
+        """A (B, n, n) and b (n, B), where what is returned is the solution of A u̇ = b."""
+        assert self._system is not None
+        n = len(self.samples.acceleration)
+        entries = self.tape.run(self._system, changes, values)
+        return np.moveaxis(entries[: n * n].reshape(n, n, -1), -1, 0), entries[n * n :]
 
     @cached_property
     def _system(self) -> tuple[int, ...] | None:
@@ -96,17 +104,14 @@ class Program:
 
     @property
     def solves(self) -> bool:
-        """Whether the function ends with solving A u̇ = b."""
+        """Whether the residual is that of A u̇ = b."""
         return self._system is not None
 
     @cached_property
     def _rows(self) -> Array:
         """Typical size of the terms of each row (n,)."""
-        assert self._system is not None
-        n = len(self.samples.acceleration)
-        entries = np.abs(self.tape.run(self._system))
-        A = entries[: n * n].reshape(n, n, -1)
-        size = np.einsum("ijb,jb->ib", A, np.abs(self.samples.acceleration)) + entries[n * n :]
+        A, b = self.system()
+        size = np.einsum("bij,jb->ib", np.abs(A), np.abs(self.samples.acceleration)) + np.abs(b)
         rms = np.sqrt(np.mean(size**2, axis=1))
         return np.asarray(np.maximum(rms, 1e-9 * rms.max()))
 
@@ -269,10 +274,6 @@ def formed(source: Source, target: Target) -> Source:
     candidates = as_told(forms(names, needed, nq, nu, motors), declared, places)
     form = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if form is None:
-        failed = [f for f in failures if isinstance(f, Failed) and f.file == source.name]
-        if failed and failed[0] is failures[0]:  # in the likeliest form
-            lines = tuple(dict.fromkeys(line for f in failed for line in f.lines))
-            raise Failed(str(failed[0]), source.name, lines)
         if failures:
             raise failures[0]
         raise SourceError(

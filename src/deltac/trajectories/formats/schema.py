@@ -5,6 +5,8 @@
     u.<speed>                   m/s, rad/s
     udot.<speed>                m/s², rad/s²
     force.<channel>.<speed>     generalized force, N or N·m
+    stage<k>.<speed>            N or N·m: all forces but those of springs and dampers, at the k-th stage
+                                of the step from the row, k = 2, 3, …
     work.<channel>              J
     integral.<testing function> J
 
@@ -39,7 +41,8 @@ UNITS: Mapping[str, str] = {
 }
 """The units of every log; a log that declares others is refused."""
 
-_PREFIXES = ("q.", "u.", "udot.", "force.", "work.", "integral.")
+_STAGES = tuple(f"stage{k}." for k in range(2, 17))
+_PREFIXES = ("q.", "u.", "udot.", "force.", "work.", "integral.", *_STAGES)
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,7 @@ class _ColumnLayout:
     channels: tuple[str, ...]
     works: tuple[str, ...]
     integrals: tuple[str, ...]
+    stages: int = 0
 
     def columns(self) -> Iterator[str]:
         """The columns in the order of the schema."""
@@ -61,6 +65,7 @@ class _ColumnLayout:
         if self.accelerations:
             yield from (f"udot.{name}" for name in self.speeds)
         yield from (f"force.{c}.{name}" for c in self.channels for name in self.speeds)
+        yield from (f"{prefix}{name}" for prefix in _STAGES[: self.stages] for name in self.speeds)
         yield from (f"work.{name}" for name in self.works)
         yield from (f"integral.{name}" for name in self.integrals)
 
@@ -81,6 +86,11 @@ def to_columns(run: Trajectory) -> dict[str, FloatArray]:
     if run.udot is not None:
         groups.append(("udot", run.speeds, run.udot))
     groups += [(f"force.{channel}", run.speeds, f) for channel, f in run.forces.items()]
+    if run.stages is not None:
+        groups += [
+            (prefix[:-1], run.speeds, values)
+            for prefix, values in zip(_STAGES, run.stages.transpose(1, 0, 2))
+        ]
     for prefix, names, values in groups:
         for name, column in zip(names, values.T, strict=True):
             _add(columns, f"{prefix}.{name}", column)
@@ -104,6 +114,7 @@ def to_metadata(run: Trajectory) -> dict[str, Any]:
         "channels": list(run.forces),
         "works": list(run.works),
         "integrals": list(run.integrals),
+        **({} if run.stages is None else {"stages": run.stages.shape[1]}),
         "provenance": _provenance_fields(run.provenance),
     }
 
@@ -154,6 +165,9 @@ def from_columns(
             for name in layout.channels
         },
         works={ChannelName.parse(name): arrays[f"work.{name}"] for name in layout.works},
+        stages=np.stack([table(p[:-1], layout.speeds) for p in _STAGES[: layout.stages]], axis=1)
+        if layout.stages
+        else None,
         integrals={name: arrays[f"integral.{name}"] for name in layout.integrals},
         coordinates=layout.coordinates,
         speeds=layout.speeds,
@@ -235,6 +249,7 @@ def _derive_layout(columns: Mapping[str, Any]) -> _ColumnLayout:
         tuple(channels),
         _strip("work.", columns),
         _strip("integral.", columns),
+        sum(any(name.startswith(prefix) for name in columns) for prefix in _STAGES),
     )
 
 
@@ -309,6 +324,7 @@ def _read_layout(metadata: Mapping[str, Any]) -> _ColumnLayout:
         _texts(metadata, "channels"),
         _texts(metadata, "works"),
         _texts(metadata, "integrals"),
+        _entry(metadata, "stages", int) if "stages" in metadata else 0,
     )
 
 

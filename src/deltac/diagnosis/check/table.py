@@ -24,7 +24,7 @@ from deltac.diagnosis.residuals.states import States, draw, from_told, natural_s
 from deltac.errors import FileError, LimitError, LogError, shown
 from deltac.foreign.files import appearing, read_text
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, chosen_map, load_model
+from deltac.models import ModelLike, load_model
 from deltac.trajectories.formats.files import naming
 
 MOST_ROWS = 100_000
@@ -56,7 +56,7 @@ def write_states(
         InputError: the model has no such states, or the file cannot be written.
     """
     loaded = load_model(model)
-    kane = Kane(loaded.mechanism, chosen_map(loaded, coordinates), loaded.first)
+    kane = Kane(loaded.mechanism, loaded.coordinate_map(coordinates), loaded.first)
     states = told(kane, draw(kane, natural_scales(kane), count=count, seed=seed))
     head = [*states.describe(0), *(f"udot.{name}" for name in states.speeds)]
     empty = [""] * len(states.speeds)
@@ -95,7 +95,7 @@ def check_table(
             mechanism cannot take.
     """
     loaded = load_model(model)
-    chosen = chosen_map(loaded, coordinates)
+    chosen = loaded.coordinate_map(coordinates)
     kane = Kane(loaded.mechanism, chosen, loaded.first)
     columns, digits = _read(Path(path))
     names = (

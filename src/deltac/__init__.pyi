@@ -106,6 +106,7 @@ from deltac.simulation.constraints.energy import EnergyLeftWarning as EnergyLeft
 from deltac.simulation.ensemble.ensemble import Ensemble as Ensemble
 from deltac.simulation.equations import Controller as Controller
 from deltac.simulation.equations import Equations as Equations
+from deltac.simulation.equations import RightHandSide as RightHandSide
 from deltac.simulation.flow import Baumgarte as Baumgarte
 from deltac.simulation.flow import Projection as Projection
 from deltac.simulation.recording import Record as Record

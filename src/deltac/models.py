@@ -19,6 +19,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol, TypeAlias, TypeGuard, TypeVar, cast
 
+from numpy.typing import ArrayLike
+
 from deltac.calls.arguments import checked
 from deltac.errors import (
     ArgumentsError,
@@ -109,7 +111,7 @@ ModelLike: TypeAlias = (
 )
 """What every verb takes for a model: see `load_model`."""
 
-StateLike: TypeAlias = State | Mapping[str, Any] | str | Path | None
+StateLike: TypeAlias = State | Mapping[str, ArrayLike] | str | Path | None
 """What every verb takes for a state: see `Model.start`."""
 
 

@@ -7,7 +7,7 @@ needs no readers of files.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,7 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.expressions import Law
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation import simulate as simulation
-from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.equations import Controller, Equations, RightHandSide
 from deltac.simulation.flow import Keeping
 from deltac.simulation.recording import RECORD, Record
 from deltac.simulation.solvers import FixedStep, Options
@@ -49,7 +49,7 @@ def simulate(
     step: float | None = None,
     solver: str | Options = "ode5",
     record: Record | Sequence[str] | int = RECORD,
-    equations: Equations | Callable[..., Any] | None = None,
+    equations: Equations | RightHandSide | None = None,
     *,
     controller: Controller | None = None,
     constraints: str | Keeping = "projection",

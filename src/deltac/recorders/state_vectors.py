@@ -17,6 +17,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.simulation.equations import (
     Equations,
+    RightHandSide,
     StateSymbols,
     as_equations,
     explicit,
@@ -46,7 +47,7 @@ def trajectory_of_states(
     *,
     order: Order = None,
     coordinates: CoordinateMap | str | None = None,
-    equations: Equations | Callable[..., Any] | None = None,
+    equations: Equations | RightHandSide | None = None,
     provenance: Provenance | None = None,
 ) -> Trajectory:
     """The trajectory of a solver's states, see `Trajectory.from_scipy`."""

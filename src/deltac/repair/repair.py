@@ -41,7 +41,7 @@ from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
 from deltac.repair.tracing.tracer import Endless, TracingRefused, branches
-from deltac.simulation.equations import Equations, as_equations
+from deltac.simulation.equations import Equations, RightHandSide, as_equations
 from deltac.simulation.state_form import PLAIN
 
 Edited: TypeAlias = Sequence[tuple[tuple[EditCandidate, ...], Source]]
@@ -93,9 +93,9 @@ PERTURBED = 0.37
 @interruptible()
 def repair_equations(
     model: ModelLike,
-    equations: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | RightHandSide | Equations,
     *,
-    function: Callable[..., Any] | Equations | None = None,
+    function: RightHandSide | Equations | None = None,
     coordinates: CoordinateMap | str | None = None,
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
@@ -128,7 +128,7 @@ def repair_equations(
     start = time.monotonic()
     loaded = load_model(model)
     if function is None and not isinstance(equations, str | Path):
-        live: Callable[..., Any] | Equations | None = equations
+        live: RightHandSide | Equations | None = equations
     else:
         live = function
     own = loaded.coordinate_map(coordinates, equations if live is None else live)

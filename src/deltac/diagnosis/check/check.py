@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +40,7 @@ from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, load_model
 from deltac.results import Section, Table, fraction
-from deltac.simulation.equations import Equations, as_equations
+from deltac.simulation.equations import Equations, RightHandSide, as_equations
 from deltac.simulation.state_form import PLAIN, StateForm
 from deltac.trajectories import Trajectory
 
@@ -197,7 +196,7 @@ SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
 @interruptible()
 def check_equations(
     model: ModelLike,
-    equations: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | RightHandSide | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     states: States | Trajectory | None = None,

@@ -12,10 +12,9 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -30,7 +29,7 @@ from deltac.repair.tracing.program import ProgramReading, at, named_parameters, 
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, source_of
 from deltac.results import Report, Section, Serialisable, Table
-from deltac.simulation.equations import Equations
+from deltac.simulation.equations import Equations, RightHandSide
 
 SUITE = "your tests"
 
@@ -172,7 +171,7 @@ def _examples(trials: Sequence[MutantTrial]) -> str:
 @interruptible()
 def mutate_equations(
     model: ModelLike,
-    equations: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | RightHandSide | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     names: int = 2,

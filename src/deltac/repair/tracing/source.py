@@ -13,7 +13,7 @@ from typing import Any
 
 from deltac.errors import FileError, SourceError, UnknownName, closest
 from deltac.repair.tracing.modules import UserModule, bound, parsed
-from deltac.simulation.equations import Equations
+from deltac.simulation.equations import Equations, RightHandSide
 from deltac.simulation.state_form import Order, StateForm
 
 
@@ -160,7 +160,7 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
     return source
 
 
-def source_of(rhs: str | Path | Callable[..., Any] | Equations) -> Source:
+def source_of(rhs: str | Path | RightHandSide | Equations) -> Source:
     """The source of what a user hands over as equations of motion, with what is declared of its state.
 
     Raises InputError as `read_source`.

@@ -21,14 +21,12 @@ from deltac.diagnosis.residuals.at_samples import CLEAR
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, draw, from_told, natural_scales, told
-from deltac.errors import FileError, LimitError, LogError, shown
+from deltac.errors import FileError, LogError, shown
 from deltac.foreign.files import appearing, read_text
+from deltac.foreign.limits import Limits
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import ModelLike, chosen_map, load_model
 from deltac.trajectories.formats.files import naming
-
-MOST_ROWS = 100_000
-"""Rows of a table that is read."""
 
 
 @checked
@@ -134,7 +132,7 @@ def _rounding(digits: int) -> float:
 def _read(path: Path) -> tuple[dict[str, list[float]], int]:
     """The columns of a table, and the most significant digits that any entry has."""
     columns: dict[str, list[float]] = {}
-    digits = 0
+    digits, limits = 0, Limits.current()
     with naming(path):
         text = read_text(path, "bytes")
     try:
@@ -145,8 +143,7 @@ def _read(path: Path) -> tuple[dict[str, list[float]], int]:
             twice = next(name for name in head if head.count(name) > 1)
             raise LogError(f"{path}: two columns are called {shown(twice)}")
         for line, row in enumerate(rows, 2):
-            if line > MOST_ROWS:
-                raise LimitError(f"{path}: more than {MOST_ROWS} rows")
+            limits.check("rows", line - 1, f"{path}: the table has")
             if not row:
                 continue
             if len(row) != len(head):

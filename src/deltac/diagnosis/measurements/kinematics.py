@@ -26,16 +26,13 @@ from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
-from deltac.trajectories.lint import gap_rows
+from deltac.trajectories.lint import MANY, gap_rows
 from deltac.trajectories.rates import continuous
 
 Mask: TypeAlias = NDArray[np.bool_]
 
 LEAST_ROWS = 12
 """Rows that a part between gaps has at least to be compared."""
-
-MOST_ROWS = 20_000
-"""Rows that are compared: consecutive ones at the start, the middle and the end of a long log."""
 
 SURE = 8.0
 """Standard errors by which r must differ from one."""
@@ -409,9 +406,9 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
     cuts = np.unique(np.concatenate([gap_rows(run.t) + 1, happened, [0, len(run)]]).astype(np.intp))
     pieces = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= LEAST_ROWS]
     total = sum(b - a for a, b in pieces)
-    if total <= MOST_ROWS:
+    if total <= MANY:
         return pieces
-    share, parts = MOST_ROWS / total, []
+    share, parts = MANY / total, []
     for a, b in pieces:
         size = max(LEAST_ROWS, int(share * (b - a) / 3))
         if b - a <= 3 * size:
@@ -425,7 +422,7 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
 def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:
     """The rows of the stretches of a long log, else all; and where these stretches are among them."""
     edges = stretches(run)
-    if len(run) <= MOST_ROWS:
+    if len(run) <= MANY:
         return slice(None), edges
     rows = np.concatenate([np.arange(a, b) for a, b in edges] or [np.arange(0)])
     ends = np.cumsum([0, *(b - a for a, b in edges)]).tolist()

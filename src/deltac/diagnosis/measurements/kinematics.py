@@ -27,7 +27,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
 from deltac.trajectories.lint import MANY, gap_rows
-from deltac.trajectories.rates import continuous
+from deltac.trajectories.rates import continuous, rotation_vectors
 
 Mask: TypeAlias = NDArray[np.bool_]
 
@@ -366,7 +366,7 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     for _, i, j in kinematics.quaternions:
         if j not in free:
             continue
-        turned = rotation_vectors(q[:, i : i + 4])
+        turned = rotation_vectors(continuous(q[:, i : i + 4]), "body")
         # Half a turn more per row, and the commutator of turns: of second order in the angle.
         size = np.linalg.norm(turned, axis=1)
         bar = 2.0 * fine_q[1:, i : i + 4].sum(axis=1) + size**3 / 6.0
@@ -385,19 +385,6 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     if not isinstance(rows, slice):  # the rows of the log, not of those that were looked at
         by_speed = {name: replace(one, start=rows[one.start]) for name, one in by_speed.items()}
     return by_speed
-
-
-def rotation_vectors(p: Array) -> Array:
-    """Rotation vectors (T − 1, 3), body components, between quaternions (T, 4), scalar first."""
-    p = continuous(p)
-    a, b = p[:-1], p[1:]
-    w = np.sum(a * b, axis=1)
-    v = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
-    length = np.linalg.norm(v, axis=1)
-    scale = np.divide(
-        2.0 * np.arctan2(length, w), length, out=np.full_like(w, 2.0), where=length > 0.0
-    )
-    return np.asarray(v * scale[:, None])
 
 
 def stretches(run: Trajectory) -> list[tuple[int, int]]:

@@ -38,6 +38,7 @@ from deltac.diagnosis.correct import Correction as Correction
 from deltac.diagnosis.correct import correct_trajectory as correct_trajectory
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation
+from deltac.diagnosis.inputs.equations import load_equations as load_equations
 from deltac.diagnosis.inputs.fmu import load_fmu as load_fmu
 from deltac.diagnosis.inputs.logs import LogLike as LogLike
 from deltac.diagnosis.recommend.recommend import recommend as recommend

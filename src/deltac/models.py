@@ -188,6 +188,24 @@ class Model:
             problem = replace(problem, mechanism=mechanism, equations=None)
         return replace(self, mechanism=mechanism, problem=problem)
 
+    def coordinate_map(
+        self, coordinates: CoordinateMap | str | None, written: object = None
+    ) -> CoordinateMap | None:
+        """The coordinates that equations of this model are written in (see `check_equations`).
+
+        Where nothing is said they are those of `written`, if these are `Equations`, else those of the
+        problem's. None: the mechanism's own.
+        """
+        from deltac.simulation.equations import Equations
+
+        if coordinates is None and isinstance(written, Equations):
+            return own_coordinates(self.mechanism, written.coordinates)
+        equations = None if self.problem is None else self.problem.equations
+        offered = None if equations is None else equations.coordinates
+        if coordinates is None or (coordinates == "absolute" and offered is not None):
+            coordinates = offered
+        return own_coordinates(self.mechanism, coordinates)
+
     def lasting(self, duration: float | None) -> float:
         """How long the motion lasts (s): as given, or as the problem says; InputError if neither."""
         if duration is not None:
@@ -235,24 +253,6 @@ def load_model(source: ModelLike) -> Model:
     if type(source).__module__.partition(".")[0] == "mujoco":
         return _imported(source)
     raise WrongType(f"model: found {_described(source)}; expected {TAKEN}")
-
-
-def chosen_map(
-    model: Model, coordinates: CoordinateMap | str | None, written: object = None
-) -> CoordinateMap | None:
-    """The coordinates that equations of a model are written in (see `check_equations`).
-
-    Where nothing is said they are those of `written`, if these are `Equations`, else those of the problem's.
-    """
-    from deltac.simulation.equations import Equations
-
-    if coordinates is None and isinstance(written, Equations):
-        return own_coordinates(model.mechanism, written.coordinates)
-    equations = None if model.problem is None else model.problem.equations
-    offered = None if equations is None else equations.coordinates
-    if coordinates is None or (coordinates == "absolute" and offered is not None):
-        coordinates = offered
-    return own_coordinates(model.mechanism, coordinates)
 
 
 def load_callable(text: str) -> Callable[..., Any]:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from deltac.diagnosis.check.location import blame_at
+from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.outcome import Repair, blamed_terms
 from deltac.repair.repair import repair_source
 from deltac.repair.tracing.program import read
@@ -20,6 +21,8 @@ ELBOW = ("- c1 * va + elbow", "- c1 * va - elbow")
 BOTH = {
     "an inertia, a sign in the other row": [("l2**2 / 3", "l2**2 / 12"), ELBOW],
     "an inertia and a sign in one row": [("m1 / 3 + m2", "m1 / 2 + m2"), ELBOW],
+    "a coupling, in both rows, and a sign": [("np.cos(a - b)", "np.cos(a + b)"), ELBOW],
+    "an inertia, and a damper forgotten": [("l2**2 / 3", "l2**2 / 12"), (" + c2 * (vb - va)", "")],
 }
 
 
@@ -51,6 +54,21 @@ def test_the_mass_matrix_and_a_force(name: str, target: Target) -> None:
     assert found.fixes and len(found.fixes[0].lines) == 2, found.explain()
     # 1e-10: the same formula, whose matrix is well conditioned
     np.testing.assert_allclose(accelerations(found.fixes[0].text), accelerations(ARM), rtol=1e-10)
+
+
+def test_mistakes_stay_in_their_rows(target: Target) -> None:
+    """A wrong inertia of the lower rod, and a wrong force on the upper: each in one row of M u̇ − f."""
+    for edit, wrong in (
+        (BOTH["an inertia and a sign in one row"][:1], 0),
+        ([("b) - elbow", "b)")], 1),
+    ):
+        program = read(Source("eom.py", mistaken(edit), "rhs"), target).worst
+        rows = unsolved_form(program)
+        assert rows is not None
+        off = np.abs(rows.original_residual).max(axis=1)
+        assert off[wrong] > 1e-3 and off[1 - wrong] < RIGHT
+        plain = np.abs(program.run() - program.samples.acceleration).max(axis=1)
+        assert (plain > 1e-3).all()  # where both accelerations are wrong
 
 
 def test_terms_that_are_known_are_said_where_no_edit_is_found(target: Target) -> None:

@@ -113,10 +113,10 @@ def check(
 
 def _names(model: str, coordinates: Any) -> tuple[str, ...]:
     """The coordinates that equations of a model are written in."""
-    from deltac.models import chosen_map, load_model
+    from deltac.models import load_model
 
     loaded = load_model(model)
-    chosen = chosen_map(loaded, coordinates)
+    chosen = loaded.coordinate_map(coordinates)
     if chosen is not None and chosen.coordinates:
         return chosen.coordinates
     free = loaded.mechanism.free.q

@@ -14,7 +14,7 @@ from deltac.dynamics.system import System, trace
 from deltac.errors import LogError, ModelError, WrongType, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, chosen_map, load_model
+from deltac.models import ModelLike, load_model
 from deltac.simulation.equations import (
     Equations,
     RightHandSide,
@@ -54,7 +54,7 @@ def trajectory_of_states(
     loaded = load_model(model)
     mechanism = loaded.mechanism
     own_equations = None if equations is None else as_equations(equations)
-    chosen = chosen_map(loaded, coordinates, own_equations)
+    chosen = loaded.coordinate_map(coordinates, own_equations)
     if own_equations is not None and order is None:
         order = own_equations.order
     system = trace(mechanism)

@@ -22,7 +22,7 @@ from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.states import States
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, chosen_map, load_model
+from deltac.models import ModelLike, load_model
 from deltac.repair.edits.candidates import EditCandidate, unified_diff
 from deltac.repair.edits.running import RUN_TIME, right_edits
 from deltac.repair.edits.search import EditSearch, confirmed, pairs
@@ -131,7 +131,7 @@ def repair_equations(
         live: RightHandSide | Equations | None = equations
     else:
         live = function
-    own = chosen_map(loaded, coordinates, equations if live is None else live)
+    own = loaded.coordinate_map(coordinates, equations if live is None else live)
     target = Target(loaded.mechanism, own, seed, loaded.first)
     if live is None:
         return repair_source(source_of(equations), target, time_limit)

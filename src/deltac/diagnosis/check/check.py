@@ -38,7 +38,7 @@ from deltac.diagnosis.residuals.states import (
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import Model, ModelLike, chosen_map, load_model
+from deltac.models import Model, ModelLike, load_model
 from deltac.results import Section, Table, fraction
 from deltac.simulation.equations import Equations, RightHandSide, as_equations
 from deltac.simulation.state_form import PLAIN, StateForm
@@ -236,7 +236,7 @@ def check_equations(
     if isinstance(equations, str | Path):
         equations = load_equations(str(equations), loaded.mechanism.coordinates.names)
     own = as_equations(equations)
-    chosen = chosen_map(loaded, coordinates, equations)
+    chosen = loaded.coordinate_map(coordinates, equations)
     kane = Kane(loaded.mechanism, chosen, loaded.first)
     if not kane.speed_names:
         raise ModelError(
@@ -590,7 +590,7 @@ def _other_coordinates(
             others.append((RATES, CoordinateMap(chosen.coordinates, q=chosen.q)))
     for name in ("absolute",):
         try:
-            others.append((name, chosen_map(model, name)))
+            others.append((name, model.coordinate_map(name)))
         except InputError:
             continue
     for name, coordinates in others:

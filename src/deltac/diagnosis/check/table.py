@@ -25,7 +25,7 @@ from deltac.errors import FileError, LogError, shown
 from deltac.foreign.files import appearing, read_text
 from deltac.foreign.limits import Limits
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, chosen_map, load_model
+from deltac.models import ModelLike, load_model
 from deltac.trajectories.formats.files import naming
 
 
@@ -54,7 +54,7 @@ def write_states(
         InputError: the model has no such states, or the file cannot be written.
     """
     loaded = load_model(model)
-    kane = Kane(loaded.mechanism, chosen_map(loaded, coordinates), loaded.first)
+    kane = Kane(loaded.mechanism, loaded.coordinate_map(coordinates), loaded.first)
     states = told(kane, draw(kane, natural_scales(kane), count=count, seed=seed))
     head = [*states.describe(0), *(f"udot.{name}" for name in states.speeds)]
     empty = [""] * len(states.speeds)
@@ -93,7 +93,7 @@ def check_table(
             mechanism cannot take.
     """
     loaded = load_model(model)
-    chosen = chosen_map(loaded, coordinates)
+    chosen = loaded.coordinate_map(coordinates)
     kane = Kane(loaded.mechanism, chosen, loaded.first)
     columns, digits = _read(Path(path))
     names = (

@@ -20,6 +20,7 @@ from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sum
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import Requirement, Requirements
 from deltac.repair.edits.single import additions, edits, structure
+from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.tracing.program import Program, at, reading
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
@@ -240,13 +241,20 @@ def pairs(
 
     `plain`: those only that are found without a second search.
     """
-    pool = _pool(search)
-    yield _adding_up(search, pool)
+    rows = unsolved_form(search.program)
+    ways = [search]
+    if rows is not None:
+        ways.insert(0, EditSearch(rows, search.target, search.deadline))
+    pools = []
+    for way in ways:
+        pools.append(_pool(way))
+        yield _adding_up(way, pools[-1])
     if plain:
         return
-    pool += _closing(search)
-    yield _adding_up(search, pool)
-    yield _followed(search, pool)
+    for way, pool in zip(ways, pools):
+        pool += _closing(way)
+        yield _adding_up(way, pool)
+        yield _followed(way, pool)
 
 
 def _pool(search: EditSearch) -> list[First]:

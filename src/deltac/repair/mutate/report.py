@@ -23,7 +23,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.errors import FileError, InputError, LimitError, SourceError, UnknownName
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, chosen_map, load_model
+from deltac.models import ModelLike, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
 from deltac.repair.tracing.program import ProgramReading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
@@ -205,7 +205,7 @@ def mutate_equations(
         if value < least:
             raise InputError(f"{name} is {value}; expected {least} or more")
     loaded = load_model(model)
-    chosen = chosen_map(loaded, coordinates, equations)
+    chosen = loaded.coordinate_map(coordinates, equations)
     target = Target(loaded.mechanism, chosen, seed, loaded.first)
     source = source_of(equations)
     program = read(source, target)

@@ -398,7 +398,7 @@ def test_differences_in_the_last_digits_are_no_mistake() -> None:
     files, missing = model_files({"example-robot-data": ["*/go1.urdf"]}, Path())
     if missing:
         pytest.skip("example-robot-data is not installed")
-    experiment = Experiment.of(*files.values(), "sway", 0.3)
+    experiment = Experiment.of(*files.values(), "sway", 0.3)  # type: ignore[call-arg]
     run = SIMULATORS["pybullet"].run(experiment, 0.004, "semi-implicit euler")
     model = pin.buildModelFromXML(experiment.text)
     data = model.createData()

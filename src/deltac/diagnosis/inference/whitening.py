@@ -136,8 +136,8 @@ class Innovations:
     @property
     def _group(self) -> int:
         """Intervals that make one block: as many as reach over all lags, and more where they are small."""
-        n = self.Phi.shape[1] // 2
-        return max(2, GROUP // n) if not self.speeds else max(1, GROUP // (2 * n))
+        n = int(self.Phi.shape[1]) // 2
+        return max(1, GROUP // (2 * n)) if self.speeds else max(2, GROUP // n)
 
     def _grouped(self, x: Array) -> Array:
         """Numbers (N, d, p) by blocks, zeros at the end."""

@@ -16,7 +16,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # What one process has compiled the other need not compile, nor the next run of the tests.
 KEPT = Path(__file__).parents[1] / ".pytest_cache"
 os.environ.setdefault("DELTAC_CACHE_DIR", str(KEPT / "kernels"))
-# Modules, tests too, are read as bytecode: compiling its source is half of a command's time, and seconds of ours.
+# Modules, tests too, are read as bytecode: compiling source is half of a command's time, and seconds of ours.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 sys.pycache_prefix = os.environ.setdefault("PYTHONPYCACHEPREFIX", str(KEPT / "bytecode"))

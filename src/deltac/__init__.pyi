@@ -131,3 +131,5 @@ from deltac.verbs import symbolic_equations as symbolic_equations
 from deltac.verbs import time_scales as time_scales
 
 __version__: str
+
+__all__: list[str]

@@ -29,6 +29,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.results import percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
+from deltac.trajectories.lint import some_stretches
 
 LARGE = 0.05
 """Share of the accelerations that the equations leave where a convention is looked for."""
@@ -131,7 +132,7 @@ def _best(
     mechanism: Mechanism, run: Trajectory, readings: list[Reading], inference: Inference
 ) -> Finding | None:
     """The reading that takes nearly all away of what the equations leave, if one does."""
-    part = _some(run)
+    part = some_stretches(run, PARTS, ROWS)
     model = Model(mechanism, part)
     was = _left(model, part)
     if not readings or not was > LARGE:
@@ -162,7 +163,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
     single = [j for j in mechanism.joints if len(j.axes) == 1]
     if not single or len(single) > MANY:
         return None
-    part = _some(run)
+    part = some_stretches(run, PARTS, ROWS)
     was = _left(Model(mechanism, part), part)
     trials: list[tuple[float, Joint, str, Mechanism]] = []
     for joint in single if was > LARGE else ():
@@ -203,16 +204,6 @@ def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -
         reading.element,
         equals=tuple((other.kind, other.element) for other in alike),
     )
-
-
-def _some(run: Trajectory) -> Trajectory:
-    """A few stretches of a log."""
-    if len(run) <= PARTS * ROWS:
-        rows = np.arange(len(run))
-    else:
-        starts = np.linspace(0, len(run) - ROWS, PARTS).astype(np.intp)
-        rows = np.unique((starts[:, None] + np.arange(ROWS)).ravel())
-    return replace(run.take(rows), integrals={}, works={}, events=())
 
 
 def _left(model: Model, run: Trajectory) -> float:

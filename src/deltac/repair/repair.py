@@ -33,6 +33,7 @@ from deltac.repair.tracing.program import (
     Program,
     ProgramReading,
     formed,
+    moved,
     named_parameters,
     read,
     reading,
@@ -40,7 +41,7 @@ from deltac.repair.tracing.program import (
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
-from deltac.repair.tracing.tracer import Endless, TracingRefused, branches
+from deltac.repair.tracing.tracer import Endless, Trace, TracingRefused
 from deltac.simulation.equations import Equations, RightHandSide, as_equations
 from deltac.simulation.state_form import PLAIN
 
@@ -443,40 +444,33 @@ def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], boo
     """
     if not sources:
         return [], False
-    at = target.samples()
-    readings = [branches(source, at.t, at.q, at.u) for source in sources]
-    traces = [parts[0][1] for parts in readings]
+    samples = target.samples()
+    traces = [piece.trace for s in sources for piece in reading(s, samples).pieces]
     names = set.intersection(*(set(trace.parameters) for trace in traces))
     rng = np.random.default_rng(0)
     factors = {name: 1.0 + PERTURBED * rng.uniform(-1.0, 1.0) for name in sorted(names)}
     kinds: list[Array] = []
     formulas = []
-    varied = True
-    for parts in readings:
-        result = np.zeros((len(at.u) + len(at.q), len(at.t)))
-        for which, trace in parts:
-            moved = {
-                slot: trace.tape.values[slot] * factors[name]
-                for name, slot in trace.parameters.items()
-                if name in factors
-            }
-            outputs = (*trace.outputs, *trace.rates)
-            result[: len(outputs), which] = trace.tape.run(outputs, values=moved)
-            links = named_parameters(trace, target)
-            linked = {slot for name, slot in trace.parameters.items() if name in links}
-            # Of the numbers that count, those that were not varied are what the edit may fit by chance.
-            varied = varied and not any(
-                slot not in linked and _own_number(trace.tape, slot)
-                for slot in trace.tape.before(outputs)
-            )
+    for source in sources:
+        result = moved(source, samples, lambda name: factors.get(name, 1.0))
         size = np.abs(result).max() + 1e-300
         same = (
-            k for k, other in enumerate(kinds) if np.abs(other - result).max() <= HALF_DIGITS * size
+            k
+            for k, other in enumerate(kinds)
+            if other.shape == result.shape and np.abs(other - result).max() <= HALF_DIGITS * size
         )
         formulas.append(next(same, len(kinds)))
         if formulas[-1] == len(kinds):
             kinds.append(result)
-    return formulas, varied
+    return formulas, not any(_of_its_own(trace, target) for trace in traces)
+
+
+def _of_its_own(trace: Trace, target: Target) -> bool:
+    """Whether a number that counts was not varied: an edit may fit it by chance."""
+    links = named_parameters(trace, target)
+    linked = {slot for name, slot in trace.parameters.items() if name in links}
+    used = trace.tape.before((*trace.outputs, *trace.rates))
+    return any(slot not in linked and _own_number(trace.tape, slot) for slot in used)
 
 
 def _own_number(tape: Tape, slot: int) -> bool:

@@ -210,7 +210,7 @@ def explicit(system: System, equations: Equations) -> Equations:
 
     motors = len(system.mechanism.motors)
     candidates = candidate_forms(
-        equations.rhs, equations.form, equations.order, coordinates, speeds, motors
+        parameters, equations.form, equations.order, coordinates, speeds, motors
     )
     form = likeliest(candidates, evaluate, right, np.empty((0, len(states))))
     if form is None or form.plain:

@@ -44,16 +44,14 @@ LIGHT = 1e-2
 
 NEWTON_STEPS = 60
 WELL_CONDITIONED = 1e-2
-"""Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map."""
+"""Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map; a path on
+which the loops and own coordinates have one may change sides."""
 
 PATH_STEPS, PATH_NEWTON = 48, 4
 """Steps of a path of assembled configurations, and of Newton's method in each."""
 
 ON_PATH, PATH = 1e-13, 1e-4
 """Violation at which Newton's steps end, and at which a place on the way has been reached (m, rad)."""
-
-CROSSING = 1e-2
-"""A path on which the loops and own coordinates have a smaller ratio of singular values may change sides."""
 
 REGULAR = 1e-11
 """A mass matrix with a smaller eigenvalue than this, scaled to a diagonal of ones, is singular."""
@@ -220,7 +218,7 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
         values = np.linalg.svd(
             np.divide(rows, size, out=np.zeros_like(rows), where=size > 0.0), compute_uv=False
         )
-        good &= values[:, -1] > CROSSING * values[:, 0]
+        good &= values[:, -1] > WELL_CONDITIONED * values[:, 0]
         good &= np.abs(violation).max(axis=0, initial=0.0) < (PATH if share < 1.0 else ASSEMBLED)
     return q, good
 

@@ -59,6 +59,7 @@ class Vocabulary:
     names: TracedNames
     _atoms: dict[tuple[object, ...], tuple[Atoms, Atoms]] = field(default_factory=dict)
     _tables: dict[tuple[object, ...], TermTable] = field(default_factory=dict)
+    _known: dict[int, dict[str, tuple[int, set[str]]]] = field(default_factory=dict)
 
     def atoms(self, requirement: Requirement) -> tuple[Atoms, Atoms]:
         """State-dependent and constant atoms that may stand where a node stands."""
@@ -161,12 +162,10 @@ class Vocabulary:
             used = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
             rank = 0 if isinstance(node, ast.Call) else _RANKS.get(type(node.op), 3)
             ranked.append((rank, text, instance.value.index, used))
-        ranked.sort(key=lambda x: (x[0], len(x[1])))
-        self._known[id(owner)] = {text: (slot, used) for _, text, slot, used in reversed(ranked)}
-        self._known[id(owner)] = dict(reversed(self._known[id(owner)].items()))
-        return self._known[id(owner)]
-
-    _known: dict[int, dict[str, tuple[int, set[str]]]] = field(default_factory=dict)
+        known = self._known[id(owner)] = {}
+        for _, text, slot, used in sorted(ranked, key=lambda x: (x[0], len(x[1]))):
+            known.setdefault(text, (slot, used))
+        return known
 
     def _sines(self, variables: dict[str, int], expressions: dict[str, int]) -> dict[str, Array]:
         """Sines and cosines of coordinates that the source does not have yet."""

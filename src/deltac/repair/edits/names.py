@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,22 +20,6 @@ from deltac.repair.tracing.tracer import OPERATORS, Instance, fields_of
 
 TEXT_NAMES = 24
 """Names of the text that are tried for each other, where nothing is known of their values."""
-
-
-class Names(Protocol):
-    """What may be written where a node stands."""
-
-    def numbers(self, place: int) -> Sequence[str]:
-        """Numbers, at every evaluation of the node."""
-
-    def arrays(self, place: int) -> dict[str, tuple[int, ...]]:
-        """Arrays and their shapes."""
-
-    def shape(self, place: int) -> tuple[int, ...] | None:
-        """The shape of the node's value; None where it is not known."""
-
-    def constant(self, place: int) -> bool:
-        """Whether the node is known to depend on constants alone."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -259,6 +243,10 @@ class TracedNames:
                 name = ast.unparse(tree.func).rpartition(".")[2]
                 return FUNCTIONS[name](*map(value, tree.args))
         raise LookupError
+
+
+Names: TypeAlias = TextNames | TracedNames
+"""What may be written where a node stands."""
 
 
 def _array(value: Any) -> Any:

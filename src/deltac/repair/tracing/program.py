@@ -18,7 +18,7 @@ from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
 from deltac.repair.tracing.tracer import Instance, Trace, branches, form_of
-from deltac.simulation.state_form import StateForm, as_told, forms, likeliest, told_order
+from deltac.simulation.state_form import StateForm, candidate_forms, likeliest
 
 PLAIN = 12
 """Whole numbers up to this are nobody's parameter by their value alone."""
@@ -245,10 +245,11 @@ def formed(source: Source, target: Target) -> Source:
     """
     if source.form is not None:
         return source
-    names, needed = form_of(source)
+    parameters, test = form_of(source), target.test()
+    names = test.kane.told_names, test.states.speeds
+    candidates = candidate_forms(parameters, *source.declared, *names, len(target.mechanism.motors))
     samples = target.samples()
     some = samples.at(np.arange(min(len(samples.t), 4)))
-    nq, nu = len(some.q), len(some.u)
     failures: list[InputError] = []
 
     def evaluate(form: StateForm) -> tuple[Array, Array]:
@@ -257,27 +258,18 @@ def formed(source: Source, target: Target) -> Source:
         except InputError as error:
             failures.append(error)
             raise
-        rates, accelerations = (
-            np.full((nq, len(some.t)), np.nan),
-            np.full((nu, len(some.t)), np.nan),
-        )
+        rates, accelerations = np.full_like(some.q, np.nan), np.full_like(some.u, np.nan)
         for which, trace in parts:
             accelerations[:, which] = trace.tape.run(trace.outputs)
             rates[:, which] = trace.tape.run(trace.rates) if trace.rates else np.nan
         return rates if parts[0][1].rates else rates[:0], accelerations
 
-    motors = len(target.mechanism.motors)
-    declared, order = source.declared
-    test = target.test()
-    entries = test.kane.told_names, test.states.speeds
-    places = None if order is None else told_order(order, *entries)
-    candidates = as_told(forms(names, needed, nq, nu, motors), declared, places)
     form = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if form is None:
         if failures:
             raise failures[0]
         raise SourceError(
-            f"{source.name}: {source.qualified} takes the arguments ({', '.join(names)}); expected a "
+            f"{source.name}: {source.qualified} takes the arguments ({', '.join(parameters[0])}); expected a "
             "function of (t, q, u), of (t, y) or of (y, t)"
         )
     return replace(source, form=form)

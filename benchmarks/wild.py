@@ -149,7 +149,7 @@ def as_the_command(case: Case, text: str, mechanism: Any, coordinates: Any, opti
     """The repair of a program with a mistake, loaded from a file as `deltac check --repair` does."""
     from deltac.diagnosis.inputs.equations import load_equations
     from deltac.errors import InputError
-    from deltac.repair.repair import repair_loaded, repair_source
+    from deltac.repair.repair import repair_equations, repair_source
     from deltac.repair.tracing.samples import Target
     from deltac.repair.tracing.source import read_source
 
@@ -165,8 +165,12 @@ def as_the_command(case: Case, text: str, mechanism: Any, coordinates: Any, opti
                 raise
             model = Target(mechanism, coordinates)
             return repair_source(read_source(target), model, options.time_limit)
-        return repair_loaded(
-            mechanism, target, function, coordinates=coordinates, time_limit=options.time_limit
+        return repair_equations(
+            mechanism,
+            target,
+            function=function,
+            coordinates=coordinates,
+            time_limit=options.time_limit,
         )
 
 

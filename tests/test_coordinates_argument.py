@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -119,6 +122,6 @@ def test_a_log_has_the_columns_of_its_map(run: dc.Trajectory, log: dict[str, Arr
         ),
     ],
 )
-def test_other_words_are_refused(call, run: dc.Trajectory) -> None:
+def test_other_words_are_refused(call: Callable[[dc.Trajectory], Any], run: dc.Trajectory) -> None:
     with pytest.raises(dc.InputError, match=r"'absolut'.*expected 'joint', 'absolute'"):
         call(run)

@@ -40,6 +40,7 @@ def record_swing(t, q, u):
 ENTRIES = """[deltac.formats]
 .swing = their_swing:FORMAT
 .swingin = their_swing:READ_ONLY
+.zarr = their_swing:READ_ONLY
 
 [deltac.recorders]
 record_swing = their_swing:record_swing
@@ -61,19 +62,20 @@ def theirs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_recorder_and_a_format_of_another_package(theirs: Path) -> None:
     t = np.linspace(0.0, 1.0, 11)
-    run = dc.recorders.record_swing(t, np.sin(t), np.cos(t))
+    run = dc.recorders.record_swing(t, np.sin(t), np.cos(t))  # type: ignore[attr-defined]
     dc.write_trajectory(run, theirs / "run.swing")
     again = dc.read_trajectory(theirs / "run.swing")
     assert np.array_equal(again.q, run.q) and np.array_equal(again.t, run.t)
     with pytest.raises(dc.InputError, match="does not write|unknown suffix"):
         dc.write_trajectory(run, theirs / "run.swingin")
-    (theirs / "run.swingin").write_bytes((theirs / "run.swing").read_bytes())
-    assert np.array_equal(dc.read_trajectory(theirs / "run.swingin").u, run.u)
+    for name in ("run.swingin", "run.zarr"):  # also where deltac by itself refuses the suffix
+        (theirs / name).write_bytes((theirs / "run.swing").read_bytes())
+        assert np.array_equal(dc.read_trajectory(theirs / name).u, run.u)
 
 
 def test_names_that_nobody_registers(theirs: Path) -> None:
     with pytest.raises(AttributeError, match="record_chrono"):
-        _ = dc.recorders.record_chrono
+        _ = dc.recorders.record_chrono  # type: ignore[attr-defined]
     (theirs / "run.chrono").write_text("1")
     with pytest.raises(dc.InputError, match="unknown suffix '.chrono'"):
         dc.read_trajectory(theirs / "run.chrono")

@@ -18,10 +18,10 @@ COLUMNS = "t,q.joint1,q.joint2,u.joint1,u.joint2,udot.joint1,udot.joint2"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (f"{COLUMNS},udot.joint2\n0,1,1,1,1,1,1,1\n", "two columns"),
+        (f"{COLUMNS},udot.joint2\n0,1,1,1,1,1,1,1\n", "appears twice"),
         (f"{COLUMNS}\n", "no rows"),
         (f"{COLUMNS}\n0,1,1,1,1,1,\0\n", "expected a number"),
-        (f'{COLUMNS}\n0,1,1,1,1,1,"' + "9\n" * 100_000, "no table"),
+        (f'{COLUMNS}\n0,1,1,1,1,1,"' + "9\n" * 100_000, "cannot be taken apart"),
     ],
 )
 def test_tables_of_states(tmp_path: Path, text: str, words: str) -> None:

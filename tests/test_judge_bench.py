@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from judge.oracle import OFFSET, log_odds
@@ -9,19 +11,19 @@ from judge.plants import pendulum
 from judge.truth import advanced, joules, simulated
 
 
-def _pendulum():
+def _pendulum() -> tuple[Any, dict[str, float]]:
     system = pendulum(np.random.default_rng(0))
     return system, {**system.numbers, "c": 0.0}
 
 
-def _still(k, x):
+def _still(k: int, x: np.ndarray) -> np.ndarray:
     return np.zeros(1)
 
 
 @pytest.mark.parametrize(
     "scheme", ["explicit-euler", "semi-implicit-euler", "leapfrog", "heun", "rk4"]
 )
-def test_the_integrators_joules_are_the_energy_gained(scheme):
+def test_the_integrators_joules_are_the_energy_gained(scheme: str) -> None:
     system, numbers = _pendulum()
     plant = system.plant(numbers)
     motion = simulated(plant, scheme, np.array([1.0, 0.5]), 0.002, 300, _still, "held")
@@ -34,7 +36,7 @@ def test_the_integrators_joules_are_the_energy_gained(scheme):
     assert not found.mistake.any()
 
 
-def test_the_joules_of_too_much_gravity_are_those_of_its_fall():
+def test_the_joules_of_too_much_gravity_are_those_of_its_fall() -> None:
     system, numbers = _pendulum()
     plant, model = system.plant({**numbers, "g": 9.91}), system.plant(numbers)
     motion = simulated(plant, "rk4", np.array([1.0, 0.5]), 0.001, 500, _still, "held")
@@ -46,7 +48,7 @@ def test_the_joules_of_too_much_gravity_are_those_of_its_fall():
 
 
 @pytest.mark.parametrize("share", [0.0, 0.003])
-def test_the_oracle_sees_a_damper_that_is_off_through_noise(share):
+def test_the_oracle_sees_a_damper_that_is_off_through_noise(share: float) -> None:
     system = pendulum(np.random.default_rng(0))
     numbers = dict(system.numbers)
     plant = system.plant({**numbers, "c": numbers["c"] * (1 + 20 * share)})
@@ -54,7 +56,7 @@ def test_the_oracle_sees_a_damper_that_is_off_through_noise(share):
     level = 1e-4 * motion.x.std(axis=0)
     rows = motion.x + level * np.random.default_rng(1).standard_normal(motion.x.shape)
 
-    def step(name, k, x):
+    def step(name: str, k: int, x: np.ndarray) -> np.ndarray:
         changed = {**numbers, name: numbers[name] + OFFSET} if name else numbers
         return advanced(system.plant(changed), "rk4", k, x, motion.torque, 0.002)
 

@@ -158,5 +158,26 @@ def test_clients_import_public_names_only(client: str) -> None:
     assert private == []
 
 
+CORE = "mechanism dynamics kernels trajectories simulation energy models verbs diagnosis".split()
+CACHE = {("deltac.kernels", name) for name in ("cache_info", "clear_cache", "verify_cache")}
+"""What `deltac cache` is about, which no verb needs."""
+
+
+@pytest.mark.parametrize("client", ["cli", "studies"])
+def test_clients_import_public_names_of_the_core_only(client: str) -> None:
+    """Commands and studies may know each other and the reports, of the core what a user can."""
+    homes = {("deltac.trajectories", n) for m, n in public_names() if "trajectories" in m}
+    private = {
+        (module, statement.module, alias.name)
+        for module, source in sources().items()
+        if module.startswith(f"deltac.{client}")
+        for statement in statements(ast.parse(source))
+        if str(statement.module).split(".")[1] in CORE
+        for alias in statement.names
+        if (statement.module, alias.name) not in public_names() | homes | CACHE
+    }
+    assert private == set()
+
+
 def test_every_service_is_there() -> None:
     assert all(callable(getattr(import_module(home), name)) for name, home in provided().items())

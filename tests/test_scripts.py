@@ -14,7 +14,6 @@ import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
 from deltac.foreign.scripts import Script
 from deltac.models import from_file
-from deltac.repair.repair import repair_loaded
 
 G, L = 9.81, 0.7
 
@@ -207,7 +206,7 @@ def main():
     return odeint(f, [0.1, 0.0], ts, args=({G}, length))
 """
     target = f"{script(tmp_path, text).path}:f"
-    found = repair_loaded(pendulum(), target, load_equations(target))
+    found = dc.repair_equations(pendulum(), target, function=load_equations(target))
     assert found.certain
     assert found.fixes[0].ran
     assert found.fixes[0].lines == (5,)
@@ -226,7 +225,7 @@ def test_the_code_of_a_notebook(tmp_path: Path) -> None:
     assert dc.check_equations(pendulum(), rhs).verdict.kind == "consistent"
     cells[2]["source"] = FUNCTION.replace("-g", "g")
     path.write_text(json.dumps({"cells": cells, "metadata": {}, "nbformat": 4}), encoding="utf-8")
-    found = repair_loaded(pendulum(), f"{path}:f", load_equations(f"{path}:f"))
+    found = dc.repair_equations(pendulum(), f"{path}:f", function=load_equations(f"{path}:f"))
     assert found.certain
     assert len(found.fixes[0].lines) == 1
     path.write_text('{"cells": 3}', encoding="utf-8")

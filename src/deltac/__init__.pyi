@@ -38,6 +38,7 @@ from deltac.diagnosis.correct import Correction as Correction
 from deltac.diagnosis.correct import correct_trajectory as correct_trajectory
 from deltac.diagnosis.explain.result import Cause as Cause
 from deltac.diagnosis.explain.result import Explanation as Explanation
+from deltac.diagnosis.inputs.equations import load_equations as load_equations
 from deltac.diagnosis.inputs.fmu import load_fmu as load_fmu
 from deltac.diagnosis.inputs.logs import LogLike as LogLike
 from deltac.diagnosis.recommend.recommend import recommend as recommend
@@ -105,6 +106,7 @@ from deltac.simulation.constraints.energy import EnergyLeftWarning as EnergyLeft
 from deltac.simulation.ensemble.ensemble import Ensemble as Ensemble
 from deltac.simulation.equations import Controller as Controller
 from deltac.simulation.equations import Equations as Equations
+from deltac.simulation.equations import RightHandSide as RightHandSide
 from deltac.simulation.flow import Baumgarte as Baumgarte
 from deltac.simulation.flow import Projection as Projection
 from deltac.simulation.recording import Record as Record
@@ -129,3 +131,5 @@ from deltac.verbs import symbolic_equations as symbolic_equations
 from deltac.verbs import time_scales as time_scales
 
 __version__: str
+
+__all__: list[str]

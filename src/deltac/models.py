@@ -19,6 +19,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol, TypeAlias, TypeGuard, TypeVar, cast
 
+from numpy.typing import ArrayLike
+
 from deltac.calls.arguments import checked
 from deltac.errors import (
     ArgumentsError,
@@ -109,7 +111,7 @@ ModelLike: TypeAlias = (
 )
 """What every verb takes for a model: see `load_model`."""
 
-StateLike: TypeAlias = State | Mapping[str, Any] | str | Path | None
+StateLike: TypeAlias = State | Mapping[str, ArrayLike] | str | Path | None
 """What every verb takes for a state: see `Model.start`."""
 
 
@@ -186,6 +188,24 @@ class Model:
             problem = replace(problem, mechanism=mechanism, equations=None)
         return replace(self, mechanism=mechanism, problem=problem)
 
+    def coordinate_map(
+        self, coordinates: CoordinateMap | str | None, written: object = None
+    ) -> CoordinateMap | None:
+        """The coordinates that equations of this model are written in (see `check_equations`).
+
+        Where nothing is said they are those of `written`, if these are `Equations`, else those of the
+        problem's. None: the mechanism's own.
+        """
+        from deltac.simulation.equations import Equations
+
+        if coordinates is None and isinstance(written, Equations):
+            return own_coordinates(self.mechanism, written.coordinates)
+        equations = None if self.problem is None else self.problem.equations
+        offered = None if equations is None else equations.coordinates
+        if coordinates is None or (coordinates == "absolute" and offered is not None):
+            coordinates = offered
+        return own_coordinates(self.mechanism, coordinates)
+
     def lasting(self, duration: float | None) -> float:
         """How long the motion lasts (s): as given, or as the problem says; InputError if neither."""
         if duration is not None:
@@ -233,24 +253,6 @@ def load_model(source: ModelLike) -> Model:
     if type(source).__module__.partition(".")[0] == "mujoco":
         return _imported(source)
     raise WrongType(f"model: found {_described(source)}; expected {TAKEN}")
-
-
-def chosen_map(
-    model: Model, coordinates: CoordinateMap | str | None, written: object = None
-) -> CoordinateMap | None:
-    """The coordinates that equations of a model are written in (see `check_equations`).
-
-    Where nothing is said they are those of `written`, if these are `Equations`, else those of the problem's.
-    """
-    from deltac.simulation.equations import Equations
-
-    if coordinates is None and isinstance(written, Equations):
-        return own_coordinates(model.mechanism, written.coordinates)
-    equations = None if model.problem is None else model.problem.equations
-    offered = None if equations is None else equations.coordinates
-    if coordinates is None or (coordinates == "absolute" and offered is not None):
-        coordinates = offered
-    return own_coordinates(model.mechanism, coordinates)
 
 
 def load_callable(text: str) -> Callable[..., Any]:

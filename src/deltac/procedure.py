@@ -74,7 +74,7 @@ class Examination(
         }
         return {name: part for name, part in every.items() if part is not None}
 
-    def parts(self) -> dict[str, Any]:
+    def parts(self) -> dict[str, dict[str, Any]]:
         """The parts that were done, as JSON has them."""
         return {name: part.contents() for name, part in self.results.items()}
 

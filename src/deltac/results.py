@@ -373,7 +373,7 @@ class Shown:
         """What it is, for a reader: paragraphs and tables, in order."""
         raise NotImplementedError
 
-    def plot(self, *, title: str | None = None, **options: Any) -> Figure:
+    def plot(self, *, title: str | None = None, **options: object) -> Figure:
         """The picture of it: a figure of matplotlib (7.6 in wide), to be shown or written by its `savefig`.
 
         Args:
@@ -460,9 +460,9 @@ class Report(Serialisable, Shown):
         self,
         path: str | PurePath,
         *more: Report,
-        model: Any = None,
-        run: Any = None,
-        equations: Any = None,
+        model: object = None,
+        run: object = None,
+        equations: object = None,
         command: str = "",
     ) -> None:
         """Write the report as one page for the browser: plots, the mechanism moving, findings, tables.
@@ -484,7 +484,7 @@ class Report(Serialisable, Shown):
             self, path, *more, model=model, run=run, equations=equations, command=command
         )
 
-    def show(self, *, model: Any = None, run: Any = None) -> InFrame:
+    def show(self, *, model: object = None, run: object = None) -> InFrame:
         """The page of the report, in a notebook: plots to zoom into, the mechanism moving, findings, tables.
 
         Args and errors are those of `report`, which writes the same page into a file.

@@ -7,7 +7,7 @@ needs no readers of files.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,9 +21,9 @@ from deltac.calls.progress import Progress
 from deltac.energy.ledger import Ledger
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.expressions import Law
-from deltac.models import ModelLike, StateLike, chosen_map, load_model
+from deltac.models import ModelLike, StateLike, load_model
 from deltac.simulation import simulate as simulation
-from deltac.simulation.equations import Controller, Equations
+from deltac.simulation.equations import Controller, Equations, RightHandSide
 from deltac.simulation.flow import Keeping
 from deltac.simulation.recording import RECORD, Record
 from deltac.simulation.solvers import FixedStep, Options
@@ -49,7 +49,7 @@ def simulate(
     step: float | None = None,
     solver: str | Options = "ode5",
     record: Record | Sequence[str] | int = RECORD,
-    equations: Equations | Callable[..., Any] | None = None,
+    equations: Equations | RightHandSide | None = None,
     *,
     controller: Controller | None = None,
     constraints: str | Keeping = "projection",
@@ -254,7 +254,7 @@ def balance(
             lacks the integrals asked for.
     """
     source = load_model(model)
-    own = None if coordinates is None else chosen_map(source, coordinates)
+    own = None if coordinates is None else source.coordinate_map(coordinates)
     return energy.balance(
         source.mechanism, run, work, testing, coordinates=own, potential=potential, keep=keep
     )
@@ -278,7 +278,7 @@ def residuals(
     Raises InputError as `balance`, and for a run without u̇.
     """
     source = load_model(model)
-    own = None if coordinates is None else chosen_map(source, coordinates)
+    own = None if coordinates is None else source.coordinate_map(coordinates)
     return energy.residuals(source.mechanism, run, testing, coordinates=own)
 
 

@@ -156,7 +156,7 @@ def test_a_free_body_is_judged_by_its_kinetic_energy() -> None:
     data.qvel[:] = [1, 0, 3, 0.1, 4, 0.2]
     found = audit(model, dc.run_mujoco(model, 1.0, data=data, step=0.005))
     assert (found.verdict.kind, found.exit_code) == ("consistent", 0), found.verdict.explain()
-    assert found.beside == pytest.approx(float(found.ledger.kinetic.max()), rel=1e-6)
+    assert found.reference_energy == pytest.approx(float(found.ledger.kinetic.max()), rel=1e-6)
     coarse = audit(model, dc.run_mujoco(model, 2.0, data=data, step=0.05, integrator="euler"))
     assert coarse.verdict.kind == "integration-error", coarse.verdict.explain()
 

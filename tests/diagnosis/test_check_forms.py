@@ -14,7 +14,6 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
-from deltac.repair.repair import repair_loaded
 
 M, L, G = 1.3, 0.6, 9.81
 
@@ -137,8 +136,10 @@ def test_hamiltons_equations_are_equations(crane: dc.Mechanism) -> None:
     wrong = dc.check_equations(crane, lambda t, y: hamilton(t, y, 1.1), count=12)
     assert wrong.verdict.kind == "equation-error"
     assert [b.speed for b in wrong.blame] == ["a"]
-    assert repair_loaded(crane, "test.py:hamilton", hamilton).right
-    repair = repair_loaded(crane, "test.py:hamilton", lambda t, y: hamilton(t, y, 1.1))
+    assert dc.repair_equations(crane, "test.py:hamilton", function=hamilton).right
+    repair = dc.repair_equations(
+        crane, "test.py:hamilton", function=lambda t, y: hamilton(t, y, 1.1)
+    )
     assert repair.equations == ("a",) and not repair.fixes
     assert "gravity" in repair.terms[0]
 
@@ -159,7 +160,9 @@ def filled(path: Path, factor: float, digits: int) -> None:
 def test_a_table_from_another_language(crane: dc.Mechanism, tmp_path: Path) -> None:
     table = tmp_path / "states.csv"
     dc.write_states(crane, table, count=10)
-    with pytest.raises(dc.InputError, match=r"states\.csv:2: udot\.x is empty"):
+    with pytest.raises(
+        dc.InputError, match=r"states\.csv: column 'udot\.x', row 0.*line 2: found nothing"
+    ):
         dc.check_table(crane, table)
     filled(table, 1.0, 17)
     assert dc.check_table(crane, table).verdict.kind == "consistent"
@@ -170,11 +173,28 @@ def test_a_table_from_another_language(crane: dc.Mechanism, tmp_path: Path) -> N
     assert found.verdict.kind == "equation-error" and {b.speed for b in found.blame} == {"x", "a"}
 
 
+def test_a_table_of_another_program(crane: dc.Mechanism, tmp_path: Path) -> None:
+    """Separators, decimal commas and a row of units are read as those of logs are."""
+    table = tmp_path / "states.csv"
+    dc.write_states(crane, table, count=10)
+    filled(table, 1.01, 7)
+    plain = dc.check_table(crane, table)
+    head, *rows = table.read_text().splitlines()
+    units = ["s", "m", "rad", "m/s", "rad/s", "m/s^2", "rad/s^2"]
+    lines = [head, ",".join(units), *rows]
+    foreign = "\n".join(lines).replace(",", ";").replace(".", ",")
+    table.write_text(foreign.replace("q,", "q.").replace("u,", "u.").replace("udot,", "udot."))
+    assert dc.check_table(crane, table).worst == pytest.approx(plain.worst, rel=1e-12)
+    table.write_text("\n".join(lines).replace("rad,", "deg,"))
+    with pytest.raises(dc.InputError, match="column 'q.a' is in deg; expected SI units"):
+        dc.check_table(crane, table)
+
+
 def test_a_table_that_is_none_is_named(crane: dc.Mechanism, tmp_path: Path) -> None:
     table = tmp_path / "states.csv"
     for text, words in (
         ("t,q.x\n0,1\n", "no column 'q.a'"),
-        ("t,q.x\n0\n", "1 entries, expected 2"),
+        ("t,q.x\n0\n", "1 fields, expected 2"),
     ):
         table.write_text(text, "utf-8")
         with pytest.raises(dc.InputError, match=words):

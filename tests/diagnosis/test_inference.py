@@ -19,7 +19,13 @@ from deltac.diagnosis.audit.verdict import Judgement
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
-from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
+from deltac.diagnosis.inference.flow import (
+    Intervals,
+    LoggedForce,
+    predict,
+    transitions,
+    transported,
+)
 from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
 from deltac.diagnosis.inference.inference import _Inferring, infer
 from deltac.diagnosis.inference.integrators import INTEGRATORS, numbers_of
@@ -141,7 +147,7 @@ def test_the_variational_equation_is_that_of_reruns() -> None:
         ]  # of a damper of one N·m·s at the second joint
         response = model.response(at.t, at.q, force)
         damper.append(np.concatenate([np.zeros_like(response), response], axis=1)[:, :, None])
-    Phi, B = transported(intervals.h, J, damper)
+    Phi, B = transported(intervals.h, transitions(intervals.h, J), damper)
     for k in (0, 20, 39):
         q, u, d = run.q[k], run.u[k], 1e-5
         for i, e in enumerate(np.eye(4)):

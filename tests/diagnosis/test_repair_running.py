@@ -12,7 +12,6 @@ import deltac as dc
 from deltac.diagnosis.inputs.equations import load_equations
 from deltac.errors import InputError
 from deltac.repair.outcome import Repair
-from deltac.repair.repair import repair_loaded
 
 SPRING = dc.Mechanism(
     bodies=[dc.bodies.frame("arm"), dc.point_mass("bob", "m")],
@@ -84,7 +83,7 @@ def repaired(tmp_path: Path, text: str, old: str, new: str) -> Repair:
     path = tmp_path / "eom.py"
     path.write_text(text.replace(old, new))
     target = f"{path}:rhs"
-    return repair_loaded(SPRING, target, load_equations(target), coordinates=POLAR)
+    return dc.repair_equations(SPRING, target, function=load_equations(target), coordinates=POLAR)
 
 
 def test_a_right_program_is_left_alone(tmp_path: Path) -> None:
@@ -129,7 +128,7 @@ def test_of_a_function_without_a_text_the_wrong_term_is_named(tmp_path: Path) ->
         ["cc", "-shared", "-fPIC", "-o", str(library), str(tmp_path / "rhs.c"), "-lm"], check=True
     )
     target = f"{library}:rhs"
-    found = repair_loaded(SPRING, target, load_equations(target), coordinates=POLAR)
+    found = dc.repair_equations(SPRING, target, function=load_equations(target), coordinates=POLAR)
     assert found.exit_code == 1 and not found.fixes and found.unread
     assert found.equations == ("a",)
     assert len(found.terms) == 1 and "gravity" in found.terms[0]
@@ -167,7 +166,7 @@ def test_of_a_call_by_ctypes_the_wrong_term_is_named(
     monkeypatch.chdir(tmp_path)
     equations = load_equations("eom.py:rhs")
     read, live = (
-        repair_loaded(SPRING, "eom.py:rhs", equations),
+        dc.repair_equations(SPRING, "eom.py:rhs", function=equations),
         dc.repair_equations(SPRING, equations),
     )
     for found in (read, live):

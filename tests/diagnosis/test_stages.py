@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,7 +34,7 @@ LEG = """
 """A leg that falls, hits the floor and the stop of its knee."""
 
 
-def fallen() -> tuple[mujoco.MjModel, dc.Trajectory]:
+def fallen() -> tuple[Any, dc.Trajectory]:
     model = mujoco.MjModel.from_xml_string(LEG)
     return model, dc.run_mujoco(model, 1.5)
 

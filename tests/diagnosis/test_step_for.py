@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.problems.problem import Problem
 from tests.support.slow import repeated
 
 
-def log_of(problem: dc.Problem, solver: str, step: float) -> dc.Trajectory:
+def log_of(problem: Problem, solver: str, step: float) -> dc.Trajectory:
     """A run as another program would log it: t, q and u alone."""
     run = dc.simulate(problem, None, 1.0, step, solver)
     return replace(run, udot=None, forces={}, works={}, integrals={})

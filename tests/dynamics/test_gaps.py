@@ -104,7 +104,7 @@ def core(shape: Shape, q: Array) -> tuple[Array, Array, float]:
         case Box():
             half = turned @ np.array(shape.rotation) @ np.diag(0.5 * np.array(shape.size))
             return middle, half, 0.0
-    return middle, np.zeros((3, 0)), MACHINE.number(shape.radius)
+    return middle, np.zeros((3, 0)), MACHINE.number(shape.radius)  # type: ignore[attr-defined]
 
 
 def distance_by_search(one: Shape, other: Shape, q: Array) -> float:

@@ -38,7 +38,7 @@ def test_powers_do_not_depend_on_blocks(monkeypatch: pytest.MonkeyPatch) -> None
     """Powers at samples to the last bit; sums over them to rounding, since sums are cut with the blocks."""
     mechanism, run = logged()
     whole = dc.balance(mechanism, run, work="samples")
-    monkeypatch.setattr(sampled, "ROWS_AT_ONCE", 40)
+    monkeypatch.setattr(sampled, "AT_ONCE", 40)
     monkeypatch.setattr(quadrature, "BANDS", 3)
     small = dc.balance(mechanism, run, work="samples")
     scale = whole.energy_exchanged

@@ -47,12 +47,12 @@ def test_long_columns_are_not_remembered(monkeypatch: pytest.MonkeyPatch) -> Non
     x = np.cos(t)[:, None]
     known = spline_rates(t, x, 5)
     short = splines._rates(len(t))
-    before = short.cache_info().currsize
+    before = short.cache_info().currsize  # type: ignore[attr-defined]
     for limit in ("SHORT", "REMEMBERED"):
         monkeypatch.setattr(splines, limit, 10)
     np.testing.assert_array_equal(spline_rates(t, x, 5), known)
     spline_rates(t + 1.0, x, 5)
-    assert short.cache_info().currsize == before and splines._rates(len(t)) is not short
+    assert short.cache_info().currsize == before and splines._rates(len(t)) is not short  # type: ignore[attr-defined]
 
 
 def test_what_has_no_spline_is_refused() -> None:

@@ -188,7 +188,7 @@ def test_a_circle_of_joints_floats_and_its_last_joint_closes_it(tmp_path: Path) 
     mechanism, _ = dc.read_mechanism(path)
     assert [joint.name for joint in mechanism.joints] == ["a", "j"]
     (weld,) = mechanism.constraints
-    assert (weld.name, weld.body1, weld.body2) == ("k", "b", "a")
+    assert (weld.name, weld.body1, weld.body2) == ("k", "b", "a")  # type: ignore[attr-defined]
     run = dc.simulate(dc.load_model(path), "u.a.wz=1", 0.1, 0.01)
     assert run.coordinate("j") == pytest.approx(0.0, abs=1e-12)
 

@@ -31,19 +31,19 @@ def test_every_joint_shows_its_options(kind: str) -> None:
 
 WRONG: list[tuple[Callable[[], Any], str]] = [
     (
-        lambda: dc.revolute("j", "ground", "a", postion=0),
+        lambda: dc.revolute("j", "ground", "a", postion=0),  # type: ignore[call-arg]
         "revolute: unknown argument 'postion'; did you mean 'position'",
-    ),  # type: ignore[call-arg]
+    ),
     (lambda: dc.revolute("j", "ground", "a", pitch=1), "unknown argument 'pitch'"),  # type: ignore[call-arg]
     (
-        lambda: dc.forces.joint_damper("d", "j", dampin=1),
+        lambda: dc.forces.joint_damper("d", "j", dampin=1),  # type: ignore[call-arg]
         "joint_damper: unknown argument 'dampin'; did you mean 'damping'",
-    ),  # type: ignore[call-arg]
+    ),
     (lambda: arm(force=[]), "Mechanism: unknown argument 'force'; did you mean 'forces'"),
     (
-        lambda: dc.revolute("j"),
+        lambda: dc.revolute("j"),  # type: ignore[call-arg]
         r"missing a required argument: 'parent'; write revolute\(name, parent",
-    ),  # type: ignore[call-arg]
+    ),
     (lambda: dc.rod("a", 1, 1, "x", (0, 0, 0), 5), "rod: too many positional arguments"),  # type: ignore[call-arg]
     (
         lambda: dc.revolute("j", "ground", ARM),

@@ -680,10 +680,10 @@ def exudyn_log() -> None:
             nodeNumber=node,
             jointTypes=[exudyn.JointType.RevoluteZ] * 2,
             linkParents=[-1, 0],
-            jointTransformations=exudyn.Matrix3DList([np.eye(3)] * 2),
-            jointOffsets=exudyn.Vector3DList([[0, 0, 0], [0, -LENGTH, 0]]),
-            linkInertiasCOM=exudyn.Matrix3DList([inertia] * 2),
-            linkCOMs=exudyn.Vector3DList([[0, -LENGTH / 2, 0]] * 2),
+            jointTransformations=exudyn.Matrix3DList([np.eye(3)] * 2),  # type: ignore[call-arg]
+            jointOffsets=exudyn.Vector3DList([[0, 0, 0], [0, -LENGTH, 0]]),  # type: ignore[call-arg]
+            linkInertiasCOM=exudyn.Matrix3DList([inertia] * 2),  # type: ignore[call-arg]
+            linkCOMs=exudyn.Vector3DList([[0, -LENGTH / 2, 0]] * 2),  # type: ignore[call-arg]
             linkMasses=[MASS] * 2,
             gravity=[0, -GRAVITY, 0],
         )
@@ -701,8 +701,8 @@ def exudyn_log() -> None:
     mbs.Assemble()
     settings = exudyn.SimulationSettings()
     settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = 1200, 1.2
-    settings.solutionSettings.sensorsWritePeriod = 0.005
-    settings.solutionSettings.writeSolutionToFile = False
+    settings.solutionSettings.sensorsWritePeriod = 0.005  # type: ignore[attr-defined]
+    settings.solutionSettings.writeSolutionToFile = False  # type: ignore[attr-defined]
     settings.timeIntegration.verboseMode = 0
     mbs.SolveDynamic(settings, solverType=exudyn.DynamicSolverType.ExplicitMidpoint)
     tables = [np.loadtxt(path, comments="#", delimiter=",") for path in files.values()]

@@ -115,7 +115,7 @@ def test_the_figure_of_a_ledger_has_its_numbers(results: dict[str, Shown]) -> No
     for name, values in ledger.delta_p.items():
         share = np.abs(values).max() / ledger.momentum_exchanged[name]
         assert names[name].max() == pytest.approx(share, rel=1e-12)
-    widths = [bar.get_width() for bar in ends.patches]
+    widths = [bar.get_width() for bar in ends.patches]  # type: ignore[attr-defined]
     work, last = float(ledger.work["damper shoulder"][-1]), float(ledger.delta_c["wang"][-1])
     stored = sorted([K[-1] - K[0], V[-1] - V[0]], key=lambda x: -abs(x))
     assert widths[0] == pytest.approx(work, rel=1e-12) and widths[-1] == last
@@ -185,7 +185,7 @@ def test_a_still_shows_the_mechanism_where_it_is(rods: dc.Mechanism) -> None:
     a, b, l = np.pi / 6, np.pi / 3, 0.7
     upper = 0.5 * l * np.array([np.sin(a), -np.cos(a)])
     lower = 2.0 * upper + 0.5 * l * np.array([np.sin(b), -np.cos(b)])
-    drawn = [patch.get_xy()[:-1] for patch in panel.patches]
+    drawn = [patch.get_xy()[:-1] for patch in panel.patches]  # type: ignore[attr-defined]
     middles = [
         (xy.min(axis=0) + xy.max(axis=0)) / 2 for xy in drawn if np.ptp(xy, axis=0).max() > 0.2
     ]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import deltac as dc
 from deltac import cli
-from tests.report.test_page import data_of, plots
+from tests.report.test_page import plots
+from tests.support.pages import data_of
 
 WRONG = """
 import numpy as np
@@ -26,7 +28,7 @@ def run(*arguments: object) -> int:
     return int(stop.value.code or 0)
 
 
-def read(path: Path) -> dict[str, object]:
+def read(path: Path) -> dict[str, Any]:
     return data_of(path.read_text("utf-8"))
 
 

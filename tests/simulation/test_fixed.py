@@ -10,6 +10,7 @@ import pytest
 
 import deltac as dc
 from deltac.calls.caching import LRUCache
+from deltac.kernels import evaluators
 from deltac.kernels import kernel as kernels
 from deltac.simulation.flow import build_flow
 from deltac.simulation.simulate import SimulationStoppedWarning
@@ -187,7 +188,7 @@ def test_quaternions_stay_unit(solver: str) -> None:
 def compilations(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The kernels compiled during a test, by the number of their instructions."""
     done: list[str] = []
-    compile_function = kernels.compile_function
+    compile_function = evaluators.compile_function
 
     def counting(function: Any, batches: bool = True) -> Any:
         done.append(str(function.n_instructions()))

@@ -48,7 +48,7 @@ def test_the_unit_of_mass_and_length_changes_no_step(solver: Options) -> None:
     mass, length = 2.0**40, 2.0**23
     other = dc.simulate(*orbit(mass, length), None, solver)
     flow, same = (r.integrals["liu-huston"] for r in (run, other))
-    if solver.name in ("Radau", "BDF", "IDAS"):
+    if solver.name in ("Radau", "BDF", "IDAS"):  # type: ignore[attr-defined]
         assert len(other) == pytest.approx(len(run), rel=0.02)
         np.testing.assert_allclose(run.q[-1], other.q[-1] * length, rtol=0, atol=1e-4 * R)
         np.testing.assert_allclose(flow[-1], same[-1] * mass * length**2, rtol=0, atol=1e-4 * 3e12)

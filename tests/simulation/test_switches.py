@@ -117,7 +117,7 @@ def test_switches_and_impacts_together() -> None:
 @pytest.mark.parametrize(
     "options", [FixedStep("ode4", switches=True), Scipy(switches=True)], ids=str
 )
-def test_switches_in_a_loop_whose_parameters_vary(options: dc.solvers.Options) -> None:
+def test_switches_in_a_loop_whose_parameters_vary(options: FixedStep | Scipy) -> None:
     """Sides of laws follow the parameters that are kept as symbols; the motion is that of plain numbers."""
     mechanism = dc.Mechanism(
         bodies=[

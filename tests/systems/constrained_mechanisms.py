@@ -26,7 +26,6 @@ from deltac.dynamics.terms import Constrained
 from deltac.errors import InputError
 from deltac.mechanism.bodies import body, rod
 from deltac.mechanism.constraints import (
-    Constraint,
     angle,
     belt,
     bevel_gear,
@@ -50,6 +49,7 @@ from deltac.mechanism.constraints import (
 from deltac.mechanism.joints import free, revolute, spherical, universal
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.quantities import rotation_matrix
+from deltac.mechanism.scene import Constraint
 from deltac.mechanism.scope import GROUND
 from tests.oracles.textbook.constrained import ConstrainedTextbook
 from tests.oracles.textbook.kinematics import tree

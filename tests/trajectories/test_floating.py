@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import deltac as dc
 from deltac.arrays import Array
@@ -62,7 +63,7 @@ def test_accelerations_of_body_components_are_those_of_the_origin() -> None:
     path = HERE / "logs" / "pinocchio_floating.npz"
     run = read_trajectory(path, None, models.walker())
     assert run.udot is not None
-    rates = generate.CubicSpline(run.t, run.u).derivative()(run.t)
+    rates = CubicSpline(run.t, run.u).derivative()(run.t)
     inner = slice(5, -5)  # splines are less exact at their ends
     assert run.udot[inner] == pytest.approx(rates[inner], abs=2e-3)
     # Free fall: the mass centre accelerates by gravity, whatever the trunk does.

@@ -91,7 +91,7 @@ def test_lists_of_names_that_are_none(entry: str, value: Any, tmp_path: Path) ->
     refused(own_csv(tmp_path, header(**{entry: value})))
 
 
-WRONG = {
+WRONG: dict[str, list[Any]] = {
     "t": [None, "x", [1], {}, True, 10**400],
     "names": [3, None, [1], [[]], "impact floor"],
     "q": [None, {"a": 1}, [[1]], ["1"], [10**400], 3, "1", [None], [True, "x"]],

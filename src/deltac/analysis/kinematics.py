@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from deltac.dynamics.scene import Scene
 from deltac.dynamics.spatial import SX
 from deltac.errors import UnknownName, closest
 from deltac.mechanism.constraints import Rolling
+from deltac.mechanism.laws import VectorLike
 from deltac.mechanism.quantities import vector
 from deltac.models import ModelLike, StateLike
 from deltac.trajectories import Trajectory
@@ -33,11 +34,11 @@ class Kinematics:
 
     instants: Instants
 
-    def position(self, body: str, point: Sequence[Any] = ORIGIN) -> Array:
+    def position(self, body: str, point: VectorLike = ORIGIN) -> Array:
         """Where a point of a body is, m."""
         return self._of(("position", body, *self._point(point)), lambda s: _place(s, body, point))
 
-    def velocity(self, body: str, point: Sequence[Any] = ORIGIN) -> Array:
+    def velocity(self, body: str, point: VectorLike = ORIGIN) -> Array:
         """Velocity of a body's material point, m/s."""
         key = ("velocity", body, *self._point(point))
         return self._of(key, lambda s: s.velocity(body, _place(s, body, point)))
@@ -61,7 +62,7 @@ class Kinematics:
             )
         return self._of(("contact", constraint), rolling[constraint].contact_point)
 
-    def _point(self, point: Sequence[Any]) -> tuple[str, ...]:
+    def _point(self, point: VectorLike) -> tuple[str, ...]:
         return tuple(map(repr, vector(point, "point")))
 
     def _of(self, key: tuple[Any, ...], write: Callable[[Scene], SX]) -> Array:
@@ -94,5 +95,5 @@ def kinematics(model: ModelLike, state: StateLike | Trajectory = None) -> Kinema
     return Kinematics(instants(model, state))
 
 
-def _place(scene: Scene, body: str, point: Sequence[Any]) -> SX:
+def _place(scene: Scene, body: str, point: VectorLike) -> SX:
     return scene.place(body, vector(point, "point"))

@@ -21,18 +21,14 @@ from deltac.dynamics.equations_of_motion import (
     evaluate_at,
     matrices,
 )
+from deltac.dynamics.independence import RANK_TOLERANCE
 from deltac.dynamics.recursions import rnea
 from deltac.dynamics.singular_inertia import regular_least_squares
 from deltac.errors import ModelError, StateError, WrongType
 from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike
 from deltac.results import Report, Section, Table, number
-
-REDUNDANT_SHARE = 1e-8
-"""Share of a constraint row below which it counts as redundant."""
-
-VIOLATED = 1e-6
-"""Largest violation of a constraint (m or rad, and per s) of a state that is linearised."""
+from deltac.simulation.constraints.feasibility import START_TOLERANCE
 
 AT_REST = 1e-10
 """Forces left at an equilibrium, as a share of the forces that balance there."""
@@ -190,7 +186,7 @@ def equilibrium(
     u: Array = np.zeros(p)
     lam: Array = np.zeros(len(rows))
     _, psi = motion.violation(t, q, u)
-    if float(np.abs(psi).max(initial=0.0)) > VIOLATED:
+    if float(np.abs(psi).max(initial=0.0)) > START_TOLERANCE:
         worst = rows.names[int(np.argmax(np.abs(psi)))]
         raise ModelError(
             f"equilibrium: constraint {worst!r} moves at t = {t:g} s, so nothing can be at rest; hold it "
@@ -268,7 +264,7 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
     t, q, u, inputs = float(at.t[0]), at.q[0][free.q], at.u[0][free.u], at.inputs[0]
     phi, psi = motion.violation(t, q, u)
     violation = np.abs(np.concatenate([phi, psi]))
-    if len(violation) and not float(violation.max()) <= VIOLATED:
+    if len(violation) and not float(violation.max()) <= START_TOLERANCE:
         worst = rows.names[int(violation.argmax()) % len(rows)]
         raise StateError(
             f"state: it violates constraint {worst!r} by {violation.max():.3g} m or rad (per s); "
@@ -304,7 +300,7 @@ def _linearised(motion: EquationsOfMotion, at: Instants) -> Linearisation:
     follow = np.zeros((p, len(at_q)))
     if dependent:
         needed = psi_q @ T_q
-        follow[dependent] = -np.linalg.pinv(G[:, dependent], rcond=REDUNDANT_SHARE) @ needed
+        follow[dependent] = -np.linalg.pinv(G[:, dependent], rcond=RANK_TOLERANCE) @ needed
     T = np.block([[T_q, np.zeros((p, len(at_u)))], [follow, T_u]])
     independent = [*at_q, *(p + k for k in at_u)]
     B = np.vstack([np.zeros((p, m)), udot[:, 2 * p :]])
@@ -335,7 +331,7 @@ def _tangent(G: Array) -> tuple[list[int], Array]:
     if not len(G):
         return list(range(p)), np.eye(p)
     _, R, order = qr(G, mode="economic", pivoting=True)
-    rank = int((np.abs(np.diag(R)) > REDUNDANT_SHARE).sum())
+    rank = int((np.abs(np.diag(R)) > RANK_TOLERANCE).sum())
     dependent, independent = order[:rank], sorted(int(k) for k in order[rank:])
     T = np.zeros((p, len(independent)))
     T[independent, range(len(independent))] = 1.0

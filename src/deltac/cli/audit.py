@@ -128,7 +128,7 @@ def audit(
     if len(logs) > 1 and page is not None:
         raise ArgumentsError("--report of several logs is of their table: add --out DIR")
     if step is not None:
-        from deltac.trajectories.formats.mapping import with_step
+        from deltac.trajectories import with_step
 
         audit = partial(audit, mapping=with_step(audit.keywords.get("mapping"), step))
     log, mapping = Path(logs[0]), audit.keywords.get("mapping")

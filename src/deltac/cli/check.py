@@ -113,10 +113,10 @@ def check(
 
 def _names(model: str, coordinates: Any) -> tuple[str, ...]:
     """The coordinates that equations of a model are written in."""
-    from deltac.models import chosen_map, load_model
+    from deltac.models import load_model
 
     loaded = load_model(model)
-    chosen = chosen_map(loaded, coordinates)
+    chosen = loaded.coordinate_map(coordinates)
     if chosen is not None and chosen.coordinates:
         return chosen.coordinates
     free = loaded.mechanism.free.q
@@ -125,12 +125,12 @@ def _names(model: str, coordinates: Any) -> tuple[str, ...]:
 
 def _repair(model: str, text: str, rhs: Any, coordinates: Any, seed: int) -> Repair | NoRepair:
     """Seek the edit in the function that the text names, as it is loaded; or say why not."""
+    from deltac.repair import repair_equations
     from deltac.repair.outcome import NoRepair
-    from deltac.repair.repair import repair_loaded
     from deltac.repair.tracing.tracer import Endless
 
     try:
-        return repair_loaded(model, text, rhs, coordinates=coordinates, seed=seed)
+        return repair_equations(model, text, function=rhs, coordinates=coordinates, seed=seed)
     except Endless:
         raise
     except InputError as error:

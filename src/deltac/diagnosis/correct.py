@@ -19,7 +19,13 @@ from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.diagnosis.audit.audit import NORMAL_95, Audit, audit
-from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict, transported
+from deltac.diagnosis.inference.flow import (
+    Intervals,
+    LoggedForce,
+    predict,
+    transitions,
+    transported,
+)
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.inputs.logs import LogLike
 from deltac.dynamics.admissible import onto_positions, onto_speeds
@@ -219,7 +225,8 @@ def _error(model: Model, rows: Rows, forces: tuple[str, ...], noise: Array) -> t
         defect = model.difference(flow.end, intervals.end)
         nodes = [flow.nodes[k] for k in (0, len(flow.nodes) // 2, -1)]
         none = [np.zeros((last, 2 * model.n, 0))] * 3
-        Phi, _ = transported(intervals.h, [model.jacobian(node) for node in nodes], none)
+        steps = transitions(intervals.h, [model.jacobian(node) for node in nodes])
+        Phi, _ = transported(intervals.h, steps, none)
         error = np.zeros((last + 1, 2 * model.n))
         doubt = np.zeros_like(error)
         doubt[0], covariance = noise, np.diag(noise**2)

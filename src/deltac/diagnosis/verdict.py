@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from deltac.energy.works import ROUNDED
 from deltac.errors import InputError
 from deltac.results import Finding, Report, Weight, percent, told_findings
 
@@ -31,8 +32,9 @@ EXIT_CODES: dict[Kind, int] = {
     "unresolved": 3,
 }
 
-NOTHING = 1e-12
+NOTHING = ROUNDED
 """Energy exchanged below this share of the energies themselves is their rounding."""
+
 RUN_TOLERANCE = 1e-3
 """Energy error of a run that is judged as it is, accepted by default, as a fraction of the energy that the
 system has: samples, digits of a log and the low orders of real-time engines leave about as much."""

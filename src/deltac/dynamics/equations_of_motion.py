@@ -341,19 +341,19 @@ def evaluate_at(function: Any, *arguments: ArrayLike) -> list[Array]:
         for k, x in enumerate(columns)
     ]
     wide = [x if x.ndim == 2 else np.repeat(x.reshape(-1, 1), batch, axis=1) for x in wide]
+    if _is_dense(function, [len(x) for x in wide]):
+        return [x.T for x in at_rows(function, [x.T for x in wide])]
     called = function.map(batch).call([ca.DM(np.ascontiguousarray(x)) for x in wide])
     return [np.array(x).reshape(-1, batch) for x in called]
 
 
 def _at_one_state(function: Any, columns: list[Array]) -> list[Array]:
     """Outputs (n,), through buffers: CasADi's own conversions take longer than most functions."""
-    sizes = [int(function.numel_out(k)) for k in range(function.n_out())]
-    dense = all(function.nnz_out(k) == size for k, size in enumerate(sizes))
-    if not dense or [x.size for x in columns] != [function.nnz_in(k) for k in range(len(columns))]:
+    if not _is_dense(function, [x.size for x in columns]):
         return [np.array(x).reshape(-1) for x in function.call([ca.DM(x) for x in columns])]
     arguments, results = (
         [np.ascontiguousarray(x) for x in columns],
-        [np.empty(size) for size in sizes],
+        [np.empty(function.numel_out(k)) for k in range(function.n_out())],
     )
     _kept, evaluate = on_arrays(function, arguments, results)
     evaluate()
@@ -365,3 +365,9 @@ def matrices(flat: Array, rows: int, columns: int) -> Array:
     if flat.ndim == 1:
         return np.ascontiguousarray(flat.reshape(columns, rows).T)
     return np.ascontiguousarray(flat.reshape(columns, rows, flat.shape[1]).transpose(2, 1, 0))
+
+
+def _is_dense(function: Any, sizes: list[int]) -> bool:
+    """Whether a function takes columns of these sizes and stores every entry: arrays can be its buffers."""
+    stored = all(function.nnz_out(k) == function.numel_out(k) for k in range(function.n_out()))
+    return stored and sizes == [function.nnz_in(k) for k in range(len(sizes))]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from deltac.energy.balance import balance_of_rows
 from deltac.energy.ledger import Ledger, joined, worst_rows
 from deltac.energy.prepare import violations
+from deltac.energy.sampling.quadrature import SAMPLED
 from deltac.errors import LogError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.expressions import Law
@@ -23,8 +24,8 @@ from deltac.trajectories.trajectory import column_by_column
 if TYPE_CHECKING:
     from deltac.trajectories import Chunk
 
-OVERLAP = 8
-"""Rows that chunks share with their neighbours: windows of interpolation, and every fourth row of them."""
+OVERLAP = SAMPLED
+"""Rows that chunks share with their neighbours: a window of interpolation."""
 
 KEPT = 20_000
 """Rows of the ledger that is handed back, about."""

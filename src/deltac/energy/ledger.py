@@ -76,7 +76,7 @@ class Ledger(
     power: ByChannel
     work: ByChannel
     work_error: ByChannel
-    work_from: Mapping[Any, str]
+    work_from: Mapping[str, str]
     delta_c: Mapping[str, Array]
     error_bar: Mapping[str, Array]
     energy_exchanged: float
@@ -286,14 +286,14 @@ def joined(parts: Sequence[Ledger]) -> Ledger:
     return replace(_column_by_column(parts, np.concatenate), rule=rules)
 
 
-def _column_by_column(parts: Sequence[Ledger], made: Callable[[list[Array]], Array]) -> Ledger:
-    """A ledger each of whose columns is `made` of those of the parts."""
+def _column_by_column(parts: Sequence[Ledger], operation: Callable[[list[Array]], Array]) -> Ledger:
+    """A ledger each of whose columns is an `operation` on those of the parts."""
     arrays: dict[str, Any] = {
-        name: made([getattr(part, name) for part in parts]) for name in ("t", "K2", "K1", "K0")
+        name: operation([getattr(part, name) for part in parts]) for name in ("t", "K2", "K1", "K0")
     }
     for group in _WHAT.keys() - {"work_from", "momentum_exchanged"}:
         members = [getattr(part, group) for part in parts]
-        arrays[group] = {name: made([m[name] for m in members]) for name in members[0]}
+        arrays[group] = {name: operation([m[name] for m in members]) for name in members[0]}
     return replace(parts[0], **arrays)
 
 

@@ -28,13 +28,14 @@ from deltac.dynamics.terms import Energies
 from deltac.dynamics.testing_functions import TestingFunction
 from deltac.energy.sampling.interpolation import equidistant
 from deltac.energy.sampling.quadrature import (
+    SAMPLED,
     EvenSums,
     Integral,
     exact_to_rounding,
     observed_order,
     reduction,
 )
-from deltac.energy.sampling.running import AHEAD, REACH, SAMPLED, Running
+from deltac.energy.sampling.running import AHEAD, LANES, REACH, Running
 from deltac.energy.sampling.samples import Samples
 from deltac.energy.terms import LedgerKernels, LedgerSymbols, LoggedForces, variants
 from deltac.energy.works import LIKELY
@@ -48,7 +49,7 @@ from deltac.mechanism.channels import ChannelName
 ROWS = 1024
 """Rows in a block, about: what is made of them stays in a core's second cache."""
 
-PART = 512
+PART = ROWS // 2
 """Rows of which one is kept at least."""
 
 LEAST = 1000
@@ -57,14 +58,11 @@ LEAST = 1000
 MANY = 8
 """Rows of a log for each that is kept from which on this is faster than all columns."""
 
-LONG = 8192
+LONG = MANY * ROWS
 """Rows from which on all columns are found so."""
 
-HALO = 16
+HALO = 4 * (SAMPLED // 2)
 """Rows on either side of a block at an end of the log: windows on every fourth row reach no further."""
-
-MULTIPLE = 8
-"""Rows of a block are a multiple of this."""
 
 AT_ONCE = 264
 """Rows, about, that go through the equations at once: they stay in a core's second cache."""
@@ -213,7 +211,7 @@ class _Worker:
     ) -> None:
         self._last, self._size, self._layout = len(samples.t) - 1, size, layout
         self.width = float(samples.t[-1] - samples.t[0]) / self._last
-        room = _whole(max(size, 2 * HALO)) + 2 * HALO + MULTIPLE
+        room = _whole(max(size, 2 * HALO)) + 2 * HALO + LANES
         kernel = kernels.at_samples
         self._x, self._y = aligned(kernel.n_in, room), aligned(layout.n_columns, room)
         self._y[-1] = self.width
@@ -247,7 +245,7 @@ class _Worker:
                     within = slice(REACH + piece.first, REACH + piece.last + 1)
                     target = self._integrals[k : k + which.stop - which.start, within]
                     calls.append(transposing(piece.value[:, which], target))
-                calls.append(compared(piece.first, piece.last + (0 if due else MULTIPLE)))
+                calls.append(compared(piece.first, piece.last + (0 if due else LANES)))
         self._inside = in_turn(calls)
         self._ends = EvenSums(1.0)
         self._fine: Array | None = None
@@ -334,8 +332,8 @@ def _bound(kernel: Kernel, y: Array, out: Array, first: int, last: int) -> Call:
 
 
 def _whole(rows: int) -> int:
-    """So many rows, and those that complete a `MULTIPLE`."""
-    return -(-rows // MULTIPLE) * MULTIPLE
+    """So many rows, and those that complete a `LANES`."""
+    return -(-rows // LANES) * LANES
 
 
 def _runs(places: Sequence[int]) -> Iterator[tuple[int, slice]]:
@@ -400,9 +398,9 @@ def in_one_pass(
     if aside or count < enough or not equidistant(samples.t):
         return None
     part = 1 if keep is None else min(max(count // keep, 1), PART)
-    if part > 8 * MULTIPLE:
-        part -= part % MULTIPLE
-    unit = math.lcm(part, MULTIPLE)
+    if part > 8 * LANES:
+        part -= part % LANES
+    unit = math.lcm(part, LANES)
     size = unit * max(1, ROWS // unit)
     layout = _Layout(symbols, kernels, functions)
     starts = range(0, count - 1, size)

@@ -165,8 +165,8 @@ _WARM: set[Any] = set()
 
 
 def _ensemble(piece: RunPiece) -> dict[str, Any]:
+    from deltac.kernels.simd import AVX512_WIDTH
     from deltac.simulation.arguments import whole_steps
-    from deltac.simulation.ensemble.steps import LANES
     from deltac.simulation.solvers import find_solver
 
     task = piece.task
@@ -200,7 +200,7 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
 
     key = (task.mechanism.digest(own and [n[10:] for n in own]), task.solver, steps // records)
     if key not in _WARM:  # compiled before the clock runs
-        run(slice(0, LANES), records)
+        run(slice(0, AVX512_WIDTH), records)
         _WARM.add(key)
     began = time.process_time()
     ensemble = run(slice(None), records)

@@ -26,8 +26,12 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
 
+import numpy as np
+
+from deltac.arrays import Array
 from deltac.errors import FileError, InputError
 from deltac.foreign.files import read_bytes
+from deltac.foreign.isolation import more_memory
 from deltac.foreign.limits import parse_json
 
 SUFFIXES = (".py", ".ipynb")
@@ -51,6 +55,54 @@ NUMBERS = (
 
 SURROUNDINGS = frozenset({"os", "sys", "site"})
 """Packages whose calls tell Python where it is, and where it finds modules."""
+
+
+MEMORY = 4 * 1024**3
+"""Bytes that a user's function may take, where it is called in a process of its own."""
+
+
+def function_named(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
+    """What a name with dots means; a class stands for an object, what needs no argument is asked."""
+    parts = [part for part in name.split(".") if part != "<locals>"]
+    value = namespace[parts[0]]
+    for part in parts[1:]:
+        if isinstance(value, type) and inspect.isfunction(
+            inspect.getattr_static(value, part, None)
+        ):
+            value = value()
+        value = getattr(value, part)
+    if isinstance(value, type):
+        value = value()
+    with suppress(TypeError, ValueError):
+        parameters = inspect.signature(value).parameters.values()
+        if all(p.default is not p.empty for p in parameters):
+            result = value()
+            value = result if callable(result) else value
+    function: Callable[..., Any] = getattr(value, "rhs", value)
+    return function
+
+
+def returned(text: str, name: str, folder: str, calls: Sequence[Sequence[Any]]) -> list[Array]:
+    """The numbers that the function `name` of a text returns for each list of arguments.
+
+    For a worker process (`isolation`): the text may do anything. Modules are also found in `folder`.
+    """
+    module = ModuleType("equations")
+    sys.modules[module.__name__] = module  # dataclasses look their module up
+    sys.path.insert(0, folder)
+    try:
+        with np.errstate(all="ignore"), more_memory(MEMORY):
+            exec(compile(text, "equations", "exec"), vars(module))
+            function = function_named(vars(module), name)
+            return [_numbers(function(*arguments)) for arguments in calls]
+    finally:
+        sys.path.remove(folder)
+
+
+def _numbers(value: Any) -> Array:
+    """A number, or nested sequences and arrays of numbers, as one array."""
+    parts = value if isinstance(value, tuple | list) else [value]
+    return np.concatenate([np.asarray(part, dtype=float).ravel() for part in parts])
 
 
 @dataclass(frozen=True, eq=False)

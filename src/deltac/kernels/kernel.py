@@ -113,6 +113,11 @@ class Kernel:
     def _for_batches(self) -> Evaluator:
         return compile_function(self.function)
 
+    @property
+    def width(self) -> int:
+        """How many columns of a batch the code evaluates at a time."""
+        return self._for_batches.width if self.n_out else 1
+
     @cached_property
     def _loop(self) -> Loop:
         return compile_loop(self.function)

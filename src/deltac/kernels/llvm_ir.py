@@ -19,6 +19,7 @@ from typing import Any, TypeAlias
 import casadi
 
 from deltac.kernels.lowering import Algebra, arithmetic, choices, cosine, lower, sine
+from deltac.kernels.simd import AVX512_WIDTH
 
 Function: TypeAlias = Any  # casadi.Function
 Node: TypeAlias = tuple[str, tuple[Any, ...]]
@@ -49,8 +50,8 @@ LIBRARY = {
 PREFIX = "deltac_"
 """Before the names of the C library's functions: which ones they are, is told when code is loaded."""
 
-ALIGN = 64
-"""Bytes: as wide as a vector of eight."""
+ALIGN = 8 * AVX512_WIDTH
+"""Bytes: as wide as the widest vector of doubles."""
 
 _BINARY = ("fadd", "fsub", "fmul", "fdiv")
 

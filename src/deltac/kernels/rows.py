@@ -40,6 +40,7 @@ class Expression:
             {f"{name} {k}": out for k, out in enumerate(dense)},
         )
         self._often = often
+        self._ends = np.cumsum(self.sizes).tolist()
 
     @cached_property
     def kernel(self) -> Kernel:
@@ -55,9 +56,16 @@ class Expression:
         """Its values at rows, (T, size) each."""
         if not (self._worth_it or _COMPILED.get()):
             return at_rows(self.function, columns)
-        inputs = [np.atleast_2d(c.T) for c in columns]
-        outputs = self.kernel.flat(np.concatenate(inputs))
-        return list(np.split(outputs.T, np.cumsum(self.sizes)[:-1], axis=1))
+        kernel, count, at = self.kernel, len(columns[0]), 0
+        # Whole vectors of rows are one call; the last row fills up.
+        x = np.empty((kernel.n_in, -(-count // kernel.width) * kernel.width))
+        for column in columns:
+            size = column.shape[1] if column.ndim == 2 else 1
+            x[at : at + size, :count] = column.T
+            at += size
+        x[:, count:] = x[:, count - 1 : count]
+        y = kernel.flat(x)[:, :count].T
+        return [y[:, end - size : end] for size, end in zip(self.sizes, self._ends)]
 
 
 _COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_expressions", default=False)

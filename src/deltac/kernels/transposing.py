@@ -15,7 +15,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.kernels.evaluators import evaluator_name
 from deltac.kernels.native import Call, NativeCall
-from deltac.kernels.simd import simd_width
+from deltac.kernels.simd import AVX512_WIDTH, simd_width
 
 
 def transposing(source: Array, target: Array, *, moving: bool = False) -> Call:
@@ -55,8 +55,8 @@ def _compiled(width: int, rows: int, columns: int) -> Any:
     return llvm_function("transpose", _text(width, rows, columns))
 
 
-LINE = 64
-"""Bytes of a line of the processor's cache."""
+LINE = 8 * AVX512_WIDTH
+"""Bytes of a line of the processor's cache, which is as wide as the widest vector of doubles."""
 
 
 def aligned(*shape: int) -> Array:

@@ -16,7 +16,7 @@ from deltac.calls.arguments import checked
 from deltac.calls.caching import FrozenDict
 from deltac.errors import InputError, ModelError, UnknownName, closest, shown
 from deltac.mechanism.joints import Joint
-from deltac.mechanism.laws import as_law, as_text, check_symbols
+from deltac.mechanism.laws import LawLike, as_law, as_text, check_symbols
 from deltac.mechanism.laws import q as symbol
 from deltac.mechanism.laws import u as speed_symbol
 from deltac.mechanism.mechanism import Mechanism
@@ -52,9 +52,9 @@ class CoordinateMap:
 
     coordinates: tuple[str, ...] = ()
     speeds: tuple[str, ...] = ()
-    q: Mapping[str, Any] = field(default_factory=dict)
-    u: Mapping[str, Any] = field(default_factory=dict)
-    inverse: Mapping[str, Any] = field(default_factory=dict)
+    q: Mapping[str, LawLike] = field(default_factory=dict)
+    u: Mapping[str, LawLike] = field(default_factory=dict)
+    inverse: Mapping[str, LawLike] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for attribute in ("q", "u", "inverse"):
@@ -79,7 +79,7 @@ class CoordinateMap:
         laws = [sorted(law.items()) for law in (self.q, self.u)]
         return hashlib.sha256(repr((self.coordinates, self.speeds, laws)).encode()).hexdigest()[:16]
 
-    def laws(self) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    def laws(self) -> tuple[Mapping[str, LawLike], Mapping[str, LawLike]]:
         """`q` and `u`; where names stand alone, they are the mechanism's own."""
         q, u = self.q, self.u
         if self.coordinates and not q and not self.inverse:

@@ -29,7 +29,7 @@ from deltac.results import Section, Shown, Table, number
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
 NO_GRAVITY = (0.0, 0.0, 0.0)
 
@@ -233,8 +233,8 @@ class Mechanism(Shown):
 
     def state(
         self,
-        coordinates: Mapping[str, Any] | Iterable[float] | None = None,
-        speeds: Mapping[str, Any] | Iterable[float] | None = None,
+        coordinates: Mapping[str, ArrayLike] | Iterable[float] | None = None,
+        speeds: Mapping[str, ArrayLike] | Iterable[float] | None = None,
         t: float = 0.0,
     ) -> State:
         """The state with the given coordinates and speeds; those not named are zero (or identity).

@@ -220,7 +220,7 @@ class Part(Declared):
         super().__post_init__()
 
     @classmethod
-    def called(cls, name: Any) -> str:
+    def called(cls, name: object) -> str:
         """The part of that name, for messages; InputError unless it is a name."""
         article = "an" if cls.noun[0] in "aeiou" else "a"
         return f"{cls.noun} {part_name(name, f'{article} {cls.noun}')!r}"

@@ -37,7 +37,7 @@ IDENTITY: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
-def part_name(name: Any, what: str) -> str:
+def part_name(name: object, what: str) -> str:
     """The name of a part; InputError says what `what` (as in "a joint") needs."""
     if not isinstance(name, str) or not name.strip() or name != name.strip():
         raise ModelError(f"{what} needs a name without surrounding blanks, found {name!r}")

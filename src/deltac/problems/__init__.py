@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from importlib import import_module
 from inspect import signature
-from typing import Any
 
 from deltac.errors import UnknownName, closest
 from deltac.problems.problem import Problem, Reference
@@ -55,7 +54,7 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(module.replace("_", "-") for module in _MODULES))
 
 
-def load(name: str, **options: Any) -> Problem:
+def load(name: str, **options: object) -> Problem:
     """A problem of the library; `options` choose a variant, where its module offers some.
 
     >>> load("triple-pendulum", damping=0.001).conserved

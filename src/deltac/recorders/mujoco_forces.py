@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import SUM_OF_FORCES, Array
+from deltac.arrays import EPS, SUM_OF_FORCES, Array
 from deltac.errors import RecordingError
 from deltac.importers.names import (
     actuator_names,
@@ -32,7 +32,7 @@ Data: TypeAlias = Any
 Forces: TypeAlias = dict[str, Array]
 
 
-SOLVED = 1e-12
+SOLVED = 64.0 * EPS
 """A residual of the constraint solver below this, relative to the forces, is not recorded."""
 
 SOLVER = "correction solver"

@@ -14,9 +14,10 @@ from deltac.dynamics.system import System, trace
 from deltac.errors import LogError, ModelError, WrongType, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, chosen_map, load_model
+from deltac.models import ModelLike, load_model
 from deltac.simulation.equations import (
     Equations,
+    RightHandSide,
     StateSymbols,
     as_equations,
     explicit,
@@ -46,14 +47,14 @@ def trajectory_of_states(
     *,
     order: Order = None,
     coordinates: CoordinateMap | str | None = None,
-    equations: Equations | Callable[..., Any] | None = None,
+    equations: Equations | RightHandSide | None = None,
     provenance: Provenance | None = None,
 ) -> Trajectory:
     """The trajectory of a solver's states, see `Trajectory.from_scipy`."""
     loaded = load_model(model)
     mechanism = loaded.mechanism
     own_equations = None if equations is None else as_equations(equations)
-    chosen = chosen_map(loaded, coordinates, own_equations)
+    chosen = loaded.coordinate_map(coordinates, own_equations)
     if own_equations is not None and order is None:
         order = own_equations.order
     system = trace(mechanism)

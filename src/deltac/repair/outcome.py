@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from deltac.diagnosis.check.location import Blame
-from deltac.diagnosis.residuals.states import told
 from deltac.repair.edits.candidates import short
-from deltac.repair.tracing.program import Program
-from deltac.repair.tracing.samples import RIGHT, Target
+from deltac.repair.tracing.samples import RIGHT
 from deltac.repair.tracing.source import Source
 from deltac.results import Finding, Report, Section, Serialisable, Verbatim
 
@@ -64,7 +60,6 @@ class Repair(Report, also=("right",)):
     complete         whether the search came to its end within its time
     seconds          it took
     terms            without fixes: what the residual of an equation consists of, if that could be told
-    undefined        which expression is not a number, and in which state; empty if all are numbers
     contradicted     edits that are right as the source was read, but not as Python runs it
     unread           why the function could not be read, where edits were tried by running it instead
     """
@@ -80,7 +75,6 @@ class Repair(Report, also=("right",)):
     complete: bool = True
     seconds: float = 0.0
     terms: tuple[str, ...] = ()
-    undefined: str = ""
     contradicted: tuple[str, ...] = ()
     unread: str = ""
 
@@ -126,16 +120,14 @@ class Repair(Report, also=("right",)):
         if self.unread:
             yield f"It cannot be read ({self.unread}), so it was run."
         where = ", ".join(self.equations)
-        wrong = f"residual {self.residual:.2g} of the terms, in the equation of {where}"
-        yield f"{name} is wrong: {self.undefined or wrong}."
+        wrong = f"residual {self.residual:.2g} of the terms"
+        yield f"{name} is wrong: {wrong}, in the equation of {where}."
         if self.fixes:
             yield from self._fixes()
         elif self.suspects:
             one = "this line" if len(self.suspects) == 1 else "one of these lines"
             yield f"No edit was found. What is wrong is in {one}, or in what it uses:"
             yield from (f"  {suspect}" for suspect in self.suspects)
-        elif self.undefined:
-            yield "No edit was found."
         elif self.terms:
             yield "No edit was found that makes it right. What is wrong there:"
             yield from (f"  {term}" for term in self.terms)
@@ -217,32 +209,3 @@ def suspects(source: Source, places: Iterable[int]) -> list[str]:
 def blamed_terms(blamed: Iterable[Blame]) -> tuple[str, ...]:
     """What each wrong equation's residual consists of, where that could be told, in words."""
     return tuple(str(b) for b in blamed if b.terms or b.solved)
-
-
-def undefined(program: Program, target: Target) -> str:
-    """The first expression that is not a finite number in some state, with that state; else empty."""
-    trace, tape, samples = program.trace, program.tape, program.samples
-    for k in sorted(tape.before(program.outputs)):
-        finite = np.isfinite(tape.values[k])
-        if finite.ndim > 1:  # the solution of linear equations
-            finite = finite.all(axis=0)
-        finite = np.broadcast_to(finite, samples.t.shape)
-        if finite.all():
-            continue
-        at = int(np.flatnonzero(~finite)[0])
-        place = tape.nodes[k]
-        test = target.test()
-        states = told(test.kane, test.states)
-        names = (
-            *(f"q.{name}" for name in states.coordinates),
-            *(f"u.{name}" for name in states.speeds),
-        )
-        entries = zip(names, (*samples.q[:, at], *samples.u[:, at]))
-        state = ", ".join(f"{name} = {value:.4g}" for name, value in entries)
-        where = "its result"
-        if place is not None:
-            node = trace.source.nodes[place]
-            line = getattr(node, "lineno", trace.source.statement(place).lineno)
-            where = f"line {line}: {short(trace.source.segment(node))}"
-        return f"{where} is not a finite number where {state}"
-    return ""

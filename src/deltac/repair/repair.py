@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import itertools
 import re
@@ -23,17 +22,18 @@ from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.states import States
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, chosen_map, load_model
-from deltac.repair import sandbox
-from deltac.repair.edits.candidates import EditCandidate, apply, unified_diff
-from deltac.repair.edits.running import right_edits, text_edits
+from deltac.models import ModelLike, load_model
+from deltac.repair.edits.candidates import EditCandidate, unified_diff
+from deltac.repair.edits.running import RUN_TIME, right_edits
 from deltac.repair.edits.search import EditSearch, confirmed, pairs
-from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects, undefined
+from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects
+from deltac.repair.sandbox import sandbox, task
 from deltac.repair.tracing.library import flatten
 from deltac.repair.tracing.program import (
     Program,
     ProgramReading,
     formed,
+    moved,
     named_parameters,
     read,
     reading,
@@ -41,8 +41,8 @@ from deltac.repair.tracing.program import (
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
-from deltac.repair.tracing.tracer import Endless, Failed, TracingRefused, branches
-from deltac.simulation.equations import Equations
+from deltac.repair.tracing.tracer import Endless, Trace, TracingRefused
+from deltac.simulation.equations import Equations, RightHandSide, as_equations
 from deltac.simulation.state_form import PLAIN
 
 Edited: TypeAlias = Sequence[tuple[tuple[EditCandidate, ...], Source]]
@@ -62,9 +62,6 @@ ALIKE = 4
 
 DEARER = 1.6
 """Edits that cost this much more than the least one are not reported."""
-
-FAILING_EDITS = 400
-"""Edits that are tried of a statement that raises an error."""
 
 MORE = 40
 """Edits that are tried for other ways when a repair is found."""
@@ -86,8 +83,8 @@ AS_RUN, AS_RUN_TO = 4, 1e-5
 RUN_AT = 4
 """States at which edits of functions that cannot be read are tried; what is right there is run at all."""
 
-SANDBOX_TIME = 10.0
-"""Time in which Python runs the edited functions (s)."""
+ONLY_LIVE = "only the running session has it"
+"""Why Python cannot run an edited function in another process."""
 
 PERTURBED = 0.37
 """By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
@@ -97,8 +94,9 @@ PERTURBED = 0.37
 @interruptible()
 def repair_equations(
     model: ModelLike,
-    equations: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | RightHandSide | Equations,
     *,
+    function: RightHandSide | Equations | None = None,
     coordinates: CoordinateMap | str | None = None,
     seed: int = 0,
     time_limit: float = TIME_LIMIT,
@@ -110,12 +108,16 @@ def repair_equations(
     (signs, operators, names, indices, functions, powers, numbers, missing or superfluous factors and terms;
     two of them where one does not suffice) that produce these values are searched for. All that pass are
     tested at fresh states, at other parameters where the function names its constants as the mechanism does,
-    and by running the edited function in a process of its own. The file is left as it is. A function that
-    was given itself and cannot be traced, as it calls compiled code, is run to say which terms are wrong.
+    and by running the edited function in a process of its own. The file is left as it is.
+
+    A text alone is read, not run. A function that is given itself and cannot be traced, as it calls compiled
+    code, is run: with single edits of its text where it has one, else to say which terms are wrong.
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.
         equations: ``"FILE.py:FUNCTION"``, a function of (t, q, u) that returns u̇, or `dc.Equations`.
+        function: what the text ``"FILE.py:FUNCTION"`` means, where it has been loaded: its live values stand
+            in for what the text does not say.
         coordinates: the function's own coordinates, as for `check_equations`.
         seed: of the random states.
         time_limit: of the search (s).
@@ -126,60 +128,35 @@ def repair_equations(
     """
     start = time.monotonic()
     loaded = load_model(model)
-    own = chosen_map(loaded, coordinates, equations)
+    if function is None and not isinstance(equations, str | Path):
+        live: RightHandSide | Equations | None = equations
+    else:
+        live = function
+    own = loaded.coordinate_map(coordinates, equations if live is None else live)
     target = Target(loaded.mechanism, own, seed, loaded.first)
-    try:
+    if live is None:
         return repair_source(source_of(equations), target, time_limit)
-    except (Endless, Failed):
-        raise
-    except TracingRefused as refusal:
-        if isinstance(equations, (str, Path)):  # the text alone was given: it is read, not run
-            raise
-        function = equations if isinstance(equations, Equations) else Equations(equations)
-        name = ":".join(getattr(function.rhs, k, "") for k in ("__module__", "__qualname__"))
-        caller = _caller(name, function, target)
-        return _by_running(name, caller, target, start, time_limit, str(refusal))
-
-
-def repair_loaded(
-    model: Any,
-    text: str,
-    function: Callable[..., Any] | Equations,
-    *,
-    coordinates: CoordinateMap | str | None = None,
-    seed: int = 0,
-    time_limit: float = TIME_LIMIT,
-) -> Repair:
-    """`repair_equations` of what has been loaded: ``FILE.py:NAME``, a function of a library.
-
-    The text is read; live values stand in only for what the text does not say. A function that cannot be read
-    is run: with single edits of its text where it has one, else to say which terms are wrong.
-    """
-    start = time.monotonic()
-    loaded = load_model(model)
-    equations = function if isinstance(function, Equations) else Equations(function)
-    own = chosen_map(loaded, coordinates, function)
-    target = Target(loaded.mechanism, own, seed, loaded.first)
-    caller = _caller(text, equations, target)
+    live = as_equations(live)
+    name = str(equations)
+    if function is None:
+        name = ":".join(getattr(live.rhs, k, "") for k in ("__module__", "__qualname__"))
+    caller = _caller(name, live, target)
     if caller.form.momenta:
-        return _by_running(
-            text, caller, target, start, time_limit, f"{text} is written in momenta ∂K/∂u"
-        )
-    failure: InputError | None = None
-    for read_text in _sources(text, equations):
+        why = f"{name} is written in momenta ∂K/∂u"
+        return _by_running(name, caller, target, start, time_limit, why)
+    failures: list[InputError] = []
+    for read_text in _sources(name, live):
         try:
             source = read_text()
-            _as_run(source, equations.rhs, target)
+            _as_run(source, live.rhs, target)
             return repair_source(source, target, time_limit)
         except Endless:
             raise
         except InputError as error:
-            failure = failure or error
-    assert failure is not None
-    with contextlib.suppress(*([InputError] if isinstance(failure, Failed) else [])):
-        return _by_running(text, caller, target, start, time_limit, str(failure))
-    # An error of Python's: an edit of its line is sought.
-    return repair_source(next(_sources(text, equations))(), target, time_limit)
+            if function is None and not isinstance(error, TracingRefused):
+                raise
+            failures.append(error)
+    return _by_running(name, caller, target, start, time_limit, str(failures[0]))
 
 
 def _caller(name: str, equations: Equations, target: Target) -> Caller:
@@ -237,12 +214,8 @@ def _by_running(
     if ".py:" in text and not caller.form.momenta and not samples.wrong(result) < RIGHT:
         source = replace(read_source(text), form=caller.form)
         some = samples.at(np.arange(min(RUN_AT, len(samples.t))))
-        one = sandbox.task(source)
-        if one is not None and not isinstance(sandbox.run([one], some, time_limit)[0], str):
-            right = right_edits(source, some, deadline)
-        tasks = [task for _, changed in right if (task := sandbox.task(changed)) is not None]
-        answers = sandbox.run(tasks, samples, time_limit)
-        right = [edit for edit, answer in zip(right, answers) if _fits(answer, samples)]
+        right = right_edits(source, some, deadline)
+        right = [edit for edit, answer in zip(right, _ran(right, samples)) if samples.right(answer)]
         groups = _groups(source, right, [0] * len(right))
         fixes = [replace(_fix(source, group), ran=True) for group in groups]
     wrong = np.flatnonzero(samples.wrong_rows(result))
@@ -265,22 +238,11 @@ def _by_running(
     )
 
 
-def _fits(answer: Array | str, samples: StateSamples) -> bool:
-    """Whether what a function gave, when it was run, is right."""
-    return not isinstance(answer, str) and samples.fits(answer) and samples.wrong(answer) < RIGHT
-
-
 def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT) -> Repair:
     """`repair_equations` for a source and a target at hand."""
     start = time.monotonic()
     deadline = start + time_limit
-    try:
-        program = read(source, target)
-    except Failed as failed:
-        repaired = _failing(source, target, failed, start, deadline)
-        if repaired is None:
-            raise
-        return repaired
+    program = read(source, target)
     if program.wrong < RIGHT:
         return _report(program, target, [], start, deadline)
     right, suspected = _search(program, target, deadline)
@@ -292,42 +254,6 @@ def repair_source(source: Source, target: Target, time_limit: float = TIME_LIMIT
         if right or not suspected:
             program, suspected, coincidence = nominal, more, True
     return _report(program, target, right, start, deadline, suspected, coincidence)
-
-
-def _failing(
-    source: Source, target: Target, failed: Failed, start: float, deadline: float
-) -> Repair | None:
-    """Repair a function that raises an error of Python's, by an edit of the statement where it does."""
-    if failed.file != source.name:
-        return None
-    statements = [n for n in source.nodes if isinstance(n, ast.stmt)]
-    covering = (
-        [n for n in statements if n.lineno <= line <= (n.end_lineno or n.lineno)]
-        for line in failed.lines
-    )
-    right: list[tuple[tuple[EditCandidate, ...], Source]] = []
-    for candidate in text_edits(source, [nodes[-1] for nodes in covering if nodes])[:FAILING_EDITS]:
-        if time.monotonic() > deadline or (right and candidate.cost > right[0][0][0].cost):
-            break
-        changed = apply(source, [candidate])
-        with contextlib.suppress(InputError):
-            changed = None if changed is None else formed(changed, target)
-            if changed is not None and read(changed, target, vary=False).wrong < RIGHT:
-                right.append(((candidate,), changed))
-    formulas, _ = _formulas(target, [changed for _, changed in right])
-    fixes, contradicted = _fixes(source, target, _groups(source, right, formulas))
-    if not fixes:
-        return None
-    return Repair(
-        file=source.name,
-        function=source.qualified,
-        residual=np.inf,
-        fixes=fixes,
-        complete=time.monotonic() <= deadline,
-        seconds=time.monotonic() - start,
-        undefined=str(failed).partition(". The function is traced")[0],
-        contradicted=contradicted,
-    )
 
 
 def _search(reading: ProgramReading, target: Target, deadline: float) -> tuple[Edited, list[str]]:
@@ -434,7 +360,6 @@ def _report(
         complete=time.monotonic() <= deadline,
         seconds=time.monotonic() - start,
         terms=terms,
-        undefined=undefined(program, target),
         contradicted=contradicted,
     )
 
@@ -462,17 +387,20 @@ def _fixes(
 ) -> tuple[tuple[Fix, ...], tuple[str, ...]]:
     """One fix for each group, after Python has run it; and, in words, those that give something else then."""
     samples = target.samples()
-    fixes = [_fix(source, group) for group in groups]
-    tasks = [sandbox.task(group[0][1]) for group in groups]
-    answers = iter(sandbox.run([t for t in tasks if t is not None], samples, SANDBOX_TIME))
-    for k, task in enumerate(tasks):
-        answer = "only the running session has it" if task is None else next(answers)
-        if isinstance(answer, str):
-            fixes[k] = replace(fixes[k], not_run=answer)
-        else:
-            fixes[k] = replace(fixes[k], ran=samples.wrong(answer) < RIGHT)
+    fixes = []
+    for group, answer in zip(groups, _ran([group[0] for group in groups], samples)):
+        outcome = {"not_run": answer} if isinstance(answer, str) else {"ran": samples.right(answer)}
+        fixes.append(replace(_fix(source, group), **outcome))
     contradicted = tuple(str(fix) for fix in fixes if fix.ran is False)
     return tuple(fix for fix in fixes if fix.ran is not False), contradicted
+
+
+def _ran(edited: Edited, samples: StateSamples) -> Iterator[Array | str]:
+    """What Python gives of edited sources, or why it gives nothing."""
+    with sandbox() as run:
+        for _, changed in edited:
+            one = task(changed)
+            yield ONLY_LIVE if one is None else run(one, samples, RUN_TIME)
 
 
 def _fix(source: Source, group: Edited) -> Fix:
@@ -516,40 +444,33 @@ def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], boo
     """
     if not sources:
         return [], False
-    at = target.samples()
-    readings = [branches(source, at.t, at.q, at.u) for source in sources]
-    traces = [parts[0][1] for parts in readings]
+    samples = target.samples()
+    traces = [piece.trace for s in sources for piece in reading(s, samples).pieces]
     names = set.intersection(*(set(trace.parameters) for trace in traces))
     rng = np.random.default_rng(0)
     factors = {name: 1.0 + PERTURBED * rng.uniform(-1.0, 1.0) for name in sorted(names)}
     kinds: list[Array] = []
     formulas = []
-    varied = True
-    for parts in readings:
-        result = np.zeros((len(at.u) + len(at.q), len(at.t)))
-        for which, trace in parts:
-            moved = {
-                slot: trace.tape.values[slot] * factors[name]
-                for name, slot in trace.parameters.items()
-                if name in factors
-            }
-            outputs = (*trace.outputs, *trace.rates)
-            result[: len(outputs), which] = trace.tape.run(outputs, values=moved)
-            links = named_parameters(trace, target)
-            linked = {slot for name, slot in trace.parameters.items() if name in links}
-            # Of the numbers that count, those that were not varied are what the edit may fit by chance.
-            varied = varied and not any(
-                slot not in linked and _own_number(trace.tape, slot)
-                for slot in trace.tape.before(outputs)
-            )
+    for source in sources:
+        result = moved(source, samples, lambda name: factors.get(name, 1.0))
         size = np.abs(result).max() + 1e-300
         same = (
-            k for k, other in enumerate(kinds) if np.abs(other - result).max() <= HALF_DIGITS * size
+            k
+            for k, other in enumerate(kinds)
+            if other.shape == result.shape and np.abs(other - result).max() <= HALF_DIGITS * size
         )
         formulas.append(next(same, len(kinds)))
         if formulas[-1] == len(kinds):
             kinds.append(result)
-    return formulas, varied
+    return formulas, not any(_of_its_own(trace, target) for trace in traces)
+
+
+def _of_its_own(trace: Trace, target: Target) -> bool:
+    """Whether a number that counts was not varied: an edit may fit it by chance."""
+    links = named_parameters(trace, target)
+    linked = {slot for name, slot in trace.parameters.items() if name in links}
+    used = trace.tape.before((*trace.outputs, *trace.rates))
+    return any(slot not in linked and _own_number(trace.tape, slot) for slot in used)
 
 
 def _own_number(tape: Tape, slot: int) -> bool:

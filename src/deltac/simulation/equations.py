@@ -6,11 +6,11 @@ import hashlib
 import warnings
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
@@ -42,6 +42,9 @@ from deltac.simulation.state_form import (
 )
 from deltac.trajectories.columns import QUATERNION
 
+RightHandSide: TypeAlias = "Callable[..., ArrayLike | Sequence[object]]"
+"""Equations as a function: of (t, q, u) or of a state vector; it returns u̇, or the rates of the state."""
+
 
 @checked
 @dataclass(frozen=True, eq=False)
@@ -64,7 +67,7 @@ class Equations:
     returned rates q̇. These must follow from the speeds: deltac integrates the mechanism's own q̇ = W u.
     """
 
-    rhs: Callable[..., Any]
+    rhs: RightHandSide
     coordinates: CoordinateMap | str | None = None
     name: str = "equations by hand"
     compiled: bool | None = None
@@ -95,7 +98,7 @@ class Equations:
         return value
 
 
-def as_equations(equations: Equations | Callable[..., Any]) -> Equations:
+def as_equations(equations: Equations | RightHandSide) -> Equations:
     """Equations as they are, or those of a bare function, which gives them its name."""
     if isinstance(equations, Equations):
         return equations
@@ -207,7 +210,7 @@ def explicit(system: System, equations: Equations) -> Equations:
 
     motors = len(system.mechanism.motors)
     candidates = candidate_forms(
-        equations.rhs, equations.form, equations.order, coordinates, speeds, motors
+        parameters, equations.form, equations.order, coordinates, speeds, motors
     )
     form = likeliest(candidates, evaluate, right, np.empty((0, len(states))))
     if form is None or form.plain:
@@ -278,7 +281,7 @@ class Controller:
     speeds) is held over a step of the solver if `hold`, and evaluated at every stage otherwise.
     """
 
-    function: Callable[[float, Array, Array], Mapping[str, Any]]
+    function: Callable[[float, Array, Array], Mapping[str, ArrayLike]]
     hold: bool = True
 
 

@@ -13,15 +13,16 @@ from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation.constraints.projection import SMALLEST_PIVOT, smallest_pivot
+from deltac.simulation.constraints.projection import (
+    NEARLY_DEPENDENT,
+    SMALLEST_PIVOT,
+    smallest_pivot,
+)
 from deltac.simulation.constraints.singular import SingularMotion
 from deltac.simulation.events.run import Happened
 from deltac.simulation.flow import LOST, Flow
 from deltac.simulation.stepping.protocol import Motion
 from deltac.trajectories import Occurrence, Provenance, Trajectory
-
-NEARLY_DEPENDENT = 1e-3
-"""Smallest pivot of the constraints at a sample that an adaptive run is told of."""
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
 
@@ -34,7 +34,7 @@ from deltac.simulation.arguments import (
 from deltac.simulation.constraints.energy import check_correction_held
 from deltac.simulation.constraints.feasibility import constraint_start
 from deltac.simulation.constraints.singular import CarefulStep
-from deltac.simulation.equations import Controller, Equations, as_equations, by_hand
+from deltac.simulation.equations import Controller, Equations, RightHandSide, as_equations, by_hand
 from deltac.simulation.events.run import Eventful, EventRun, check_apart, eventful
 from deltac.simulation.flow import Flow, Keeping, build_flow, keeping
 from deltac.simulation.recording import (
@@ -82,7 +82,7 @@ def simulate(
     step: float | None = None,
     solver: str | Options = "ode5",
     record: Record | Sequence[str] | int = RECORD,
-    equations: Equations | Callable[..., Any] | None = None,
+    equations: Equations | RightHandSide | None = None,
     *,
     controller: Controller | None = None,
     constraints: str | Keeping = "projection",

@@ -237,37 +237,32 @@ def state_names(coordinates: Sequence[str], speeds: Sequence[str]) -> list[str]:
 
 
 def candidate_forms(
-    function: Callable[..., Any],
+    parameters: tuple[Sequence[str], int] | None,
     form: str | None,
     order: Order,
     coordinates: Sequence[str],
     speeds: Sequence[str],
     motors: int = 0,
 ) -> list[StateForm]:
-    """Forms in which a function may take the state, as its arguments and its user say, likeliest first."""
-    parameters = signature(function)
+    """Forms in which a function may take the state, as its arguments and its user say, likeliest first.
+
+    `parameters`: its `signature`. Where its user tells that it takes a state vector (`form` "ode"), or the
+    order of that vector's entries, only such forms are left.
+    """
+    nq, nu = len(coordinates), len(speeds)
     places = None if order is None else told_order(order, coordinates, speeds)
-    if parameters is None:
-        candidates = [
-            StateForm(("t", "state"), order)
-            for order in usual_orders(len(coordinates), len(speeds))
-        ]
-        candidates = candidates if form == "ode" or places is not None else [PLAIN]
+    vector = form == "ode" or places is not None
+    if parameters is not None:
+        candidates = list(forms(*parameters, nq, nu, motors))
+    elif vector:
+        candidates = [StateForm(("t", "state"), usual) for usual in usual_orders(nq, nu)]
     else:
-        candidates = list(forms(*parameters, len(coordinates), len(speeds), motors))
-    return as_told(candidates, form, places)
-
-
-def as_told(
-    candidates: Iterable[StateForm], form: str | None, order: tuple[int, ...] | None
-) -> list[StateForm]:
-    """Of some forms those that the user tells: of a state vector ("ode"), its entries in that order."""
-    fitting = list(candidates)
-    if form == "ode" or order is not None:
-        fitting = [one for one in fitting if one.order]
-    if order is not None:
-        fitting = list(dict.fromkeys(replace(one, order=order) for one in fitting))
-    return fitting
+        candidates = [PLAIN]
+    if vector:
+        candidates = [one for one in candidates if one.order]
+    if places is not None:
+        candidates = list(dict.fromkeys(replace(one, order=places) for one in candidates))
+    return candidates
 
 
 def likeliest(

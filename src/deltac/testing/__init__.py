@@ -6,7 +6,7 @@ report's summary, for the short summary of a test run; the whole report follows.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from deltac.diagnosis.study.study import Study
     from deltac.models import ModelLike
     from deltac.results import Report
-    from deltac.simulation.equations import Equations
+    from deltac.simulation.equations import Equations, RightHandSide
     from deltac.trajectories import Trajectory
 
 __all__ = ["assert_balanced", "assert_converges", "assert_equations"]
@@ -52,7 +52,7 @@ def assert_balanced(
 
 def assert_equations(
     model: ModelLike,
-    equations: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | RightHandSide | Equations,
     tolerance: float | None = None,
     **options: Any,
 ) -> EquationCheck:

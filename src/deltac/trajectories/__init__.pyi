@@ -9,6 +9,7 @@ from deltac.trajectories.formats.files import read_trajectory as read_trajectory
 from deltac.trajectories.formats.files import write_trajectory as write_trajectory
 from deltac.trajectories.formats.mapping import LogMapping as LogMapping
 from deltac.trajectories.formats.mapping import read_mapping as read_mapping
+from deltac.trajectories.formats.mapping import with_step as with_step
 from deltac.trajectories.formats.raw import RawLog as RawLog
 from deltac.trajectories.formats.reading import ColumnReading as ColumnReading
 from deltac.trajectories.formats.schema import SCHEMA_VERSION as SCHEMA_VERSION

@@ -88,7 +88,7 @@ def suspicions(run: Trajectory, model: NamesLike | None = None) -> list[Suspicio
         return result  # u was derived from q: they agree by construction
     kinematics = Kinematics.of(run.coordinates, run.speeds)
     reach = np.ptp(run.q, axis=0)
-    run = _some(run)
+    run = some_stretches(run, STRETCHES, MANY // STRETCHES)
     fits = _fits(run, kinematics.rates)
     turns = [_turning(run, *place) for place in kinematics.quaternions]
     ratios = [fit for fit in (*fits.values(), *(t.fit for t in turns)) if fit.good]
@@ -107,14 +107,16 @@ def suspicions(run: Trajectory, model: NamesLike | None = None) -> list[Suspicio
     return result + _wide_swings(run, names, kinematics, fits, reach, bool(result))
 
 
-def _some(run: Trajectory) -> Trajectory:
-    """Of a long log some stretches of rows; between them are gaps, over which nothing is compared."""
-    if len(run) <= MANY:
-        return run
-    size = MANY // STRETCHES
-    starts = np.linspace(0, len(run) - size, STRETCHES).astype(np.intp)
-    rows = np.unique((starts[:, None] + np.arange(size)).ravel())
-    return replace(run.take(rows), udot=None, forces={}, works={}, integrals={})
+def some_stretches(run: Trajectory, count: int, size: int) -> Trajectory:
+    """So many stretches of a long log, of so many rows; over the gaps between them nothing is compared.
+
+    Works, integrals and events are of all rows and stay out.
+    """
+    rows = np.arange(len(run))
+    if len(run) > count * size:
+        starts = np.linspace(0, len(run) - size, count).astype(np.intp)
+        rows = np.unique((starts[:, None] + np.arange(size)).ravel())
+    return replace(run.take(rows), works={}, integrals={}, events=())
 
 
 def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:

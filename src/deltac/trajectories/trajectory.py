@@ -22,6 +22,7 @@ from deltac.calls.services import service
 from deltac.errors import InputError, LogError, StateError, UnknownName, WrongType, closest, shown
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism.laws import VectorLike
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Section, Shown, Table, number
 from deltac.trajectories.occurrences import Occurrence
@@ -360,12 +361,12 @@ class Trajectory(Shown, Once):
 
     # --- kinematics, of a run that knows its mechanism ---------------------------------------------
 
-    def position(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
+    def position(self, body: str, point: VectorLike = ORIGIN) -> FloatArray:
         """Where a point of a body, in the body's frame, is (T, 3), m, world components."""
         place: FloatArray = self._kinematics().position(body, point)
         return place
 
-    def velocity(self, body: str, point: Sequence[Any] = ORIGIN) -> FloatArray:
+    def velocity(self, body: str, point: VectorLike = ORIGIN) -> FloatArray:
         """Velocity of a body's material point (T, 3), m/s, world components."""
         vector: FloatArray = self._kinematics().velocity(body, point)
         return vector
@@ -679,18 +680,20 @@ def _rebuild(instance: Provenance | Trajectory, **changes: Any) -> tuple[Any, ..
 
 
 def column_by_column(
-    runs: Sequence[Trajectory], made: Callable[[list[Array]], Array]
+    runs: Sequence[Trajectory], operation: Callable[[list[Array]], Array]
 ) -> Trajectory:
-    """A trajectory each of whose columns is `made` of those of several runs that all have it.
+    """A trajectory each of whose columns is an `operation` on those of several runs that all have it.
 
     Events stay out; what else there is of a run is the first one's.
     """
-    columns: dict[str, Any] = {n: made([getattr(run, n) for run in runs]) for n in ("t", "q", "u")}
+    columns: dict[str, Any] = {
+        n: operation([getattr(run, n) for run in runs]) for n in ("t", "q", "u")
+    }
     for name in ("udot", "stages"):
         some = [getattr(run, name) for run in runs if getattr(run, name) is not None]
-        columns[name] = made(some) if len(some) == len(runs) else None
+        columns[name] = operation(some) if len(some) == len(runs) else None
     for group in ("forces", "works", "integrals"):
         members = [getattr(run, group) for run in runs]
         names = [name for name in members[-1] if all(name in one for one in members)]
-        columns[group] = {name: made([one[name] for one in members]) for name in names}
+        columns[group] = {name: operation([one[name] for one in members]) for name in names}
     return replace(runs[0], events=(), **columns)

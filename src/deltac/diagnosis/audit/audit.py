@@ -40,7 +40,7 @@ from deltac.errors import InputError, LogError, ModelError, SolverError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-from deltac.models import ModelLike, chosen_map, load_model
+from deltac.models import ModelLike, load_model
 from deltac.results import Section, Table, number, percent
 from deltac.simulation.step_size.energy_error import CREDIBLE
 from deltac.trajectories import Trajectory
@@ -489,7 +489,7 @@ def _judged(
     findings: tuple[Finding, ...] = ()
     departures: Array | None = None
     if source.coordinates is not None:
-        own = chosen_map(load_model(model), source.coordinates)
+        own = load_model(model).coordinate_map(source.coordinates)
         log, mapping = read_run(mechanism, log, mapping, own), None
     if source.replay is not False and (source.replay or report is not None):
         from deltac.diagnosis.audit import replayed

@@ -29,6 +29,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.results import percent
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
+from deltac.trajectories.lint import some_stretches
 
 LARGE = 0.05
 """Share of the accelerations that the equations leave where conventions are asked for without a cause."""
@@ -216,13 +217,7 @@ def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -
 
 def _some(run: Trajectory) -> Trajectory:
     """A few stretches of a log."""
-    each = max(SHORTEST, ROWS * MANY // max(len(run.speeds), MANY))
-    if len(run) <= PARTS * each:
-        rows = np.arange(len(run))
-    else:
-        starts = np.linspace(0, len(run) - each, PARTS).astype(np.intp)
-        rows = np.unique((starts[:, None] + np.arange(each)).ravel())
-    return replace(run.take(rows), integrals={}, works={}, events=())
+    return some_stretches(run, PARTS, max(SHORTEST, ROWS * MANY // max(len(run.speeds), MANY)))
 
 
 def _left(model: Model, run: Trajectory) -> float:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +38,9 @@ from deltac.diagnosis.residuals.states import (
 from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import Model, ModelLike, chosen_map, load_model
+from deltac.models import Model, ModelLike, load_model
 from deltac.results import Section, Table, fraction
-from deltac.simulation.equations import Equations, as_equations
+from deltac.simulation.equations import Equations, RightHandSide, as_equations
 from deltac.simulation.state_form import PLAIN, StateForm
 from deltac.trajectories import Trajectory
 
@@ -197,7 +196,7 @@ SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
 @interruptible()
 def check_equations(
     model: ModelLike,
-    equations: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | RightHandSide | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     states: States | Trajectory | None = None,
@@ -237,7 +236,7 @@ def check_equations(
     if isinstance(equations, str | Path):
         equations = load_equations(str(equations), loaded.mechanism.coordinates.names)
     own = as_equations(equations)
-    chosen = chosen_map(loaded, coordinates, equations)
+    chosen = loaded.coordinate_map(coordinates, equations)
     kane = Kane(loaded.mechanism, chosen, loaded.first)
     if not kane.speed_names:
         raise ModelError(
@@ -591,7 +590,7 @@ def _other_coordinates(
             others.append((RATES, CoordinateMap(chosen.coordinates, q=chosen.q)))
     for name in ("absolute",):
         try:
-            others.append((name, chosen_map(model, name)))
+            others.append((name, model.coordinate_map(name)))
         except InputError:
             continue
     for name, coordinates in others:

@@ -12,7 +12,7 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.matching import Match, explain_residual
-from deltac.diagnosis.residuals.at_samples import LEAST
+from deltac.diagnosis.residuals.at_samples import LEAST, MOST_ROWS
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import some_rows, states_along
@@ -26,9 +26,6 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.results import Report
 from deltac.trajectories import Trajectory
-
-MOST_ROWS = 1000
-"""Samples that are looked at, evenly over the run."""
 
 EXCHANGED = "the momentum exchanged"
 

@@ -17,7 +17,7 @@ from deltac.diagnosis.check.matching import (
     explain_residual,
     explain_row,
 )
-from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.at_states import EquationTest, rms
 from deltac.diagnosis.residuals.function import Caller
 from deltac.diagnosis.residuals.states import States, joined
 from deltac.results import Serialisable, fraction
@@ -145,16 +145,17 @@ def _failing(test: EquationTest, udot: Array, limit: Array, good: NDArray[np.boo
     """The equations whose residual passes `limit` (n,) at the states that are `good`, the worst first."""
     relative = test.relative(udot)[:, good].max(axis=1, initial=0.0)
     residual, wrong = test.residual(udot)[:, good], (udot - test.acceleration)[:, good]
+    sizes, errors = rms(residual), rms(wrong)
     typical = test.typical(udot)
     units, rates = _units(test)
     return [
         Blame(
             speed=test.speeds[k],
             number=k + 1,
-            relative=_rms(residual[k]) / float(typical[k]),
-            residual=_rms(residual[k]),
+            relative=float(sizes[k] / typical[k]),
+            residual=float(sizes[k]),
             unit=units[k],
-            acceleration=_rms(wrong[k]),
+            acceleration=float(errors[k]),
             acceleration_unit=rates[k],
         )
         for k in map(int, np.argsort(-relative))
@@ -275,7 +276,3 @@ def _units(test: EquationTest) -> tuple[list[str], list[str]]:
         ["N" if e.unit == "m/s" else "N·m" for e in entries],
         [f"{e.unit}²" for e in entries],
     )
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2))) if x.size else 0.0

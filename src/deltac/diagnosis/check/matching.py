@@ -19,6 +19,7 @@ import numpy as np
 
 from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.check.terms import (
+    MOST_SPEEDS,
     Part,
     circular,
     inertia_term,
@@ -32,14 +33,8 @@ from deltac.results import Serialisable
 
 MOST_TERMS = 3
 
-MOST_VARIABLES = 4
-"""Coordinates in a dictionary of plain functions."""
-
 FAIR = 1.0
 """An explanation that costs no more than this is not doubted: plain factors of one part or two."""
-
-RATIO_OF = 4
-"""Coordinates, and speeds, of which a factor may be a function."""
 
 PAIRED = 120
 """Candidates of which all pairs are tried."""
@@ -130,26 +125,7 @@ def explain_acceleration(test: EquationTest, error: Array, k: int) -> tuple[Matc
     Equations that were solved for the accelerations by hand have every force in every acceleration; a
     mistake in one of them is no term of any row of M u̇ = f.
     """
-    terms = _told(test, -error, acceleration_parts(test, k), "")
-    return terms or _denominator(test, error, k)
-
-
-def _denominator(test: EquationTest, error: Array, k: int) -> tuple[Match, ...]:
-    """What det M, by which an acceleration is divided, is off by; empty if it is no plain sum."""
-    right = test.acceleration[k]
-    with np.errstate(all="ignore"):
-        error_of_det = np.linalg.det(test.M) * (right / (right + error) - 1.0)
-    if not np.isfinite(error_of_det).all() or len(test.states.coordinates) > MOST_VARIABLES:
-        return ()
-    every = range(len(test.states.coordinates))
-    parts = plain_parts(test.states, np.zeros_like(test.bias), every)
-    still = [p for p in parts if p.of is not None and not any(n.startswith("u.") for n in p.of)]
-    functions = explain_by(error_of_det, still)
-    if len(functions) > 2:
-        return ()
-    return tuple(
-        Match(f"{p.name} in what it is divided by (det M is right)", c, None) for p, c in functions
-    )
+    return _told(test, -error, acceleration_parts(test, k), "")
 
 
 def acceleration_parts(test: EquationTest, k: int) -> list[Part]:
@@ -245,11 +221,11 @@ def ratios(test: EquationTest) -> tuple[list[str], Array, Array]:
     """Plain functions of the state that are forgotten, put in, or stand for others: texts, values, costs."""
     states = test.states
     one = np.ones(len(states))
-    own = list(zip(states.coordinates, states.q))[:RATIO_OF]
+    own = list(zip(states.coordinates, states.q))[:MOST_SPEEDS]
     shapes = [s for name, x in own for s in (*circular(name, x), (name, x))]
     for (a, x), (b, y) in combinations(own, 2):
         shapes += [s for text, angle in sums(a, b, x, y) for s in circular(text, angle)]
-    u = [(f"u.{name}", x) for name, x in zip(states.speeds, states.u)][:RATIO_OF]
+    u = [(f"u.{name}", x) for name, x in zip(states.speeds, states.u)][:MOST_SPEEDS]
     pairs = combinations(u, 2)
     rates = [*u, *((f"({text})", z) for (a, x), (b, y) in pairs for text, z in sums(b, a, y, x))]
     texts: list[str] = []
@@ -283,7 +259,7 @@ def explain_plainly(
     """The plain functions of what it depends on that a residual (B,) consists of; empty if it is no sum."""
     names = test.states.coordinates
     some = [k for k, n in enumerate(names) if depends is None or f"q.{n}" in depends]
-    if len(some) > MOST_VARIABLES:
+    if len(some) > MOST_SPEEDS:
         return ()
     parts = plain_parts(test.states, udot, some)
     if depends is not None:
@@ -359,24 +335,10 @@ def _cheapest(
         if float(np.linalg.norm(rest)) > exact * float(np.linalg.norm(residual)):
             continue
         matches = tuple((parts[k], float(c)) for k, c in zip(chosen, coefficients))
-        total = 0.0 if cost is None else sum(cost(p, c) for p, c in matches) + _overlapping(matches)
+        total = 0.0 if cost is None else sum(cost(p, c) for p, c in matches)
         if total < least:
             best, least = matches, total
     return best
-
-
-def _overlapping(matches: tuple[tuple[Part, float], ...]) -> float:
-    """A whole and a part of it share what both are made of: told apart they would mislead."""
-    levels: dict[tuple[int, str], set[str]] = {}
-    for part, _ in matches:
-        if part.key is not None:
-            kind, _, rates = part.key
-            family = (
-                "gravity" if kind == "weight" or "gravity" in part.name else kind.partition(" ")[0]
-            )
-            level = "summand" if part.symbols else "rates" if rates is not None else kind
-            levels.setdefault((part.row, family), set()).add(level)
-    return float(sum(len(level_names) - 1 for level_names in levels.values()))
 
 
 def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tuple[Array, Array]:

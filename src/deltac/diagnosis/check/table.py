@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import io
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +16,18 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.check.check import EquationCheck, check_states
+from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.residuals.at_samples import CLEAR
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, draw, from_told, natural_scales, told
-from deltac.errors import FileError, LimitError, LogError, shown
-from deltac.foreign.files import appearing, read_text
+from deltac.errors import FileError, LogError
+from deltac.foreign.files import appearing
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, chosen_map, load_model
-from deltac.trajectories.formats.files import naming
-
-MOST_ROWS = 100_000
-"""Rows of a table that is read."""
+from deltac.models import ModelLike, load_model
+from deltac.trajectories.formats.files import naming, read_raw
+from deltac.trajectories.formats.raw import RawLog
+from deltac.trajectories.formats.units import unit
 
 
 @checked
@@ -56,7 +55,7 @@ def write_states(
         InputError: the model has no such states, or the file cannot be written.
     """
     loaded = load_model(model)
-    kane = Kane(loaded.mechanism, chosen_map(loaded, coordinates), loaded.first)
+    kane = Kane(loaded.mechanism, loaded.coordinate_map(coordinates), loaded.first)
     states = told(kane, draw(kane, natural_scales(kane), count=count, seed=seed))
     head = [*states.describe(0), *(f"udot.{name}" for name in states.speeds)]
     empty = [""] * len(states.speeds)
@@ -85,7 +84,8 @@ def check_table(
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.
-        path: a CSV file with the columns that `write_states` writes, the accelerations filled in.
+        path: a table with the columns that `write_states` writes, the accelerations filled in: a CSV file, or
+            what else `read_trajectory` reads.
         coordinates: of the states, as for `check_equations`.
         tolerance: residual that is accepted, as a fraction of each equation's terms; by default that of
             `check_equations`, or what the digits of the table allow.
@@ -95,9 +95,10 @@ def check_table(
             mechanism cannot take.
     """
     loaded = load_model(model)
-    chosen = chosen_map(loaded, coordinates)
+    chosen = loaded.coordinate_map(coordinates)
     kane = Kane(loaded.mechanism, chosen, loaded.first)
-    columns, digits = _read(Path(path))
+    raw = _read(path)
+    columns = raw.columns
     names = (
         ["t"]
         + [f"q.{name}" for name in kane.told_names]
@@ -106,9 +107,11 @@ def check_table(
     outputs = [f"udot.{name}" for name in kane.speed_names]
     missing = [name for name in (*names, *outputs) if name not in columns]
     if missing:
+        if missing[0] in raw.skipped:
+            raise LogError(f"{path}: {raw.skipped[missing[0]]}")
         raise LogError(
-            f"{path}: no column {missing[0]!r}; expected {', '.join([*names, *outputs])}, as `deltac states` "
-            "writes them"
+            f"{path}: no column {missing[0]!r}; expected {', '.join([*names, *outputs])}, as `deltac "
+            "states` writes them"
         )
     nq = len(kane.told_names)
     rows = np.array([columns[name] for name in names])
@@ -122,56 +125,25 @@ def check_table(
     qdot = np.array([columns[n] for n in rates]) if all(n in columns for n in rates) else None
     test = EquationTest(kane, states)
     return check_states(
-        test, udot, qdot, name=Path(path).name, tolerance=tolerance, rounding=_rounding(digits)
+        test, udot, qdot, name=Path(path).name, tolerance=tolerance, rounding=_rounding(udot)
     )
 
 
-def _rounding(digits: int) -> float:
-    """What the digits that were written leave open, relative; 0.0 for those of a double."""
-    return 0.0 if digits >= sys.float_info.dig else CLEAR * 10.0 ** (1 - digits)
-
-
-def _read(path: Path) -> tuple[dict[str, list[float]], int]:
-    """The columns of a table, and the most significant digits that any entry has."""
-    columns: dict[str, list[float]] = {}
-    digits = 0
+def _read(path: str | Path) -> RawLog:
+    """A table by the readers of logs; its numbers are in SI units."""
     with naming(path):
-        text = read_text(path, "bytes")
-    try:
-        rows = csv.reader(io.StringIO(text, newline=""))
-        head = [name.strip() for name in next(rows, [])]
-        columns = {name: [] for name in head}
-        if len(columns) < len(head):
-            twice = next(name for name in head if head.count(name) > 1)
-            raise LogError(f"{path}: two columns are called {shown(twice)}")
-        for line, row in enumerate(rows, 2):
-            if line > MOST_ROWS:
-                raise LimitError(f"{path}: more than {MOST_ROWS} rows")
-            if not row:
-                continue
-            if len(row) != len(head):
-                raise LogError(f"{path}:{line}: {len(row)} entries, expected {len(head)}")
-            for name, entry in zip(head, row):
-                columns[name].append(_number(entry, path, line, name))
-                if name.startswith("udot."):
-                    digits = max(digits, _digits(entry))
-    except csv.Error as error:
-        raise FileError(f"{path}: is no table: {error}") from error
-    if head and not columns[head[0]]:
-        raise LogError(f"{path}: has no rows; expected states, as `deltac states` writes them")
-    return columns, digits
+        raw = read_raw(path)
+        for name, told_unit in raw.units.items():
+            if unit(told_unit).factor != 1.0:
+                raise LogError(f"column {name!r} is in {told_unit}; expected SI units")
+    return raw
 
 
-def _number(text: str, path: Path, line: int, name: str) -> float:
-    try:
-        return float(text) if text.strip() else np.nan
-    except ValueError:
-        raise LogError(f"{path}:{line}: {name} is {shown(text)}, expected a number") from None
-
-
-def _digits(text: str) -> int:
-    mantissa = text.strip().lower().partition("e")[0]
-    return len(mantissa.lstrip("+-").replace(".", "").lstrip("0"))
+def _rounding(udot: Array) -> float:
+    """What the digits of accelerations (n, B) leave open, as a share of the largest of each."""
+    size = np.abs(udot).max(axis=1)
+    digit = 2.0 * resolution(udot.T).max(axis=0)
+    return CLEAR * float(np.divide(digit, size, out=np.zeros_like(size), where=size > 0.0).max())
 
 
 def _finite(path: str | Path, names: list[str], values: Array) -> None:

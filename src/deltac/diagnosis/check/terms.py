@@ -25,7 +25,8 @@ from deltac.kernels.lowering import to_sympy
 from deltac.mechanism.expressions import symbol_of
 
 MOST_SPEEDS = 4
-"""Terms grow exponentially with the number of speeds, and so does the time to simplify them."""
+"""Terms grow exponentially with the number of speeds, and so does the time to simplify them;
+so many coordinates and speeds have plain functions of a residual or a factor."""
 
 MOST_INSTRUCTIONS, MOST_NODES = 300, 500
 """Of a term before it is simplified: SymPy takes a second for the latter."""

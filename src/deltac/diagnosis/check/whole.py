@@ -19,7 +19,7 @@ from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.explain.result import sentence
 from deltac.diagnosis.inference.hypotheses import Block, Fit, search
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.function import Caller
+from deltac.diagnosis.residuals.function import MOST_ORDERED, Caller
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States
 from deltac.diagnosis.verdict import Finding
@@ -32,9 +32,6 @@ STATES = 12
 
 MOST = 600
 """Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
-
-FEW = 4
-"""Coordinates of which all orders are tried."""
 
 SMALL = (1e-2, 1e-3)
 """Angles are made this small to see how an error goes to zero."""
@@ -123,7 +120,7 @@ def _frames(test: EquationTest) -> Iterator[Frame]:
         remedy = "Convert them with np.radians"
         yield Frame(f"if {subject} in degrees, with rates in degrees", remedy, D, zero, D)
         yield Frame(f"if {subject} in degrees", remedy, D, zero, one)
-    orders = permutations(range(n)) if n <= FEW else _exchanges(n)
+    orders = permutations(range(n)) if n <= MOST_ORDERED else _exchanges(n)
     for order in orders:
         if order != tuple(range(n)):
             P = one[list(order)]

@@ -282,27 +282,34 @@ def _flow(
     return nodes
 
 
-def transported(h: Array, J: list[Array], F: list[Array]) -> tuple[Array, Array]:
-    """Φ (N, 2n, 2n) and B (N, 2n, p) over intervals of length h (N, 1), by J and F at their nodes.
+def transitions(h: Array, J: list[Array]) -> list[Array]:
+    """Φ (N, 2n, 2n) between neighbouring nodes of intervals of length h (N, 1), by J at the nodes.
 
-    Φ between neighbouring nodes by a step of the classical Runge–Kutta method with J linear between them, and
-    ∫Φ F dt over two of them by Simpson's rule.
+    By a step of the classical Runge–Kutta method, J linear within it.
     """
-    count = len(J) - 1
-    step = (h / count)[:, :, None]
-    one = np.eye(J[0].shape[1])
+    step = (h / (len(J) - 1))[:, :, None]
+    half, one = 0.5 * step, np.eye(J[0].shape[1])
 
-    def over(k: int) -> Array:
-        middle = 0.5 * (J[k] + J[k + 1])
-        k2 = middle + 0.5 * step * middle @ J[k]
-        k3 = middle + 0.5 * step * middle @ k2
-        k4 = J[k + 1] + step * J[k + 1] @ k3
-        return np.asarray(one + (step / 6.0) * (J[k] + 2.0 * k2 + 2.0 * k3 + k4))
+    def over(first: Array, last: Array) -> Array:
+        middle = 0.5 * (first + last)
+        k2 = middle + half * (middle @ first)
+        k3 = middle + half * (middle @ k2)
+        k4 = last + step * (last @ k3)
+        return np.asarray(one + (step / 6.0) * (first + 2.0 * k2 + 2.0 * k3 + k4))
 
-    Phi, B = np.broadcast_to(one, J[0].shape), np.zeros_like(F[0])
-    for k in range(0, count, 2):
-        first, second = over(k), over(k + 1)
-        B = second @ (first @ (B + (step / 3.0) * F[k]) + (4.0 * step / 3.0) * F[k + 1])
-        B += (step / 3.0) * F[k + 2]
+    return [over(*ends) for ends in zip(J, J[1:], strict=False)]
+
+
+def transported(h: Array, steps: list[Array], F: list[Array]) -> tuple[Array, Array]:
+    """Φ (N, 2n, 2n) and B (N, 2n, p) over intervals of length h (N, 1), by `transitions` and F at the nodes.
+
+    B = ∫Φ F dt by Simpson's rule over two steps each.
+    """
+    weight = (h / len(steps) / 3.0)[:, :, None]
+    Phi, B = np.eye(steps[0].shape[1]), np.zeros_like(F[0])
+    for k in range(0, len(steps), 2):
+        first, second = steps[k], steps[k + 1]
+        B = second @ (first @ (B + weight * F[k]) + 4.0 * weight * F[k + 1])
+        B += weight * F[k + 2]
         Phi = second @ first @ Phi
     return Phi, B

@@ -79,8 +79,8 @@ class Block:
         """Variance of the noise: what all columns together leave."""
         A, b, rr = self.gram
         some = np.concatenate([self.nuisance, self.causes])
-        x = least_squares(A[np.ix_(some, some)], b[some])
-        rss = rr - 2.0 * float(b[some] @ x) + float(x @ A[np.ix_(some, some)] @ x)
+        x = least_squares(A[some[:, None], some], b[some])
+        rss = rr - 2.0 * float(b[some] @ x) + float(x @ A[some[:, None], some] @ x)
         return max(rss, CANCELLED * rr, 1e-300) / max(self.r.size - len(some), 1)
 
     @property
@@ -189,7 +189,7 @@ class Projected:
     def left(self, coefficients: Array) -> float:
         """RSS with coefficients of causes."""
         some, x = self._change(coefficients)
-        gain = 2.0 * float(self.b[some] @ x) - float(x @ self.A[np.ix_(some, some)] @ x)
+        gain = 2.0 * float(self.b[some] @ x) - float(x @ self.A[some[:, None], some] @ x)
         return max(self.rss - gain, CANCELLED * self.total)
 
     def slope(self, coefficients: Array) -> Array:
@@ -212,7 +212,7 @@ def least_squares(A: Array, b: Array) -> Array:
     """Solve A x = b, A a Gram matrix in which columns may be alike; of b one column or several."""
     d = _inverse_sizes(np.diag(A))
     scaled = d[:, None] * A * d
-    scaled[np.diag_indices(len(A))] += RIDGE
+    scaled.flat[:: len(A) + 1] += RIDGE
     return np.asarray((d * np.linalg.solve(scaled, (d * b.T).T).T).T)
 
 
@@ -298,7 +298,7 @@ def fitted(
         X, y = np.zeros((at, at)), np.zeros(at)
         for b, s in zip(blocks, variance):
             p = b.projected
-            X += few.T @ p.A[np.ix_(acting, acting)] @ few / s
+            X += few.T @ p.A[acting[:, None], acting] @ few / s
             y += few.T @ p.slope(now)[acting] / s
         return T, X, y
 
@@ -307,7 +307,7 @@ def fitted(
         raw = np.zeros(len(X))
         for b, s in zip(blocks, variance):
             c = b.causes[acting]
-            raw += np.einsum("ij,ik,kj->j", T[acting], b.gram[0][np.ix_(c, c)], T[acting]) / s
+            raw += np.einsum("ij,ik,kj->j", T[acting], b.gram[0][c[:, None], c], T[acting]) / s
         if not np.all(raw > 0.0):
             return None
         d = _inverse_sizes(raw)
@@ -418,10 +418,13 @@ def _ordered(
         least += block.least / variance
 
     def gain(parts: list[tuple[Array, Array]], c: Candidate, L: Array) -> float:
-        columns = list(c.columns)
-        A = sum(L.T @ gram[np.ix_(columns, columns)] @ L for gram, _ in parts)
-        b = sum(L.T @ right[columns] for _, right in parts)
-        return float(b @ least_squares(np.asarray(A), np.asarray(b)))
+        columns = np.array(c.columns)
+        A = np.asarray(sum(L.T @ gram[columns[:, None], columns] @ L for gram, _ in parts))
+        b = np.asarray(sum(L.T @ right[columns] for _, right in parts))
+        if L.shape[1] == 1:  # most causes, and quick
+            size = float(A[0, 0])
+            return float(b[0]) ** 2 / (size * (1.0 + RIDGE)) if size > 0.0 else 0.0
+        return float(b @ least_squares(A, b))
 
     free = [
         c

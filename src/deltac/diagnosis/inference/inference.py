@@ -36,6 +36,7 @@ from deltac.diagnosis.inference.flow import (
     LoggedForce,
     Prediction,
     predict,
+    transitions,
     transported,
 )
 from deltac.diagnosis.inference.hypotheses import (
@@ -283,7 +284,11 @@ def infer(
     try:
         with np.errstate(all="ignore"), compiled():
             inferring = _Inferring(model, run, log, equations, energy)
-            if (alone := inferring.closed()) is not None:
+            alone = inferring.closed()
+            # What comes and goes within the noise of the rows is nothing.
+            if alone is not None and (alone.excess <= 1.0 or not alone.finds_something):
+                if inferring.by_rates is not None:
+                    return _with_causes(alone, inferring.undetected(alone, kernels))
                 sample = _Inferring(model, run, few, equations, energy)
                 sample.add(kernels)
                 known = sample.result()
@@ -318,7 +323,7 @@ def _with_causes(alone: Inference, known: Inference) -> Inference:
         posterior=known.posterior,
         candidates=known.candidates,
         generic=known.generic,
-        unseen={name: share * joules for name, joules in known.unseen.items()},
+        unseen={name: float(share) * joules for name, joules in known.unseen.items()},
     )
 
 
@@ -359,7 +364,7 @@ class _Inferring:
         self.alike: list[tuple[Map, Observations]] = []
         self.refining = False
         self._predict()
-        self.fields, self.J = self._integrator_columns()
+        self._linearise()
         lost = ~np.all(
             [
                 np.isfinite(x).reshape(len(x), -1).all(axis=1)
@@ -378,7 +383,7 @@ class _Inferring:
             self.thinned = self.thinned[~lost]
             self.whole = float(run.t[-1] - run.t[0]) / float(self.log.intervals.h.sum())
             self._predict()
-            self.fields, self.J = self._integrator_columns()
+            self._linearise()
         self.log = self.log.with_noise(self.w)
         self.noise = self.log.noise
         self.Phi = np.zeros_like(
@@ -399,7 +404,7 @@ class _Inferring:
         if self.plant is not self.model:
             self.plant = self.model
             self._predict()
-            self.fields, self.J = self._integrator_columns()
+            self._linearise()
         self.kernels = (*self.kernels, kernels)
         columns = tuple(c for k in self.kernels for c in k.columns)
         self.candidates = candidates(self.equations, columns)
@@ -459,7 +464,7 @@ class _Inferring:
         self.plant = self.model.changed(self.kernels, of_equations)
         self.coefficients = self._of_filter(of_equations)
         self._predict()
-        self.fields, self.J = self._integrator_columns()
+        self._linearise()
         columns = (self.w, *self.J, *self.fields)
         if not all(np.isfinite(x).all() for x in columns):
             raise FlowError("the flow of the model with the causes found leaves all bounds")
@@ -478,6 +483,11 @@ class _Inferring:
         return self.flow.nodes[-1].take(
             np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
         )
+
+    def _linearise(self) -> None:
+        """The integrator's fields and ∂f/∂x at the nodes of the flow, and Φ between them."""
+        self.fields, self.J = self._integrator_columns()
+        self.transitions = transitions(self.log.intervals.h, self.J)
 
     def _integrator_columns(self) -> tuple[list[Array], list[Array]]:
         h = self._h
@@ -540,7 +550,7 @@ class _Inferring:
         beyond = remainder(self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, self._h)
         self.beyond = beyond
         if between.any():
-            Phi, B = transported(self.log.intervals.h, self.J, self.fields)
+            Phi, B = transported(self.log.intervals.h, self.transitions, self.fields)
             columns = np.concatenate([self._errors(self.flow.end, Phi)[:, :, None], B], axis=2)
 
             def likelihood(share: float) -> float:
@@ -567,6 +577,28 @@ class _Inferring:
         block = self.blocks[0]
         return result if block.projected.left(np.zeros(0)) <= block.least else None
 
+    def undetected(self, alone: Inference, kernels: ColumnKernels) -> Inference:
+        """The result of a log whose accelerations close, with how large the mistakes are that some rows hide.
+
+        A unit of a cause moves the accelerations by its column, and does the work of that.
+        """
+        self.add(kernels)
+        some = np.unique(np.linspace(0, len(self.w) - 1, FEW).astype(np.intp))
+        block, columns = self._measured(some)
+        power = np.einsum("kn,knp->kp", self.gradient[some, self.model.n :], columns)
+        duration = self.whole * float(self.log.intervals.h.sum())
+        curves = np.cumsum(power, axis=0) * (duration / len(some))
+        best = nothing(len(self.coefficients))
+        return replace(
+            alone,
+            kernels=self.kernels,
+            blocks=(block,),
+            posterior=Posterior(best, (), ()),
+            candidates=self.candidates,
+            unseen=self._unseen((block,), best, alone.tau, curves),
+            w=self.w[some],
+        )
+
     def result(self) -> Inference:
         """The posterior of the causes that there are columns of."""
         self.causes = self._cause_columns()
@@ -577,9 +609,10 @@ class _Inferring:
         closed = self._closed_otherwise()
         if closed is not None:
             posterior = closed
-        elif not self._closing(posterior):
-            if self._act(self._of_equations(posterior.best), filters=True):
-                posterior = self._compare()
+        elif not self._closing(posterior) and self._act(
+            self._of_equations(posterior.best), filters=True
+        ):
+            posterior = self._compare()
         if (
             self.methods
             and self.methods[0].order == 1
@@ -718,7 +751,7 @@ class _Inferring:
             if moved <= STILL * np.linalg.norm(before):
                 break
             self._predict()
-            self.fields, self.J = self._integrator_columns()
+            self._linearise()
             self.causes = self._cause_columns()
             posterior = self._compare_once()
         return posterior
@@ -787,7 +820,7 @@ class _Inferring:
         both = [
             np.concatenate([a, b], axis=2) for a, b in zip(self.fields, self.causes, strict=True)
         ]
-        self.Phi, self.B = transported(log.intervals.h, self.J, both)
+        self.Phi, self.B = transported(log.intervals.h, self.transitions, both)
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
         places = ni + np.arange(P)
         Phi, w = self.Phi, self._errors(self.flow.end, self.Phi)
@@ -839,7 +872,7 @@ class _Inferring:
         return posterior
 
     def _by_own_steps(self, methods: _Methods, places: NDArray[np.intp]) -> _Methods:
-        """The methods, their floor by what causes do in their own steps where the series' leave some of it."""
+        """The methods, with the floor that causes leave in their own steps where the series' leave some."""
         if not len(places) or not SQUARES < methods.floor / methods.alone < SOME:
             return methods
         blocks = [self._of_method(of, places) for of in [*methods.ends, *methods.others][:ALIKE]]
@@ -971,7 +1004,7 @@ class _Inferring:
     def _of_rates(self) -> tuple[Block, Posterior]:
         """The equations by known accelerations, and their posterior; the same wherever it is linearised."""
         if self.by_rates is None or len(self.by_rates[0].causes) != len(self.coefficients):
-            block = self._measured()
+            block, _ = self._measured(np.arange(len(self.w)))
             self.by_rates = block, self._search(block)
         return self.by_rates
 
@@ -1067,20 +1100,24 @@ class _Inferring:
         ]
         return max(parts[0] * rho**3, parts[1] * rho**2)
 
-    def _measured(self) -> Block:
-        """The equations at the rows, by accelerations that are known to be theirs: nothing is integrated."""
+    def _measured(self, some: NDArray[np.intp]) -> tuple[Block, Array]:
+        """The equations at the starts of some intervals, by accelerations that are known to be theirs.
+
+        Nothing is integrated. The second value is what a unit of each column adds to the accelerations.
+        """
         run, model, log = self.run, self.model, self.log
         assert run.udot is not None
-        rows = np.concatenate([np.arange(a, b - 1) for a, b in log.rows])
-        free, at = model.mechanism.free.u, log.intervals.start
+        rows = np.concatenate([np.arange(a, b - 1) for a, b in log.rows])[some]
+        free, at = model.mechanism.free.u, log.intervals.start.take(some)
         udot, half = run.udot[rows][:, free], digits_of(run)["udot"].half()[rows][:, free]
         a, rest = model.at(at), np.zeros_like(at.F)
         columns = self._responses(model, at, udot, rest, rest)
-        of_rows = np.einsum("kij,kj->ki", np.abs(self.J[0][:, model.n :]), log.digits[0])
+        slopes = np.abs(self.J[0][some, model.n :])
+        of_rows = np.einsum("kij,kj->ki", slopes, log.digits[0][some])
         sigma = np.sqrt(half**2 + of_rows**2) + 1e-12 * (1.0 + np.abs(a).max())
         sigma = np.sqrt(np.mean(sigma**2, axis=0))
         none = np.zeros(0, dtype=np.intp)
-        return Block(
+        block = Block(
             (udot - a) / sigma,
             columns / sigma[:, None],
             none,
@@ -1088,6 +1125,7 @@ class _Inferring:
             np.arange(columns.shape[2]),
             1.0,
         )
+        return block, columns
 
     def _kinds_of_forces(self, best: Fit) -> tuple[str, ...]:
         """How each logged force acts between two rows, by the likelihood beside the best causes."""
@@ -1145,7 +1183,7 @@ class _Inferring:
             np.concatenate([a, b @ tangent], axis=2)
             for a, b in zip(self.fields, self.causes, strict=True)
         ]
-        Phi, B = transported(h, self.J, own)
+        Phi, B = transported(h, self.transitions, own)
         w = self._errors(self.flow.end, Phi)[:, :, None]
         w, B = w + B[:, :, -1:], B[:, :, :-1]
         everything = [w, B, np.stack(columns, axis=2)]
@@ -1201,7 +1239,7 @@ class _Inferring:
             integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
             left = self.w - self.B[:, :, :ni] @ c - causes
         integrator = self._on_path(integrator, self.w - left - causes, left)
-        unseen = self._unseen(best, tau)
+        unseen = self._unseen(self.blocks, best, tau, log.running(power[:, ni:]))
         moved = causes + self.model.difference(self.nominal.end, self.flow.end)
         mistake = self._on_path(self._share(best, power[:, ni:], tau), moved, left)
         # Sets of causes that explain as much do other joules, and one that is not seen may do some.
@@ -1365,15 +1403,19 @@ class _Inferring:
         error = np.sqrt(share.curve_error**2 + (doubt * share.curve) ** 2 + slack**2)
         return Share(share.curve, error)
 
-    def _unseen(self, best: Fit, tau: float) -> dict[str, float]:
-        """Energy (J) that a mistake of one number may add to ΔC at one standard error, by its name."""
-        ni, joules = self.fields[0].shape[2], dict[str, float]()
-        curves = self.log.running(np.einsum("km,kmp->kp", self.gradient, self.B[:, :, ni:]))
+    def _unseen(
+        self, blocks: Sequence[Block], best: Fit, tau: float, curves: Array
+    ) -> dict[str, float]:
+        """Energy (J) that a mistake of one number may add to ΔC at one standard error, by its name.
+
+        `curves` (N, P) are what a unit of each column adds to ΔC.
+        """
+        joules = dict[str, float]()
         for c in self.candidates:
             linear = c.size == 1 and c.quadratic is None and c.kind not in OF_THE_LOG
             if not linear or any(c is x or c.excludes(x) for x in best.chosen):
                 continue
-            deviation = _deviation(self.blocks, c, best, tau)
+            deviation = _deviation(blocks, c, best, tau)
             name = f"{c.kind} {c.element}".strip()
             most = float(np.abs(curves[:, list(c.columns)] @ c.linear[:, 0]).max())
             if most > 0.0 and np.isfinite(deviation):  # else it is one of those found

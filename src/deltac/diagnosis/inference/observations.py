@@ -243,22 +243,21 @@ def unknown(
     diagonal = np.arange(2 * n)
     Q[:, diagonal, diagonal] = flow.error**2
     coarse = np.any(log.force_noise > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
-    between = np.zeros_like(Q)
     smooth = np.array([kind == "smooth" for kind in kinds], dtype=bool)
     doubt = np.where(smooth, force.doubt, 0.0)
     some = coarse.any() or thinned.any() or doubt.any()
+    own, moves = list[Array](), list[Array]()
     for k, response in enumerate(unit_responses(model, at) if some else ()):
         du = response * h * log.force_noise[:, k : k + 1]
-        both = np.concatenate([0.5 * h * du, du], axis=1)
-        Q += both[:, :, None] * both[:, None, :]
+        own.append(np.concatenate([0.5 * h * du, du], axis=1))
         bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
         lost = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
         size = np.where(thinned, lost, doubt[:, k])
         if size.any():
             du = response * (h[:, 0] * size)[:, None]
-            both = np.concatenate([0.5 * h * du, du], axis=1)
-            early = np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1)
-            between += both[:, :, None] * both[:, None, :] + early[:, :, None] * early[:, None, :]
+            moves.append(np.concatenate([0.5 * h * du, du], axis=1))
+            moves.append(np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1))
+    Q, between = Q + _outer(own, Q), _outer(moves, Q)
     across = np.zeros_like(Q)
     if model.rows_of_G:
         M, G = model.matrices(at.t, at.q)
@@ -266,6 +265,14 @@ def unknown(
         size = ACROSS * np.sqrt(np.mean(w**2, axis=0) + np.mean(log.noise[0] ** 2, axis=0)).max()
         across[:, :n, :n] = across[:, n:, n:] = size**2 * directions @ directions.transpose(0, 2, 1)
     return Q, between, across
+
+
+def _outer(columns: Sequence[Array], like: Array) -> Array:
+    """Σ x xᵀ (N, 2n, 2n) of columns x (N, 2n)."""
+    if not columns:
+        return np.zeros_like(like)
+    X = np.stack(columns, axis=2)
+    return np.asarray(X @ X.transpose(0, 2, 1))
 
 
 def remainder(J: Array, first: Array, h: Array, step: Array) -> Array:

@@ -18,13 +18,13 @@ from deltac.errors import FileError, SourceError, WrongType
 from deltac.foreign.scripts import SUFFIXES, Script
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import from_file
-from deltac.simulation.equations import Equations
+from deltac.simulation.equations import Equations, RightHandSide
 
 LIBRARIES = (".so", ".dll", ".dylib")
 """How the names of shared libraries end."""
 
 
-def load_equations(text: str, coordinates: Sequence[str] = ()) -> Equations | Callable[..., Any]:
+def load_equations(text: str, coordinates: Sequence[str] = ()) -> Equations | RightHandSide:
     """The function (t, q, u) -> u̇, or the `Equations`, that ``FILE.py:NAME`` means.
 
     The name may have dots: `CartPole.rates` is a method of an object that is made without arguments, or as

@@ -318,22 +318,6 @@ def _refuse_undefined(ledger: Ledger) -> None:
             )
 
 
-def held_between_rows(log: Log) -> float:
-    """Energy (J) that is not known where an engine held forces over steps of which some were not logged.
-
-    Held over a step h a force is on average h/2 older than one that is interpolated: ∫ (h/2) ḟᵀu dt.
-    """
-    run, step = log.run, log.run.provenance.step
-    if run.works or step is None or np.median(np.diff(log.consecutive.t)) < 1.01 * step:
-        return 0.0
-    forces = [run.forces[n] for n in run.provenance.held or () if n in run.forces]
-    mean = 0.5 * (run.u[1:] + run.u[:-1])
-    late = sum(
-        (np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in forces), np.zeros(len(mean))
-    )
-    return float(0.5 * step * np.abs(np.cumsum(late)).max(initial=0.0))
-
-
 def work_of(run: Trajectory) -> str | None:
     """How an engine's own scheme takes the work, where the log tells; else what `balance` chooses."""
     step = run.provenance.step

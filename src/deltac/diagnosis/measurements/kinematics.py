@@ -26,16 +26,13 @@ from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
-from deltac.trajectories.lint import gap_rows
-from deltac.trajectories.rates import continuous
+from deltac.trajectories.lint import MANY, gap_rows
+from deltac.trajectories.rates import continuous, rotation_vectors
 
 Mask: TypeAlias = NDArray[np.bool_]
 
 LEAST_ROWS = 12
 """Rows that a part between gaps has at least to be compared."""
-
-MOST_ROWS = 20_000
-"""Rows that are compared: consecutive ones at the start, the middle and the end of a long log."""
 
 SURE = 8.0
 """Standard errors by which r must differ from one."""
@@ -371,7 +368,7 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     for _, i, j in kinematics.quaternions:
         if j not in free:
             continue
-        turned = rotation_vectors(q[:, i : i + 4])
+        turned = rotation_vectors(continuous(q[:, i : i + 4]), "body")
         # Half a turn more per row, and the commutator of turns: of second order in the angle.
         size = np.linalg.norm(turned, axis=1)
         bar = 2.0 * fine_q[1:, i : i + 4].sum(axis=1) + size**3 / 6.0
@@ -392,28 +389,15 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     return by_speed
 
 
-def rotation_vectors(p: Array) -> Array:
-    """Rotation vectors (T − 1, 3), body components, between quaternions (T, 4), scalar first."""
-    p = continuous(p)
-    a, b = p[:-1], p[1:]
-    w = np.sum(a * b, axis=1)
-    v = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
-    length = np.linalg.norm(v, axis=1)
-    scale = np.divide(
-        2.0 * np.arctan2(length, w), length, out=np.full_like(w, 2.0), where=length > 0.0
-    )
-    return np.asarray(v * scale[:, None])
-
-
 def stretches(run: Trajectory) -> list[tuple[int, int]]:
     """Rows (first, last + 1) of samples without gaps or events in between; a choice of them in long logs."""
     happened = np.searchsorted(run.t, [e.t for e in run.events])
     cuts = np.unique(np.concatenate([gap_rows(run.t) + 1, happened, [0, len(run)]]).astype(np.intp))
     pieces = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= LEAST_ROWS]
     total = sum(b - a for a, b in pieces)
-    if total <= MOST_ROWS:
+    if total <= MANY:
         return pieces
-    share, parts = MOST_ROWS / total, []
+    share, parts = MANY / total, []
     for a, b in pieces:
         size = max(LEAST_ROWS, int(share * (b - a) / 3))
         if b - a <= 3 * size:
@@ -427,7 +411,7 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
 def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:
     """The rows of the stretches of a long log, else all; and where these stretches are among them."""
     edges = stretches(run)
-    if len(run) <= MOST_ROWS:
+    if len(run) <= MANY:
         return slice(None), edges
     rows = np.concatenate([np.arange(a, b) for a, b in edges] or [np.arange(0)])
     ends = np.cumsum([0, *(b - a for a, b in edges)]).tolist()

@@ -11,6 +11,7 @@ import numpy as np
 
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, Piece
 from deltac.diagnosis.study.simulators import MUJOCO, SimulationOptions
+from deltac.energy.accumulator import KEPT
 from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
 from deltac.importers.files import with_base
 from deltac.mechanism.mechanism import Mechanism
@@ -35,7 +36,7 @@ MOST_OF_MUJOCO = 200_000
 SAMPLES = 200
 """A run is timed with at least so many rows, or all of its steps."""
 
-ROWS = 20_000
+ROWS = KEPT
 """Longer runs are judged in the search on at least so many of their steps; verified on all of them."""
 
 FINER = (2, 8, 16, 32, 64)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.measurements.digits import digits_of
-from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.at_states import EquationTest, rms
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import natural_scales, some_rows, states_along
 from deltac.diagnosis.verdict import Finding
@@ -59,7 +59,7 @@ class RunResidual:
     @property
     def relative(self) -> Array:
         """Root mean square as a fraction of `scale` (n,); zero where digits or rounding explain it."""
-        size = _rms(self.residual)
+        size = rms(self.residual)
         relative = size / self.scale
         return np.where((size > CLEAR * self.precision) & (relative > LEAST), relative, 0.0)
 
@@ -75,14 +75,14 @@ class RunResidual:
         if not len(test.gamma):
             return {}
         G = np.abs(test.G)
-        scale = _rms(np.abs(test.gamma) + times(G, np.abs(self.udot)))
-        scale = scale + _rms(times(G, np.abs(test.states.u))) / float(np.ptp(run.t))
+        scale = rms(np.abs(test.gamma) + times(G, np.abs(self.udot)))
+        scale = scale + rms(times(G, np.abs(test.states.u))) / float(np.ptp(run.t))
         # What a row has no terms of, such as the height of a ball on a table, has no size of its own.
         scale = np.maximum(scale, LEAST * scale.max())
         decay = STIFFEST / (run.provenance.step or float(np.median(np.diff(run.t))))
         restoring = 2.0 * decay * np.abs(test.terms.psi) + decay**2 * np.abs(test.terms.phi)
-        size = _rms(self.rates)
-        explained = CLEAR * (self.rate_precision + 4.0 * EPS * scale) + _rms(restoring)
+        size = rms(self.rates)
+        explained = CLEAR * (self.rate_precision + 4.0 * EPS * scale) + rms(restoring)
         shares = np.where((size > explained) & (size > LEAST * scale), size / scale, 0.0)
         names = test.kane.rows.names
         return {n: float(max(s for s, m in zip(shares, names) if m == n)) for n in names}
@@ -114,8 +114,8 @@ def run_residual(kane: Kane, run: Trajectory) -> RunResidual:
         residual,
         rates,
         scale,
-        _rms(np.hstack([t.residual(a) - residual for t, a in moved])) + 4.0 * EPS * scale,
-        _rms(np.hstack([t.violation(a) - rates for t, a in moved])),
+        rms(np.hstack([t.residual(a) - residual for t, a in moved])) + 4.0 * EPS * scale,
+        rms(np.hstack([t.violation(a) - rates for t, a in moved])),
     )
 
 
@@ -126,10 +126,10 @@ def _tested(kane: Kane, run: Trajectory) -> tuple[EquationTest, Array]:
     forces = {name: force[:, free].T for name, force in run.forces.items()}
     states = states_along(kane, run, np.arange(len(run)))
     test = EquationTest(kane, states, scales=natural_scales(kane), strict=False, forces=forces)
-    point = test.point
-    return test, times(
-        np.asarray(np.linalg.pinv(point.Y), dtype=float), run.udot[:, free].T - point.rest
-    )
+    udot = run.udot[:, free].T - test.point.rest
+    if kane.own is not None:  # else own speeds are the mechanism's
+        udot = times(np.asarray(np.linalg.pinv(test.point.Y), dtype=float), udot)
+    return test, udot
 
 
 def _moved(run: Trajectory, rows: NDArray[np.intp], rng: np.random.Generator) -> Trajectory:
@@ -152,10 +152,6 @@ def _moved(run: Trajectory, rows: NDArray[np.intp], rng: np.random.Generator) ->
         udot=moved(some.udot, "udot"),
         forces={name: moved(f, f"force {name}", acting) for name, f in some.forces.items()},
     )
-
-
-def _rms(values: Array) -> Array:
-    return np.asarray(np.sqrt(np.mean(values**2, axis=1)))
 
 
 EXPLAINED = 0.05

@@ -214,7 +214,7 @@ class EquationTest:
     @cached_property
     def floor(self) -> Array:
         """Least typical scale of each equation (n,): a small share of its natural inertia force."""
-        return LEAST * _rms(times(self._M_size, self._natural)) + TINY
+        return LEAST * rms(times(self._M_size, self._natural)) + TINY
 
     @cached_property
     def _natural(self) -> Array:
@@ -226,7 +226,7 @@ class EquationTest:
         """Typical scale of each equation over the states (n,)."""
         scale = self.scale(udot)
         finite = np.isfinite(scale).all(axis=0)
-        return np.maximum(_rms(scale[:, finite]), self.floor)
+        return np.maximum(rms(scale[:, finite]), self.floor)
 
     def relative(self, udot: Array) -> Array:
         """|`residual`| as a fraction of `typical` (n, B); infinite where u̇ is not finite."""
@@ -363,7 +363,7 @@ def _dot(a: Array, b: Array) -> Array:
     return np.asarray(np.einsum("ib,ib->b", a, b))
 
 
-def _rms(x: Array) -> Array:
+def rms(x: Array) -> Array:
     """Root mean square over the states (n,)."""
     return np.asarray(np.sqrt(np.mean(x**2, axis=1))) if x.shape[1] else np.zeros(len(x))
 

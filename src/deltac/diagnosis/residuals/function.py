@@ -21,7 +21,14 @@ from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import States, some_rows, told
 from deltac.errors import NO_NUMBER, InputError, SourceError
 from deltac.simulation.equations import Equations
-from deltac.simulation.state_form import PLAIN, StateForm, candidate_forms, likeliest, matching
+from deltac.simulation.state_form import (
+    PLAIN,
+    StateForm,
+    candidate_forms,
+    likeliest,
+    matching,
+    signature,
+)
 
 SAMPLED = 8
 """States at which a batch is compared with single calls, and a second call with the first."""
@@ -66,7 +73,8 @@ class Caller:
     def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
         """Find out how the function of `equations` takes the state, by trying at some states."""
         names = self.kane.told_names, test.states.speeds
-        candidates = candidate_forms(self.rhs, equations.form, equations.order, *names, motors)
+        parameters = signature(self.rhs)
+        candidates = candidate_forms(parameters, equations.form, equations.order, *names, motors)
         if candidates == [PLAIN]:
             return
         right = test.rates, test.acceleration

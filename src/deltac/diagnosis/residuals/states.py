@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ASSEMBLED, Array
+from deltac.arrays import ASSEMBLED, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
@@ -33,7 +33,8 @@ WINDOW = (0.0, 10.0)
 """Times (s) that are drawn from, for laws that depend on time."""
 
 SPREAD = 3.0
-"""Speeds are this many times slower to this many times faster than the natural ones."""
+"""Speeds are this many times slower to this many times faster than the natural ones; so are slips than the
+speeds at which friction changes, where tanh differs from a step."""
 
 ROUNDS, HOPELESS = 40, 4
 """Draws of `count` states, at most; and how many without a single admissible one are enough."""
@@ -42,18 +43,15 @@ LIGHT = 1e-2
 """The least share of the whole mass that an inertia's radius of gyration is taken with."""
 
 NEWTON_STEPS = 60
-MAP_RANK = 1e-12
 WELL_CONDITIONED = 1e-2
-"""Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map."""
+"""Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map; a path on
+which the loops and own coordinates have one may change sides."""
 
 PATH_STEPS, PATH_NEWTON = 48, 4
 """Steps of a path of assembled configurations, and of Newton's method in each."""
 
 ON_PATH, PATH = 1e-13, 1e-4
 """Violation at which Newton's steps end, and at which a place on the way has been reached (m, rad)."""
-
-CROSSING = 1e-2
-"""A path on which the loops and own coordinates have a smaller ratio of singular values may change sides."""
 
 REGULAR = 1e-11
 """A mass matrix with a smaller eigenvalue than this, scaled to a diagonal of ones, is singular."""
@@ -212,7 +210,7 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
             )
             if np.abs(violation).max(initial=0.0) < ON_PATH:
                 break
-            step = times(W, times(np.linalg.pinv(rows, rcond=MAP_RANK), -violation))
+            step = times(W, times(np.linalg.pinv(rows, rcond=SAME), -violation))
             q = q + np.where(good, step, 0.0)
             for place in kane.motion.quaternions:
                 q[place] /= np.linalg.norm(q[place], axis=0)
@@ -220,7 +218,7 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
         values = np.linalg.svd(
             np.divide(rows, size, out=np.zeros_like(rows), where=size > 0.0), compute_uv=False
         )
-        good &= values[:, -1] > CROSSING * values[:, 0]
+        good &= values[:, -1] > WELL_CONDITIONED * values[:, 0]
         good &= np.abs(violation).max(axis=0, initial=0.0) < (PATH if share < 1.0 else ASSEMBLED)
     return q, good
 
@@ -347,7 +345,7 @@ def own_speeds(kane: Kane, t: Array, own_q: Array, u: Array) -> tuple[Array, NDA
         np.isfinite(still.u).all(axis=0) & np.isfinite(still.Y).all(axis=(1, 2))
     )
     Y = np.where(finite[:, None, None], still.Y, 0.0)
-    own_u = times(np.linalg.pinv(Y, rcond=MAP_RANK), np.where(finite, u - still.u, 0.0))
+    own_u = times(np.linalg.pinv(Y, rcond=SAME), np.where(finite, u - still.u, 0.0))
     if not Y.shape[2]:
         return own_u, finite
     size = np.linalg.norm(Y, axis=1, keepdims=True)
@@ -401,9 +399,6 @@ EACH = 6
 CANDIDATES = 4 * EACH
 """States that are tried for it."""
 
-ABOUT = 3.0
-"""Slip speeds are drawn from a third of a scale to three times it, where tanh differs from a step."""
-
 COVERED = (0.2, 4.0)
 """A slip speed in this range of a scale counts as about it."""
 
@@ -415,9 +410,6 @@ ROUNDED = 1e5
 
 DEPTH = 0.1
 """Overlap, as a share of the smallest dimension of two shapes, down to which states are drawn."""
-
-RANK = 1e-10
-"""Singular values below this share of the largest count as zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -521,7 +513,7 @@ def close_states(kane: Kane, scales: Scales, where: tuple[Place, ...], seed: int
         for speed in place.scales.values() or (None,):
             states = base if place.gap is None else _overlapping(place, base, rng)
             if speed is not None and len(states):
-                states = _sliding(place, states, speed * ABOUT ** rng.uniform(-1, 1, len(states)))
+                states = _sliding(place, states, speed * SPREAD ** rng.uniform(-1, 1, len(states)))
             if len(states):
                 with np.errstate(all="ignore"):
                     good = admissible(kane, scales, states.t, states.q, states.u)
@@ -582,7 +574,7 @@ def _sliding(place: Place, states: States, speed: Array) -> States:
             violation = np.concatenate([missing, -terms.psi])
             good = np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(violation).all(axis=0)
             u = u.copy()
-            u[:, good] += times(np.linalg.pinv(rows[good], rcond=RANK), violation[:, good])
+            u[:, good] += times(np.linalg.pinv(rows[good], rcond=SAME), violation[:, good])
     return States(states.t, states.q, u, states.coordinates, states.speeds)
 
 

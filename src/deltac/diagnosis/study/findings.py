@@ -11,7 +11,7 @@ from deltac.diagnosis.audit.checks import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import FEWEST, Comparison, by_unit, growth
 from deltac.diagnosis.study.rules import BELOW
-from deltac.diagnosis.study.runs import BalancedRun, corrections, without_corrections
+from deltac.diagnosis.study.runs import BalancedRun, corrections
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
@@ -141,8 +141,7 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
     name, largest = max(work.items(), key=lambda item: float(np.abs(item[1]).max()))
     done = float(np.abs(largest).max())
     ways = [
-        float(np.abs(x).max())
-        for x in (ledger.delta_c[function], without_corrections(ledger, function))
+        float(np.abs(x).max()) for x in (ledger.delta_c[function], ledger.uncorrected(function))
     ]
     if done <= allowed or 2.0 * min(ways) > max(ways):  # within a factor of two none is blind
         return

@@ -15,27 +15,13 @@ whole order or more, and steps that are still coarse a part of one."""
 ENDS_OTHERWISE = 0.3
 """An order of the end value that differs by more from that of the whole is worth a word."""
 
-LARGE_LIMIT = 1e-4
-"""Share of the energy exchanged below which a limit of ΔC is not told from slow convergence without u̇."""
-
-FIRST = 0.7
-"""Least order of a motion that converges: that of the simplest method, with its scatter."""
-
-FIRM = 0.02
-"""A limit of ΔC that is known to this share of itself is none of chance."""
-
 LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
     "a wrong force that does no work, where the runs have no accelerations",
     "the inaccuracy of an energy-conserving method; see the order of the state",
 )
 
-BLOCKING = (
-    "impacts",
-    "few-common-times",
-    "assumed-zero",
-    "step-ignored",
-)
+BLOCKING = ("impacts", "few-common-times", "assumed-zero")
 """Findings that explain why ΔC may stay at a value though the equations are right."""
 
 
@@ -111,7 +97,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
 
 def _astray(m: StudyMeasures) -> list[str]:
     """Momentum balances that do not close however small the step, where nothing else explains it."""
-    if m.equations_right or m.has(*BLOCKING) or not _plausible(m):
+    if m.equations_right or m.has(*BLOCKING):
         return []
     return [
         name
@@ -124,30 +110,11 @@ def _astray(m: StudyMeasures) -> list[str]:
 def _wrong_limit(m: StudyMeasures) -> bool:
     """Whether ΔC tends to a limit that is not zero, and no floor of the data explains it."""
     c = m.energy
-    return (
-        c.trend == "tends to a limit"
-        and c.limit > max(LARGE_LIMIT * m.energy_exchanged, m.allowed)
-        and c.limit > (WELL_CLEAR if m.quadrature else CLEAR) * max(m.bars)
-        and _plausible(m)
-    )
-
-
-def _plausible(m: StudyMeasures) -> bool:
-    """Whether ΔC and the motion converge as a method does: else the limit may be one of chance.
-
-    Mistakes can cost the method its order; then ΔC must hardly move any more for its limit to count.
-    """
-    if m.state.trend == "at its floor":
-        return True
-    if m.state.order is None or m.state.trend != "tends to a limit":
-        return False
-    firm = m.energy.limit_error <= FIRM * m.energy.limit
-    if m.nominal is None or firm:
-        return m.state.order >= FIRST
-    return m.state.order >= m.nominal - 0.5
+    return c.trend == "tends to a limit" and c.limit > max(m.allowed, _decisive(m) * max(m.bars))
 
 
 def _decisive(m: StudyMeasures) -> float:
+    """How many of its bars ΔC, or its limit, must exceed to count."""
     return WELL_CLEAR if m.quadrature else CLEAR
 
 
@@ -346,8 +313,8 @@ def _why(m: StudyMeasures) -> str:
         )
     if m.energy.trend == "tends to a limit":
         return (
-            f"ΔC seems to tend to {m.energy.limit:.2g} J, but the motion itself does not converge as the "
-            "method should, so that may be chance"
+            f"ΔC seems to tend to {m.energy.limit:.2g} J, which is no more than the tolerance or than the "
+            "uncertainty of the work"
         )
     return f"ΔC neither falls nor tends to a limit at these {m.knob}s"
 

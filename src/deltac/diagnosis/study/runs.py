@@ -13,7 +13,8 @@ import numpy as np
 
 from deltac.arrays import EPS, PHYSICAL, Array
 from deltac.calls.progress import Progress
-from deltac.diagnosis.inputs.logs import Log, held_between_rows, read_log
+from deltac.diagnosis.audit.checks import EVERY_STEP, OF_RATES
+from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
@@ -272,12 +273,13 @@ def _balanced(
     errors = dict(ledger.delta_c)
     bars, momentum_bars = dict(ledger.error_bar), dict(ledger.momentum_bar)
     if not trusted:
-        unknown = _held_unknown(log, step if simulated else None)
-        uncertain = held_between_rows(log) + unknown
+        uncertain, silent = _held_between_rows(log, step if simulated else None)
         digits = _of_digits(mechanism, log)
         bars = {n: b + uncertain + digits.get(n, 0.0) for n, b in bars.items()}
         momentum_bars = {
-            n: b + digits.get(n, 0.0) + (np.abs(ledger.momentum[n]) if unknown else 0.0)
+            n: b
+            + digits.get(n, 0.0)
+            + (np.abs(ledger.momentum[n]) if silent and uncertain else 0.0)
             for n, b in momentum_bars.items()
         }
     findings = log.findings if run is whole else (*log.findings, _blown_up(whole, run, step))
@@ -319,13 +321,13 @@ def unblinded(runs: Sequence[StudyRun]) -> tuple[StudyRun, ...]:
     hidden = [
         n
         for n, x in finest.delta_c.items()
-        if float(np.abs(without_corrections(finest, n)).max()) > float(np.abs(x).max())
+        if float(np.abs(finest.uncorrected(n)).max()) > float(np.abs(x).max())
     ]
 
     def taken(entry: StudyRun) -> StudyRun:
         if entry.ledger is None:
             return entry
-        errors = {n: without_corrections(entry.ledger, n) for n in hidden}
+        errors = {n: entry.ledger.uncorrected(n) for n in hidden}
         return replace(entry, energy_error={**entry.ledger.delta_c, **errors})
 
     return tuple(taken(entry) for entry in runs)
@@ -336,11 +338,6 @@ def corrections(ledger: Ledger) -> dict[str, Array]:
     return {n: w - w[0] for n, w in ledger.work.items() if n.kind == "correction"}
 
 
-def without_corrections(ledger: Ledger, function: str) -> Array:
-    """ΔC (T,) as it is when the work of corrections counts as error, and not as work."""
-    return np.asarray(sum(corrections(ledger).values(), start=ledger.delta_c[function]))
-
-
 def _step_of(run: Trajectory) -> float:
     if run.provenance.step is not None:
         return run.provenance.step
@@ -349,26 +346,29 @@ def _step_of(run: Trajectory) -> float:
     return float(np.median(np.diff(run.t))) if len(run) > 1 else 1.0
 
 
-def _held_unknown(log: Log, asked: float | None) -> float:
-    """Energy (J) that is not known of logged forces where nobody says how they went on between rows.
+def _held_between_rows(log: Log, asked: float | None) -> tuple[float, bool]:
+    """Energy (J) that is not known where forces were held between rows; whether nobody says that they were.
 
-    Held until the next row, a force is on average half a spacing older than one that is interpolated. A log
-    of every step has that error too, but there it falls with the step, which the run tells, or which it was
-    `asked` to take.
+    Held over a time h, a force is on average h/2 older than one that is interpolated: ∫ (h/2) ḟᵀu dt. Engines
+    hold over their step, of which some were not logged. Where nobody says, it may have been until the next
+    row: but a log of every step has that error too, and there it falls with the step, which the run tells, or
+    which it was `asked` to take.
     """
-    run, step = log.run, log.run.provenance.step or asked
-    declared = run.provenance.held is not None or run.provenance.simulator == "deltac"
-    if declared or not run.forces or len(run) < 2:
-        return 0.0
-    spacing = float(np.median(np.diff(run.t)))
-    if step is not None and spacing < 1.01 * step:
-        return 0.0
+    run, held = log.run, log.run.provenance.held
+    silent = held is None and run.provenance.simulator != "deltac"
+    step = run.provenance.step or (asked if silent else None)
+    spacing = float(np.median(np.diff(log.consecutive.t)))
+    if (step is not None and spacing < EVERY_STEP * step) or not (
+        silent or (step and not run.works)
+    ):
+        return 0.0, False
+    forces = [f for name, f in run.forces.items() if silent or name in (held or ())]
     mean = 0.5 * (run.u[1:] + run.u[:-1])
     late = sum(
-        (np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in run.forces.values()),
-        np.zeros(len(mean)),
+        (np.einsum("ij,ij->i", np.diff(f, axis=0), mean) for f in forces), np.zeros(len(mean))
     )
-    return float(0.5 * spacing * np.abs(np.cumsum(late)).max(initial=0.0))
+    age = spacing if silent or step is None else step
+    return float(0.5 * age * np.abs(np.cumsum(late)).max(initial=0.0)), silent
 
 
 def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
@@ -396,9 +396,6 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
     }
 
 
-RATES = ("clock-scale", "gear-between-q-and-u", "late-rows", "speed-not-rate")
-"""Findings of coordinates that do not move as their speeds say."""
-
 LASTING = 0.7
 """A slip of the log is the same at every step; what falls below this share of its size is the method's."""
 
@@ -425,6 +422,6 @@ def lasting(runs: tuple[StudyRun, ...]) -> tuple[StudyRun, ...]:
         return not departures or min(x / departures[0] for x in departures) >= LASTING
 
     return tuple(
-        replace(run, findings=tuple(f for f in run.findings if f.kind not in RATES or lasts(f)))
+        replace(run, findings=tuple(f for f in run.findings if f.kind not in OF_RATES or lasts(f)))
         for run in runs
     )

@@ -19,7 +19,7 @@ from deltac.errors import ArgumentsError, InputError, SourceError, WrongType
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike
-from deltac.simulation.equations import Controller, Equations, as_equations, explicit
+from deltac.simulation.equations import Controller, Equations, RightHandSide, as_equations, explicit
 from deltac.simulation.flow import Keeping
 from deltac.simulation.recording import Record
 from deltac.simulation.simulate import simulate
@@ -39,7 +39,7 @@ class SimulationOptions(TypedDict, total=False):
     """Arguments of `simulate` that verbs which make several runs hand on as they are."""
 
     record: Record | Sequence[str] | int
-    equations: Equations | Callable[..., Any] | None
+    equations: Equations | RightHandSide | None
     controller: Controller | Callable[[Any, Any], object] | None
     constraints: str | Keeping
 

@@ -22,26 +22,24 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.energy.sampling.interpolation import lagrange_kernel
+from deltac.energy.sampling.quadrature import SAMPLED
 from deltac.kernels import Kernel
 from deltac.kernels.kernel import SX
 from deltac.kernels.native import Call
-from deltac.kernels.transposing import aligned
-
-SAMPLED = 8
-"""Samples in a window of `lagrange`."""
+from deltac.kernels.transposing import LINE, aligned
 
 TAPS = SAMPLED // 2 - 1
 REACH = 4 * TAPS
 """Rows on either side that the sum over every fourth row reaches into."""
 
-AHEAD = 4
+AHEAD = SAMPLED // 2
 """Rows after one that windows on every second row see it through: its bar is that of these."""
 
 PIECES = (128, 8)
 """Rows in a call: of most of a block, and of its rest."""
 
-LANES = 8
-"""Columns are made up to a multiple of this."""
+LANES = LINE // np.dtype(np.float64).itemsize
+"""Columns are made up to a multiple of this, a line of the cache."""
 
 STATE = ("sum", "odd", "half", "error", "coarse", "most", "least", "finer", "coarser", "size")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache, partial
@@ -28,7 +28,6 @@ from deltac.repair.edits.names import TracedNames
 from deltac.repair.edits.required import Requirement
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
-from deltac.repair.tracing.tape import Slot
 
 SCOPES = 3
 """Evaluations of a node whose names are compared with those of the first."""
@@ -45,9 +44,6 @@ SUM_TRIPLE = 12
 MOST_SUMMED, MOST_PAIRS = 3000, 40
 """Products of which two are added, and pairs of them that are tried."""
 
-VECTORS = 5
-"""Vectors in scope of which scalar products are taken."""
-
 FEWEST_STATES = 6
 """States that tell a sum of two products from chance."""
 
@@ -63,6 +59,7 @@ class Vocabulary:
     names: TracedNames
     _atoms: dict[tuple[object, ...], tuple[Atoms, Atoms]] = field(default_factory=dict)
     _tables: dict[tuple[object, ...], TermTable] = field(default_factory=dict)
+    _known: dict[int, dict[str, tuple[int, set[str]]]] = field(default_factory=dict)
 
     def atoms(self, requirement: Requirement) -> tuple[Atoms, Atoms]:
         """State-dependent and constant atoms that may stand where a node stands."""
@@ -88,7 +85,7 @@ class Vocabulary:
         }
         key = (id(owner), tuple(variables), tuple(expressions))
         if key not in self._atoms:
-            sines = self._sines(variables, expressions, instance.scope)
+            sines = self._sines(variables, expressions)
             self._atoms[key] = (
                 self._side(variables, expressions, sines, varying=True),
                 self._side(variables, expressions, {}, varying=False),
@@ -165,72 +162,24 @@ class Vocabulary:
             used = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
             rank = 0 if isinstance(node, ast.Call) else _RANKS.get(type(node.op), 3)
             ranked.append((rank, text, instance.value.index, used))
-        ranked.sort(key=lambda x: (x[0], len(x[1])))
-        self._known[id(owner)] = {text: (slot, used) for _, text, slot, used in reversed(ranked)}
-        self._known[id(owner)] = dict(reversed(self._known[id(owner)].items()))
-        return self._known[id(owner)]
+        known = self._known[id(owner)] = {}
+        for _, text, slot, used in sorted(ranked, key=lambda x: (x[0], len(x[1]))):
+            known.setdefault(text, (slot, used))
+        return known
 
-    _known: dict[int, dict[str, tuple[int, set[str]]]] = field(default_factory=dict)
-
-    def _sines(
-        self, variables: dict[str, int], expressions: dict[str, int], scope: Mapping[str, Any]
-    ) -> dict[str, Array]:
-        """Differences of coordinates and of speeds, sines, cosines, scalar products, not there yet."""
+    def _sines(self, variables: dict[str, int], expressions: dict[str, int]) -> dict[str, Array]:
+        """Sines and cosines of coordinates that the source does not have yet."""
         program = self.program
-        nq = 1 + len(program.samples.q)
-        angles, speeds = (
-            [
-                (text, k)
-                for text, k in variables.items()
-                if any(program.tape.values[k] is program.tape.values[i] for i in inputs)
-            ]
-            for inputs in (program.trace.inputs[1:nq], program.trace.inputs[nq:])
-        )
+        coordinates = [
+            program.tape.values[k] for k in program.trace.inputs[1 : 1 + len(program.samples.q)]
+        ]
         terms = {
-            f"{text} - {other}": program.values(k) - program.values(j)
-            for some in (angles, speeds)
-            if len(some) <= 4
-            for (other, j), (text, k) in itertools.combinations(some, 2)
+            f"{called}({text})": getattr(np, name)(program.values(k))
+            for name, called in functions_used(program.source).items()
+            for text, k in variables.items()
+            if any(program.tape.values[k] is value for value in coordinates)
         }
-        for name, called in functions_used(program.source).items():
-            function = getattr(np, name)
-            for i, (text, k) in enumerate(angles):
-                terms[f"{called}({text})"] = function(program.values(k))
-                if len(angles) <= 4:
-                    for other, j in angles[i + 1 :]:
-                        x = program.values(k) - program.values(j)
-                        terms[f"{called}({text} - {other})"] = function(x)
-        terms |= self._dots({**program.trace.scope, **scope})
-        return {text: x for text, x in terms.items() if text not in expressions}
-
-    def _dots(self, scope: Mapping[str, Any]) -> dict[str, Array]:
-        """Scalar products of the vectors that depend on the state, as this source writes them."""
-        program = self.program
-        vectors = {
-            name: np.array([program.values(x.index) for x in vector])
-            for name, vector in scope.items()
-            if isinstance(vector, np.ndarray) and vector.ndim == 1 and 2 <= len(vector) <= 4
-            if all(isinstance(x, Slot) for x in vector) and name.isidentifier()
-            if any(program.tape.varying[x.index] for x in vector)
-        }
-        dot = next((s for s in map(program.source.segment, _callees(program)) if _is_dot(s)), None)
-        if len(vectors) > VECTORS:
-            return {}
-        return {
-            f"{dot}({a}, {b})" if dot else f"{a} @ {b}": np.sum(x * y, axis=0)
-            for (a, x), (b, y) in itertools.combinations_with_replacement(vectors.items(), 2)
-            if len(x) == len(y)
-        }
-
-
-def _callees(program: Program) -> Iterator[ast.expr]:
-    return (node.func for node in program.source.nodes if isinstance(node, ast.Call))
-
-
-def _is_dot(callee: str) -> bool:
-    """Whether a text is that of a function np.dot, and not of a method."""
-    prefix, _, name = callee.rpartition(".")
-    return name == "dot" and prefix in ("", "np", "numpy", "jnp", "anp")
+        return {text: value for text, value in terms.items() if text not in expressions}
 
 
 _RANKS: dict[type[ast.operator], int] = {ast.Add: 1, ast.Sub: 1, ast.Pow: 1, ast.Mult: 2}

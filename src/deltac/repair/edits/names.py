@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -20,22 +20,6 @@ from deltac.repair.tracing.tracer import OPERATORS, Instance, fields_of
 
 TEXT_NAMES = 24
 """Names of the text that are tried for each other, where nothing is known of their values."""
-
-
-class Names(Protocol):
-    """What may be written where a node stands."""
-
-    def numbers(self, place: int) -> Sequence[str]:
-        """Numbers, at every evaluation of the node."""
-
-    def arrays(self, place: int) -> dict[str, tuple[int, ...]]:
-        """Arrays and their shapes."""
-
-    def shape(self, place: int) -> tuple[int, ...] | None:
-        """The shape of the node's value; None where it is not known."""
-
-    def constant(self, place: int) -> bool:
-        """Whether the node is known to depend on constants alone."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -224,7 +208,7 @@ class TracedNames:
         """An update x += y by another operator, on the numbers that it had."""
         if not isinstance(candidate.new, ast.AugAssign):
             return None
-        tape, operation = self.program.tape, BINARY[OPERATIONS[type(candidate.new.op)]]
+        tape, operation = self.program.tape, BINARY[type(candidate.new.op).__name__]
         slots = [
             slot.index
             for instance in self.program.trace.instances[candidate.place]
@@ -261,13 +245,8 @@ class TracedNames:
         raise LookupError
 
 
-OPERATIONS: dict[type[ast.operator], str] = {
-    ast.Add: "add",
-    ast.Sub: "sub",
-    ast.Mult: "mul",
-    ast.Div: "truediv",
-    ast.Pow: "pow",
-}
+Names: TypeAlias = TextNames | TracedNames
+"""What may be written where a node stands."""
 
 
 def _array(value: Any) -> Any:

@@ -6,7 +6,7 @@ import ast
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TypeAlias
 
@@ -52,15 +52,11 @@ Kind: TypeAlias = Callable[[Source, int, Names], Iterator[EditCandidate]]
 
 @dataclass(eq=False, repr=False)
 class EditSearch:
-    """One program, and what is known of its expressions.
-
-    `residuals`: edits for which the text was traced again, and the residual (n, STATES) that they leave.
-    """
+    """One program, and what is known of its expressions."""
 
     program: Program
     target: Target
     deadline: float = np.inf
-    residuals: list[tuple[EditCandidate, Array]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         self.names = TracedNames(self.program)
@@ -80,11 +76,6 @@ class EditSearch:
     def whole(self) -> list[Requirement]:
         """The expressions any one of which could be the only mistake."""
         return [r for r in self.requirements.solved.values() if r.whole]
-
-    @property
-    def partial(self) -> list[Requirement]:
-        """The expressions that could be the mistake in some of the equations that are wrong."""
-        return [r for r in self.requirements.solved.values() if not r.whole]
 
     def single(self) -> list[EditCandidate]:
         """Single edits that seem to make the function right, cheapest first."""
@@ -199,14 +190,10 @@ class EditSearch:
             return False
         samples = self.target.samples()
         try:
-            few = reading(changed, samples.at(np.arange(min(FIRST_STATES, len(samples.t)))))
-            if few.wrong < RIGHT:
-                return reading(changed, samples).wrong < RIGHT
+            few = samples.at(np.arange(min(FIRST_STATES, len(samples.t))))
+            return all(reading(changed, some).wrong < RIGHT for some in (few, samples))
         except InputError:
             return False
-        if len(few.pieces) == 1:
-            self.residuals.append((candidate, few.worst.original_residual))
-        return False
 
 
 def confirmed(
@@ -225,9 +212,6 @@ def confirmed(
         return None
     return changed if again.wrong < RIGHT else None
 
-
-COMBINED = 12
-"""Edits of one set of equations that are combined with those of another."""
 
 POOL = 20_000
 
@@ -261,37 +245,16 @@ def pairs(
     ways = [search]
     if rows is not None:
         ways.insert(0, EditSearch(rows, search.target, search.deadline))
-        ways[0].require()
     pools = []
     for way in ways:
-        yield _in_different_equations(way)
         pools.append(_pool(way))
         yield _adding_up(way, pools[-1])
     if plain:
         return
     for way, pool in zip(ways, pools):
-        yield _followed(way, [*pool, *_closing(way)])
-    yield _after_reading(search)
-
-
-def _in_different_equations(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
-    """One edit that rights some of the equations, another that rights the rest."""
-    wrong = _wrong(search.program)
-    by_rows: dict[tuple[bool, ...], list[EditCandidate]] = {}
-    for r in search.partial:
-        if time.monotonic() > search.deadline:
-            return
-        rows = tuple(bool(a and b) for a, b in zip(r.rows, wrong))
-        if any(rows):
-            by_rows.setdefault(rows, []).extend(search.edits(r))
-    for rows in by_rows:
-        by_rows[rows] = sorted(by_rows[rows], key=lambda c: (c.cost, len(c.text)))[:COMBINED]
-    matches = []
-    for (a, first), (b, second) in itertools.combinations(by_rows.items(), 2):
-        if all(np.array(a) | np.array(b) | ~wrong):
-            matches += [(x, y) for x in first for y in second if x.place != y.place]
-    matches.sort(key=lambda pair: pair[0].cost + pair[1].cost)
-    yield from matches
+        pool += _closing(way)
+        yield _adding_up(way, pool)
+        yield _followed(way, pool)
 
 
 def _pool(search: EditSearch) -> list[First]:
@@ -341,16 +304,12 @@ def _adding_up(
     yield from matches
 
 
-def _wrong(program: Program) -> NDArray[np.bool_]:
-    """The equations that are not right."""
-    return np.asarray(~(np.abs(program.original_residual).max(axis=1) < RIGHT))
-
-
 def _closing(search: EditSearch) -> list[First]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
     program = search.program
     firsts: list[First] = []
-    closings = itertools.product(program.numbers, np.flatnonzero(_wrong(program)).tolist())
+    right = np.abs(program.original_residual).max(axis=1) < RIGHT
+    closings = itertools.product(program.numbers, np.flatnonzero(~right).tolist())
     for place, row in itertools.islice(closings, _turns(program, ITERATIONS)):
         if time.monotonic() > search.deadline:
             break
@@ -430,47 +389,3 @@ def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:
     for place in places[_explained(along, program.original_residual)]:
         then.requirements.find(int(place))
     return sorted((c for r in then.whole for c in then.edits(r)), key=_plainness)
-
-
-def _after_reading(search: EditSearch) -> Iterator[tuple[EditCandidate, EditCandidate]]:
-    """An edit that is tried by reading the text again, and a second one, found in that text."""
-    program, target = search.program, search.target
-    samples = target.samples()
-    few = reading(program.source, samples.at(np.arange(min(FIRST_STATES, len(samples.t))))).worst
-    _, along = _directions(few)
-    likely = (
-        first
-        for first, residual in sorted(search.residuals, key=lambda x: x[0].cost)
-        if len(residual) > 1 and residual.shape == along.shape[1:]
-        if _explained(along, residual).any()
-    )
-    for first in itertools.islice(likely, _turns(program, len(program.numbers))):
-        if time.monotonic() > search.deadline:
-            return
-        changed = apply(program.source, [first])
-        assert changed is not None  # it has been read
-        try:
-            again = at(changed, target, tuple(program.samples.parameters)).worst
-        except InputError:
-            continue
-        for second in _seconds(search, again):
-            back = _before(program.source, first, changed, second.place)
-            if back is not None:
-                yield first, replace(second, source=program.source, place=back, new=second.text)
-
-
-def _before(source: Source, first: EditCandidate, changed: Source, place: int) -> int | None:
-    """The place in the source of a node of the edited one; None where it is part of the edit."""
-    _, end = source.span(source.nodes[first.place])
-    shift = len(changed.text) - len(source.text)
-    edited = changed.nodes[place]
-    a, b = changed.span(edited)
-    start, _ = source.span(source.nodes[first.place])
-    if a >= end + shift:
-        a, b = a - shift, b - shift
-    elif b > start:
-        return None
-    for k, node in enumerate(source.nodes):
-        if type(node) is type(edited) and hasattr(node, "lineno") and source.span(node) == (a, b):
-            return k
-    return None

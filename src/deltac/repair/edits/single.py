@@ -53,9 +53,6 @@ SHOWN = {"+": "+", "-": "−"}
 ARGUMENTS = 6
 """Arguments of a call that are exchanged."""
 
-LONGEST_TEXT = 400
-"""Characters of what is written anew."""
-
 INDEX_DISTANCE = 3
 """How far from an index others are tried."""
 
@@ -163,7 +160,7 @@ def _oddity(source: Source, place: int, node: ast.expr, names: Names) -> float:
 
 
 def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
-    """Another operator, operands exchanged, one of them left out, parentheses elsewhere."""
+    """Another operator, operands exchanged, one of them left out."""
     edit = partial(EditCandidate, source, place)
     left, right = (short(source.segment(part)) for part in (node.left, node.right))
     own, symbol = short(source.segment(node)), _symbol(node.op)
@@ -172,15 +169,9 @@ def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
         yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.1, words)
     if not symbol:
         return
-    for kind, other in OPERATORS.items():
-        if other == symbol or (kind is ast.Pow and not isinstance(node.right, ast.Constant)):
-            continue
-        signs = symbol in SHOWN and other in SHOWN
-        words = f"{own}: {symbol} should be {other}"
-        if signs:
-            words = f"{right} enters with {SHOWN[symbol]}, should be {SHOWN[other]}"
-        new = ast.BinOp(node.left, kind(), node.right)
-        yield edit(new, "sign" if signs else "operator", 1.0, words)
+    for op, kind, words in _other_operators(node.op, own, right):
+        if not isinstance(op, ast.Pow) or isinstance(node.right, ast.Constant):
+            yield edit(ast.BinOp(node.left, op, node.right), kind, 1.0, words)
     if symbol in "-/":
         yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.0)
     part = "term" if symbol in SHOWN else "factor"
@@ -190,43 +181,29 @@ def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
         yield edit(negated(node.right), part, 1.4, f"the term {left} should not be there")
     if symbol != "**":
         yield edit(node.right, part, 1.3, f"the {noun} {left} should not be there")
-    for tree in regrouped(node):
-        yield edit(tree, "order", 1.25)
-
-
-def regrouped(node: ast.BinOp) -> Iterator[ast.expr]:
-    """The same with parentheses elsewhere: (a + b) c for a + b c, a / (b c) for a / b c, (a b)² for a b²."""
-    left, right = node.left, node.right
-    if isinstance(left, ast.BinOp):
-        yield ast.BinOp(left.left, left.op, ast.BinOp(left.right, node.op, right))
-        if isinstance(left.left, ast.BinOp):
-            inner = left.left
-            tail = ast.BinOp(ast.BinOp(inner.right, left.op, left.right), node.op, right)
-            yield ast.BinOp(inner.left, inner.op, tail)
-    if isinstance(right, ast.BinOp):
-        yield ast.BinOp(ast.BinOp(left, node.op, right.left), right.op, right.right)
-        if isinstance(right.left, ast.BinOp):
-            inner = right.left
-            head = ast.BinOp(ast.BinOp(left, node.op, inner.left), inner.op, inner.right)
-            yield ast.BinOp(head, right.op, right.right)
-    for side, other in ((left, right), (right, left)):
-        if isinstance(side, ast.UnaryOp) and isinstance(side.op, ast.USub):
-            operands = (side.operand, other) if side is left else (other, side.operand)
-            yield negated(ast.BinOp(operands[0], node.op, operands[1]))
 
 
 def _updates(source: Source, place: int, node: ast.AugAssign) -> Edits:
     """Another operator in an update: x += y for x -= y, x *= y for x /= y."""
-    symbol = _symbol(node.op)
-    target, value = source.segment(node.target), short(source.segment(node.value))
+    own, value = short(source.segment(node)), short(source.segment(node.value))
+    for op, kind, words in _other_operators(node.op, own, value):
+        if not isinstance(op, ast.Pow):
+            new = ast.AugAssign(node.target, op, node.value)
+            yield EditCandidate(source, place, new, kind, 1.0, words)
+
+
+def _other_operators(
+    op: ast.operator, own: str, value: str
+) -> Iterator[tuple[ast.operator, str, str]]:
+    """What may stand for an operator before a value: the kind of the edit, and the edit in words."""
+    symbol = _symbol(op)
     for kind, other in OPERATORS.items():
-        if symbol and kind is not ast.Pow and other != symbol:
-            signs = symbol in SHOWN and other in SHOWN
-            words = f"{target} {symbol}= should be {target} {other}="
-            if signs:
-                words = f"{value} enters with {SHOWN[symbol]}, should be {SHOWN[other]}"
-            new = ast.AugAssign(node.target, kind(), node.value)
-            yield EditCandidate(source, place, new, "sign" if signs else "operator", 1.0, words)
+        if symbol in ("", other):
+            continue
+        if symbol in SHOWN and other in SHOWN:
+            yield kind(), "sign", f"{value} enters with {SHOWN[symbol]}, should be {SHOWN[other]}"
+        else:
+            yield kind(), "operator", f"{own}: {symbol} should be {other}"
 
 
 def _functions(source: Source, place: int, node: ast.Call) -> Edits:
@@ -269,7 +246,7 @@ def _exchanges(source: Source, place: int, node: ast.Tuple | ast.List) -> Edits:
     for first, second in itertools.combinations(node.elts, 2):
         (a, b), (c, d) = source.span(first), source.span(second)
         one, other = source.text[a:b], source.text[c:d]
-        if one != other and len(one) + len(other) <= LONGEST_TEXT:
+        if one != other:
             text = source.text[start:a] + other + source.text[b:c] + one + source.text[d:end]
             words = f"{short(one, 40)} and {short(other, 40)} should be exchanged"
             yield EditCandidate(source, place, text, "order", 1.2, words)

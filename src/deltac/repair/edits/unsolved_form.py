@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -37,21 +36,12 @@ class UnsolvedForm(Program):
 
     forces: tuple[int, ...]
 
-    def residual(
+    solves = True
+
+    def system(
         self,
         changes: Mapping[int, TapeChange] | None = None,
         values: Mapping[int, Any] | None = None,
-    ) -> Array:
-        """M u̇ − f (n, B) at the model's accelerations, 1 being the size of a row's terms."""
-        M, f = self._terms(changes, values)
-        residual = (np.einsum("bij,jb->ib", M, self.samples.acceleration) - f) / self._rows[:, None]
-        if not self.trace.rates:
-            return np.asarray(residual)
-        rates = self.tape.run(self.trace.rates, changes, values)
-        return np.concatenate([residual, (rates - self.samples.rates) / self.samples.rate_size])
-
-    def _terms(
-        self, changes: Mapping[int, TapeChange] | None, values: Mapping[int, Any] | None
     ) -> tuple[Array, Array]:
         """M (B, n, n), not a number where M⁻¹ is singular, and f (n, B)."""
         f = self.tape.run(self.forces, changes, values)
@@ -62,14 +52,6 @@ class UnsolvedForm(Program):
             inverse = np.where(bad[:, None, None], np.eye(len(f)), inverse)
             M = np.linalg.inv(inverse)
         return np.where(bad[:, None, None], np.nan, M), f
-
-    @cached_property
-    def _rows(self) -> Array:
-        """Typical size of the terms of each row (n,)."""
-        M, f = self._terms(None, None)
-        size = np.einsum("bij,jb->ib", np.abs(M), np.abs(self.samples.acceleration)) + np.abs(f)
-        rms = np.sqrt(np.mean(size**2, axis=1))
-        return np.asarray(np.maximum(rms, 1e-9 * rms.max()))
 
     def matters(self, slot: int) -> bool:
         """Whether a slot is in M or f; what is made of f is neither."""

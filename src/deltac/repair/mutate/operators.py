@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import copy
+import itertools
 import random
 from collections.abc import Container, Iterator
 from dataclasses import dataclass
@@ -69,49 +70,18 @@ def mutants(
             in whatever functions, methods and constants of the module they stand, and `function` is not used.
     """
     module = ast.parse(text)
-    if read is not None:
-        return _of_all(text, module, names, seed, read)
-    target = next(s for s in module.body if isinstance(s, ast.FunctionDef) and s.name == function)
     draw = random.Random(seed)
     unique: dict[str, Mutant] = {}
-    scopes = [*_constants(module, target), target]
-    for scope in scopes:
-        counts = _known(module, scope, target)
+    siblings = _siblings(module, read) if read is not None else {}
+    for scope in _scopes(module, function if read is None else None):
+        counts = _known(module, scope)
         for parent, field, node in _slots(scope):
-            for kind, new in _changes(parent, field, node, counts, names, draw):
-                mutant = _write(text, kind, node, new)
-                if mutant is not None:
-                    unique.setdefault(mutant.text, mutant)
-    return list(unique.values())
-
-
-def _of_all(
-    text: str, module: ast.Module, names: int, seed: int, read: Container[Span]
-) -> list[Mutant]:
-    """Mutants of all expressions that are read, wherever they stand."""
-    draw = random.Random(seed)
-    unique: dict[str, Mutant] = {}
-    scopes: list[ast.stmt] = [n for n in ast.walk(module) if isinstance(n, ast.FunctionDef)]
-    scopes += [s for s in module.body if isinstance(s, ast.Assign | ast.AnnAssign)]
-    scopes += [
-        s
-        for c in module.body
-        if isinstance(c, ast.ClassDef)
-        for s in c.body
-        if not isinstance(s, ast.FunctionDef)
-    ]
-    siblings = _siblings(module, read)
-    for scope in scopes:
-        target = scope if isinstance(scope, ast.FunctionDef) else _alone(scope)
-        counts = _known(module, scope, target)
-        for parent, field, node in _slots(scope):
-            inside = any(_span(n) in read for n in ast.walk(node) if isinstance(n, ast.expr))
-            if not inside or (isinstance(node, ast.expr) and _span(node) not in read):
+            if read is not None and not _evaluated(node, read):
                 continue
-            changes = [
-                *_changes(parent, field, node, counts, names, draw),
-                *_other_entries(node, siblings, names, draw),
-            ]
+            changes = itertools.chain(
+                _changes(parent, field, node, counts, names, draw),
+                _other_entries(node, siblings, names, draw),
+            )
             for kind, new in changes:
                 mutant = _write(text, kind, node, new)
                 if mutant is not None:
@@ -119,12 +89,26 @@ def _of_all(
     return list(unique.values())
 
 
-def _alone(statement: ast.stmt) -> ast.FunctionDef:
-    """A statement as the body of a function."""
-    function = ast.parse("def f(): pass").body[0]
-    assert isinstance(function, ast.FunctionDef)
-    function.body = [statement]
-    return function
+def _scopes(module: ast.Module, function: str | None) -> list[ast.stmt]:
+    """A function and the constants that it uses; without one, all functions, constants and fields."""
+    functions = [n for n in ast.walk(module) if isinstance(n, ast.FunctionDef)]
+    if function is not None:
+        target = next(f for f in functions if f.name == function and f in module.body)
+        return [*_constants(module, target), target]
+    classes = [c for c in module.body if isinstance(c, ast.ClassDef)]
+    fields = [s for c in classes for s in c.body if not isinstance(s, ast.FunctionDef)]
+    return [*functions, *_assignments(module), *fields]
+
+
+def _assignments(module: ast.Module) -> list[ast.stmt]:
+    return [s for s in module.body if isinstance(s, ast.Assign | ast.AnnAssign)]
+
+
+def _evaluated(node: ast.AST, read: Container[Span]) -> bool:
+    """Whether an expression is read, or a statement has one that is."""
+    if isinstance(node, ast.expr):
+        return _span(node) in read
+    return any(_span(n) in read for n in ast.walk(node) if isinstance(n, ast.expr))
 
 
 def _span(node: ast.AST) -> Span:
@@ -177,15 +161,15 @@ def _constants(module: ast.Module, target: ast.FunctionDef) -> list[ast.Assign]:
     return chosen
 
 
-def _known(module: ast.Module, scope: ast.stmt, target: ast.FunctionDef) -> dict[str, int]:
+def _known(module: ast.Module, scope: ast.stmt) -> dict[str, int]:
     """Names of numbers that may be used in a scope, with the line from which each is known."""
     counts: dict[str, int] = {}
     bodies = [s for s in module.body if isinstance(s, ast.Assign)]
-    if scope is target:
-        bodies += [s for s in ast.walk(target) if isinstance(s, ast.Assign)]
+    if isinstance(scope, ast.FunctionDef):
+        bodies += [s for s in ast.walk(scope) if isinstance(s, ast.Assign)]
     arrays = {
         n.value.id
-        for n in ast.walk(target)
+        for n in ast.walk(scope)
         if isinstance(n, ast.Subscript) and isinstance(n.value, ast.Name)
     }
     for statement in bodies:

@@ -12,10 +12,9 @@ import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -24,13 +23,13 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.errors import FileError, InputError, LimitError, SourceError, UnknownName
 from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.models import ModelLike, chosen_map, load_model
+from deltac.models import ModelLike, load_model
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
 from deltac.repair.tracing.program import ProgramReading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, source_of
 from deltac.results import Report, Section, Serialisable, Table
-from deltac.simulation.equations import Equations
+from deltac.simulation.equations import Equations, RightHandSide
 
 SUITE = "your tests"
 
@@ -172,7 +171,7 @@ def _examples(trials: Sequence[MutantTrial]) -> str:
 @interruptible()
 def mutate_equations(
     model: ModelLike,
-    equations: str | Path | Callable[..., Any] | Equations,
+    equations: str | Path | RightHandSide | Equations,
     *,
     coordinates: CoordinateMap | str | None = None,
     names: int = 2,
@@ -206,7 +205,7 @@ def mutate_equations(
         if value < least:
             raise InputError(f"{name} is {value}; expected {least} or more")
     loaded = load_model(model)
-    chosen = chosen_map(loaded, coordinates, equations)
+    chosen = loaded.coordinate_map(coordinates, equations)
     target = Target(loaded.mechanism, chosen, seed, loaded.first)
     source = source_of(equations)
     program = read(source, target)

@@ -195,7 +195,7 @@ class _Rewriter:
         """A value that is given to names, some of them the module's from within a function."""
         for t in targets if self.globals else ():
             if any(isinstance(n, ast.Name) and n.id in self.globals for n in ast.walk(t)):
-                value = _hook("outside", self.number[id(t)], value)
+                value = _hook("outside", self.number[id(t)])
         return value
 
     def target(self, t: ast.expr) -> Any:
@@ -279,9 +279,7 @@ class _Rewriter:
         ]
 
     def visit_FunctionDef(self, s: ast.FunctionDef | ast.AsyncFunctionDef) -> Any:
-        decorators: list[ast.expr] = [
-            _placed(_hook("decorator", self.expression(d)), d) for d in s.decorator_list
-        ]
+        decorators = self.decorators(s)
         arguments = self.arguments(s.args)
         outer = self.globals
         self.scopes.append(f"{SCOPE}{self.number[id(s)]}_")
@@ -321,14 +319,15 @@ class _Rewriter:
 
     def visit_ClassDef(self, s: ast.ClassDef) -> Any:
         bases: list[ast.expr] = [_hook("base", self.expression(b)) for b in s.bases]
-        decorators: list[ast.expr] = [
-            _placed(_hook("decorator", self.expression(d)), d) for d in s.decorator_list
-        ]
+        decorators = self.decorators(s)
         keywords = [self.same(k) for k in s.keywords]
         self.scopes.append("")  # a class's names are no scope of its methods
         body = self.statements(s.body)
         self.scopes.pop()
         return make.ClassDef(s.name, bases, keywords, body, decorators)
+
+    def decorators(self, s: Any) -> list[ast.expr]:
+        return [_placed(_hook("decorator", self.expression(d)), d) for d in s.decorator_list]
 
     # --- expressions ------------------------------------------------------------------------------
 

@@ -16,7 +16,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from deltac.repair.tracing.tape import (
-    COMPARISONS,
     ELEMENTARY,
     NUMBERS,
     Operation,
@@ -115,12 +114,12 @@ def known(function: Any) -> Callable[..., Any] | None:
     module = getattr(function, "__module__", None) or type(function).__module__
     name = getattr(function, "__name__", "")
     own = getattr(function, "__self__", None)
+    if name in FILES or not isinstance(module, str) or ".random" in module:
+        return None
     if isinstance(own, np.ndarray):
-        return functools.partial(METHODS[name], own) if name in METHODS else None
+        return functools.partial(METHODS[name], own) if name in METHODS else _numbers(function)
     if isinstance(own, np.ufunc):
         return functools.partial(_ufunc, own, name)
-    if not isinstance(module, str):
-        return None
     root = module.partition(".")[0]
     if isinstance(function, np.ufunc):
         root = "numpy"
@@ -128,7 +127,7 @@ def known(function: Any) -> Callable[..., Any] | None:
         return {"min": least("minimum"), "max": least("maximum")}.get(name)
     if root not in ("numpy", "math", "cmath", "scipy"):
         return None
-    return FUNCTIONS.get(name)
+    return FUNCTIONS.get(name) or (_numbers(function) if root == "numpy" else None)
 
 
 def tape_of(values: Any) -> Any:
@@ -144,13 +143,11 @@ class Elementary:
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
         """Apply it to every entry."""
-        operation, count = ELEMENTARY[self.name]
+        operation = ELEMENTARY[self.name]
         if self.name == "hypot" and len(arguments) > 2:
             return norm(list(arguments))
-        if len(arguments) != count or named.keys() - {"dtype"}:
-            raise NotUnderstood(
-                f"calls {self.name}: expected {count} argument{'s' if count > 1 else ''}"
-            )
+        if len(arguments) != getattr(operation, "nin", len(arguments)) or named.keys() - {"dtype"}:
+            raise NotUnderstood(f"calls {self.name} with arguments that are not understood")
         return applied(operation, *arguments)
 
 
@@ -332,7 +329,7 @@ def least(pick: str) -> Callable[..., Any]:
         entries = entries if len(arguments) == 1 else list(arguments)
         if key is not None or not any(isinstance(e, Slot) for e in entries):
             return python(entries) if key is None else python(entries, key=key)
-        return functools.reduce(lambda a, b: applied(ELEMENTARY[pick][0], a, b), entries)
+        return functools.reduce(lambda a, b: applied(ELEMENTARY[pick], a, b), entries)
 
     return call
 
@@ -345,11 +342,6 @@ def clip(x: Any, low: Any = None, high: Any = None, **named: Any) -> Any:
     )
     above = x if low is None else applied(np.maximum, x, low)
     return above if high is None else applied(np.minimum, above, high)
-
-
-def compared(operation: Operation, left: Any, right: Any) -> Any:
-    """A comparison, entry by entry where there are arrays."""
-    return applied(operation, left, right)
 
 
 def number(value: Any = 0.0) -> Any:
@@ -385,22 +377,8 @@ def _sequence(value: Any) -> Any:
     return arrayed(value)
 
 
-STRUCTURAL = (
-    "stack vstack hstack dstack column_stack concatenate concat inner outer diag diagonal transpose trace "
-    "sum prod cumsum cumprod vdot flip fliplr flipud roll tile squeeze ravel reshape tensordot kron moveaxis "
-    "swapaxes rollaxis expand_dims atleast_1d atleast_2d atleast_3d mean average split array_split hsplit "
-    "vsplit repeat append insert delete tril triu broadcast_to diff rot90 take vecdot matvec vecmat "
-    "linspace count_nonzero matrix_transpose indices ix_ shape size ndim unravel_index diag_indices "
-    "triu_indices tril_indices isscalar cross"
-).split()
-
 FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{name: _numbers(getattr(np, name)) for name in STRUCTURAL},
     **{name: Elementary(name) for name in ELEMENTARY},
-    **{name: functools.partial(compared, COMPARISONS[name]) for name in COMPARISONS},
-    "bitwise_or": functools.partial(compared, np.logical_or),
-    "bitwise_and": functools.partial(compared, np.logical_and),
-    "true_divide": Elementary("divide"), "float_power": Elementary("power"),
     **{
         f"{name}{like}": _made(fill, bool(like))
         for name, fill in (
@@ -442,21 +420,8 @@ METHODS: Mapping[str, Callable[..., Any]] = {
     "fill": lambda a, value: a.fill(value),
     "clip": clip,
     "conj": lambda a: a,
-    **{
-        name: functools.partial(
-            lambda method, a, *given, **named: getattr(a, method)(
-                *map(plain, given),
-                **{k: plain(v) for k, v in named.items() if k not in ("dtype", "order")},
-            ),
-            name,
-        )
-        for name in (
-            "sum", "reshape", "transpose", "ravel", "flatten", "prod", "trace", "squeeze", "diagonal",
-            "cumsum", "mean", "repeat", "swapaxes", "take", "copy",
-        )
-    },
 }  # fmt: skip
-"""Methods of arrays that the array of objects has not, or that take sizes and axes."""
+"""Methods of arrays that the array of objects has not."""
 
 
 class _Numeric(type):

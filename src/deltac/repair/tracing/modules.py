@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import CodeType
-from typing import Any
 
 from deltac.errors import SourceError
 from deltac.repair.tracing.instrument import rewritten
@@ -17,28 +16,14 @@ LARGEST_MODULE = 2_000_000
 """Characters of a module that is read."""
 
 
-@dataclass(eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class UserModule:
-    """A module's text, and the names that were found in it so far.
-
-    name    what messages call the file
-    codes   what was compiled of it
-    writes  what `written` found
-    edited  whether it is the source in which edits are sought
-    outside live values of names, where a running session has the module
-    names   what names hold that were looked up
-    """
+    """A module's text; `name` is what messages call the file."""
 
     name: str
     tree: ast.Module
     path: Path | None = None
-    edited: bool = False
-    outside: dict[str, Any] = field(default_factory=dict)
-    names: dict[str, Any] = field(default_factory=dict)
-    pending: set[str] = field(default_factory=set)
-    done: set[int] = field(default_factory=set)
-    codes: dict[int, CodeType] = field(default_factory=dict)
-    writes: dict[int, frozenset[str]] = field(default_factory=dict)
+    _codes: dict[int, CodeType] = field(default_factory=dict)
 
     @cached_property
     def nodes(self) -> tuple[ast.AST, ...]:
@@ -53,9 +38,9 @@ class UserModule:
     def code(self, statement: ast.stmt) -> CodeType:
         """A statement of the module, compiled so that it is traced."""
         key = self.number[id(statement)]
-        if key not in self.codes:
-            self.codes[key] = compile(rewritten(statement, self.number), self.name, "exec")
-        return self.codes[key]
+        if key not in self._codes:
+            self._codes[key] = compile(rewritten(statement, self.number), self.name, "exec")
+        return self._codes[key]
 
     @cached_property
     def classes(self) -> tuple[ast.ClassDef, ...]:
@@ -79,33 +64,21 @@ class UserModule:
         return frozenset(names)
 
     @cached_property
-    def functions(self) -> dict[int, ast.FunctionDef]:
-        """All functions that it defines, by their first lines."""
-        functions = {}
+    def written(self) -> dict[int, frozenset[str]]:
+        """Names that each function writes into, by the function's first lines."""
+        names = {}
         for node in self.nodes:
             if isinstance(node, ast.FunctionDef):
                 line = min([node.lineno, *(d.lineno for d in node.decorator_list)])
-                functions[node.lineno] = functions[line] = node
-        return functions
-
-    def written(self, line: int) -> frozenset[str]:
-        """Names that the function which begins at a line writes into."""
-        if line not in self.writes:
-            function = self.functions.get(line)
-            self.writes[line] = frozenset(() if function is None else _written(function))
-        return self.writes[line]
+                names[node.lineno] = names[line] = frozenset(_written(node))
+        return names
 
     @cached_property
     def setters(self) -> dict[str, list[ast.stmt]]:
         """The statements of the module that set, or change, each of its names."""
         statements: dict[str, list[ast.stmt]] = {}
-        sets = {s.name: _globals(s) for s in self.tree.body if isinstance(s, ast.FunctionDef)}
         for statement in self.tree.body:
-            names = bound(statement)
-            match statement:
-                case ast.Expr(value=ast.Call(func=ast.Name(id=called))):  # configure(…)
-                    names = names | sets.get(called, set())
-            for name in sorted(names):
+            for name in sorted(bound(statement)):
                 statements.setdefault(name, []).append(statement)
         return statements
 
@@ -200,11 +173,6 @@ def _written(function: ast.FunctionDef) -> Iterable[str]:
                 base = base.value
             if isinstance(base, ast.Name) and (base is not target or isinstance(n, ast.AugAssign)):
                 yield base.id
-
-
-def _globals(function: ast.FunctionDef) -> set[str]:
-    """Names of the module that a function sets."""
-    return {name for n in ast.walk(function) if isinstance(n, ast.Global) for name in n.names}
 
 
 def _main(test: ast.expr) -> bool:

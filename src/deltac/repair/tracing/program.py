@@ -17,8 +17,8 @@ from deltac.errors import InputError, SourceError
 from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
-from deltac.repair.tracing.tracer import Failed, Instance, Trace, branches, form_of
-from deltac.simulation.state_form import StateForm, as_told, forms, likeliest, told_order
+from deltac.repair.tracing.tracer import Instance, Trace, branches, form_of
+from deltac.simulation.state_form import StateForm, candidate_forms, likeliest
 
 PLAIN = 12
 """Whole numbers up to this are nobody's parameter by their value alone."""
@@ -67,19 +67,27 @@ class Program:
         Where the function ends with solving A u̇ = b, it is A u̇ − b at the model's accelerations: linear in
         every entry of A and b, and each mistake stays in its own row. Else the residual of its results.
         """
-        if self._system is None:
+        if not self.solves:
             return self.samples.residual(self.run(changes, values))
-        entries = self.tape.run((*self._system, *self.trace.rates), changes, values)
-        n = len(self.samples.acceleration)
-        A, b, rates = np.split(entries, (n * n, n * n + n))
-        A = A.reshape(n, n, -1)
+        A, b = self.system(changes, values)
         with np.errstate(all="ignore"):
-            residual = (np.einsum("ijb,jb->ib", A, self.samples.acceleration) - b) / self._rows[
-                :, None
-            ]
-        if not len(rates):
+            residual = np.einsum("bij,jb->ib", A, self.samples.acceleration) - b
+            residual /= self._rows[:, None]
+        if not self.trace.rates:
             return np.asarray(residual)
+        rates = self.tape.run(self.trace.rates, changes, values)
         return np.concatenate([residual, (rates - self.samples.rates) / self.samples.rate_size])
+
+    def system(
+        self,
+        changes: Mapping[int, TapeChange] | None = None,
+        values: Mapping[int, Any] | None = None,
+    ) -> tuple[Array, Array]:
+        """A (B, n, n) and b (n, B), where what is returned is the solution of A u̇ = b."""
+        assert self._system is not None
+        n = len(self.samples.acceleration)
+        entries = self.tape.run(self._system, changes, values)
+        return np.moveaxis(entries[: n * n].reshape(n, n, -1), -1, 0), entries[n * n :]
 
     @cached_property
     def _system(self) -> tuple[int, ...] | None:
@@ -96,17 +104,14 @@ class Program:
 
     @property
     def solves(self) -> bool:
-        """Whether the function ends with solving A u̇ = b."""
+        """Whether the residual is that of A u̇ = b."""
         return self._system is not None
 
     @cached_property
     def _rows(self) -> Array:
         """Typical size of the terms of each row (n,)."""
-        assert self._system is not None
-        n = len(self.samples.acceleration)
-        entries = np.abs(self.tape.run(self._system))
-        A = entries[: n * n].reshape(n, n, -1)
-        size = np.einsum("ijb,jb->ib", A, np.abs(self.samples.acceleration)) + entries[n * n :]
+        A, b = self.system()
+        size = np.einsum("bij,jb->ib", np.abs(A), np.abs(self.samples.acceleration)) + np.abs(b)
         rms = np.sqrt(np.mean(size**2, axis=1))
         return np.asarray(np.maximum(rms, 1e-9 * rms.max()))
 
@@ -240,10 +245,11 @@ def formed(source: Source, target: Target) -> Source:
     """
     if source.form is not None:
         return source
-    names, needed = form_of(source)
+    parameters, test = form_of(source), target.test()
+    names = test.kane.told_names, test.states.speeds
+    candidates = candidate_forms(parameters, *source.declared, *names, len(target.mechanism.motors))
     samples = target.samples()
     some = samples.at(np.arange(min(len(samples.t), 4)))
-    nq, nu = len(some.q), len(some.u)
     failures: list[InputError] = []
 
     def evaluate(form: StateForm) -> tuple[Array, Array]:
@@ -252,31 +258,18 @@ def formed(source: Source, target: Target) -> Source:
         except InputError as error:
             failures.append(error)
             raise
-        rates, accelerations = (
-            np.full((nq, len(some.t)), np.nan),
-            np.full((nu, len(some.t)), np.nan),
-        )
+        rates, accelerations = np.full_like(some.q, np.nan), np.full_like(some.u, np.nan)
         for which, trace in parts:
             accelerations[:, which] = trace.tape.run(trace.outputs)
             rates[:, which] = trace.tape.run(trace.rates) if trace.rates else np.nan
         return rates if parts[0][1].rates else rates[:0], accelerations
 
-    motors = len(target.mechanism.motors)
-    declared, order = source.declared
-    test = target.test()
-    entries = test.kane.told_names, test.states.speeds
-    places = None if order is None else told_order(order, *entries)
-    candidates = as_told(forms(names, needed, nq, nu, motors), declared, places)
     form = likeliest(candidates, evaluate, some.rates, some.acceleration)
     if form is None:
-        failed = [f for f in failures if isinstance(f, Failed) and f.file == source.name]
-        if failed and failed[0] is failures[0]:  # in the likeliest form
-            lines = tuple(dict.fromkeys(line for f in failed for line in f.lines))
-            raise Failed(str(failed[0]), source.name, lines)
         if failures:
             raise failures[0]
         raise SourceError(
-            f"{source.name}: {source.qualified} takes the arguments ({', '.join(names)}); expected a "
+            f"{source.name}: {source.qualified} takes the arguments ({', '.join(parameters[0])}); expected a "
             "function of (t, q, u), of (t, y) or of (y, t)"
         )
     return replace(source, form=form)

@@ -81,10 +81,11 @@ class StateSamples:
             return np.asarray(error)
         return np.concatenate([error, (udot[n:] - self.rates) / self.rate_size])
 
-    def fits(self, result: Array) -> bool:
-        """Whether an array is accelerations, perhaps with q̇ below, at these states."""
+    def right(self, result: Array | str) -> bool:
+        """Whether a result is the model's accelerations, perhaps with q̇ below; a text is no result."""
         n, batch = self.acceleration.shape
-        return result.shape in ((n, batch), (n + len(self.rates), batch))
+        shapes = (n, batch), (n + len(self.rates), batch)
+        return not isinstance(result, str) and result.shape in shapes and self.wrong(result) < RIGHT
 
     def wrong_rows(self, udot: Array) -> NDArray[np.bool_]:
         """The equations, then coordinates, that are not right."""

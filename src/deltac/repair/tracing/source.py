@@ -13,7 +13,7 @@ from typing import Any
 
 from deltac.errors import FileError, SourceError, UnknownName, closest
 from deltac.repair.tracing.modules import UserModule, bound, parsed
-from deltac.simulation.equations import Equations
+from deltac.simulation.equations import Equations, RightHandSide
 from deltac.simulation.state_form import Order, StateForm
 
 
@@ -41,48 +41,29 @@ class Source:
     declared: tuple[str | None, Order] = (None, None)
 
     @cached_property
-    def module(self) -> ast.Module:
-        """The syntax tree. InputError for what is no Python."""
-        return parsed(self.name, self.text)
-
     def user_module(self) -> UserModule:
-        """The module, to be read."""
-        module = UserModule(self.name, self.module, self.path, True, dict(self.outside))
-        text = self._text
-        module.codes, module.writes, module.nodes, module.number = (
-            text.codes,
-            text.writes,
-            text.nodes,
-            text.number,
-        )
-        module.setters, module.classes, module.functions = (
-            text.setters,
-            text.classes,
-            text.functions,
-        )
-        return module
+        """The module, read. InputError for what is no Python."""
+        return UserModule(self.name, parsed(self.name, self.text), self.path)
 
-    @cached_property
-    def _text(self) -> UserModule:
-        """What does not change from trace to trace."""
-        module = UserModule(self.name, self.module)
-        module.nodes, module.number = self.nodes, self.number
-        return module
+    @property
+    def module(self) -> ast.Module:
+        """The syntax tree."""
+        return self.user_module.tree
 
     @property
     def first_line(self) -> int:
         """The line where the function is defined; 1 where that is not known."""
         return 1 if self.definition is None else self.definition.lineno
 
-    @cached_property
+    @property
     def nodes(self) -> tuple[ast.AST, ...]:
         """All nodes of the tree; a node is known by its place here."""
-        return tuple(ast.walk(self.module))
+        return self.user_module.nodes
 
-    @cached_property
+    @property
     def number(self) -> dict[int, int]:
         """From id() of a node to its place."""
-        return {id(node): k for k, node in enumerate(self.nodes)}
+        return self.user_module.number
 
     @cached_property
     def parent(self) -> dict[int, int]:
@@ -179,7 +160,7 @@ def read_source(target: str | Path | Callable[..., Any]) -> Source:
     return source
 
 
-def source_of(rhs: str | Path | Callable[..., Any] | Equations) -> Source:
+def source_of(rhs: str | Path | RightHandSide | Equations) -> Source:
     """The source of what a user hands over as equations of motion, with what is declared of its state.
 
     Raises InputError as `read_source`.

@@ -400,70 +400,51 @@ def power(base: Any, exponent: Any) -> Any:
 
 
 BINARY: dict[str, Operation] = {
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "truediv": np.true_divide,
-    "pow": power,
-    "mod": np.mod,
-    "floordiv": np.floor_divide,
-}
-for _name, _operation in BINARY.items():
+    "Add": np.add, "Sub": np.subtract, "Mult": np.multiply, "Div": np.true_divide, "Pow": power,
+    "Mod": np.mod, "FloorDiv": np.floor_divide,
+}  # fmt: skip
+"""Arithmetic, by the names of Python's syntax trees."""
+
+for _name, _operation in zip("add sub mul truediv pow mod floordiv".split(), BINARY.values()):
     _forward, _reflected = _binary(_operation)
     setattr(Slot, f"__{_name}__", _forward)
     setattr(Slot, f"__r{_name}__", _reflected)
 
 COMPARISONS: dict[str, Operation] = {
-    "less": np.less,
-    "less_equal": np.less_equal,
-    "greater": np.greater,
-    "greater_equal": np.greater_equal,
-    "equal": np.equal,
-    "not_equal": np.not_equal,
-    "logical_and": np.logical_and,
-    "logical_or": np.logical_or,
-}
-for _name, _compare in zip(("lt", "le", "gt", "ge", "eq", "ne", "and", "or"), COMPARISONS.values()):
-    setattr(Slot, f"__{_name}__", _binary(_compare)[0])
+    "Lt": np.less, "LtE": np.less_equal, "Gt": np.greater, "GtE": np.greater_equal, "Eq": np.equal,
+    "NotEq": np.not_equal,
+}  # fmt: skip
+
+for _name, _operation in zip("lt le gt ge eq ne".split(), COMPARISONS.values()):
+    setattr(Slot, f"__{_name}__", _binary(_operation)[0])
+for _name, _operation in (("and", np.logical_and), ("or", np.logical_or)):
+    setattr(Slot, f"__{_name}__", _binary(_operation)[0])
 Slot.__hash__ = object.__hash__  # type: ignore[method-assign]
 
-_UNARY: dict[str, Operation] = {
-    "neg": np.negative,
-    "pos": identity,
-    "abs": np.abs,
-    "invert": np.logical_not,
-}
-for _name, _operation in _UNARY.items():
-    setattr(Slot, f"__{_name}__", lambda self, f=_operation: self.tape.record(f, self))
-
-ELEMENTARY: dict[str, tuple[Operation, int]] = {
+ELEMENTARY: dict[str, Operation] = {
     **{
-        name: (getattr(np, name), 1)
+        name: getattr(np, name)
         for name in (
             "sin cos tan arcsin arccos arctan sinh cosh tanh arcsinh arccosh arctanh exp log log2 log10 "
-            "log1p expm1 sqrt cbrt sign sinc floor ceil trunc conjugate positive"
+            "log1p expm1 sqrt cbrt sign sinc floor ceil trunc conjugate positive square abs fabs absolute "
+            "negative deg2rad rad2deg radians degrees arctan2 hypot maximum minimum add subtract multiply "
+            "divide true_divide copysign heaviside remainder mod fmod floor_divide where less less_equal "
+            "greater greater_equal equal not_equal logical_and logical_or logical_not"
         ).split()
     },
-    **{name: (getattr(np, name), 1) for name in "square abs fabs absolute negative".split()},
-    **{name: (getattr(np, name), 1) for name in "deg2rad rad2deg radians degrees".split()},
-    **{name: (getattr(np, name), 2) for name in "arctan2 hypot maximum minimum".split()},
-    **{name: (getattr(np, name), 2) for name in "add subtract multiply divide".split()},
-    "power": (power, 2),
-    "pow": (power, 2),
-    "asin": (np.arcsin, 1),
-    "acos": (np.arccos, 1),
-    "atan": (np.arctan, 1),
-    "atan2": (np.arctan2, 2),
-    "where": (np.where, 3),
-    "copysign": (np.copysign, 2),
-    "heaviside": (np.heaviside, 2),
-    "remainder": (np.mod, 2),
-    "mod": (np.mod, 2),
-    "fmod": (np.fmod, 2),
-    "floor_divide": (np.floor_divide, 2),
-}
-"""Functions of numbers by their names in NumPy and math, with the number of their arguments."""
+    "power": power, "pow": power, "float_power": power, "asin": np.arcsin, "acos": np.arccos,
+    "atan": np.arctan, "atan2": np.arctan2, "bitwise_or": np.logical_or, "bitwise_and": np.logical_and,
+}  # fmt: skip
+"""Functions of numbers, by their names in NumPy and math."""
 
-for _name, (_operation, _count) in ELEMENTARY.items():
-    if _count == 1:  # what np.sin calls on the entries of an array of objects
-        setattr(Slot, _name, lambda self, f=_operation: self.tape.record(f, self))
+_UNARY: dict[str, Operation] = {
+    "__neg__": np.negative,
+    "__pos__": np.positive,
+    "__abs__": np.abs,
+    "__invert__": np.logical_not,
+}
+for _name, _operation in (*_UNARY.items(), *ELEMENTARY.items()):
+    if (
+        getattr(_operation, "nin", 1) == 1
+    ):  # what np.sin calls on the entries of an array of objects
+        setattr(Slot, _name, lambda self, *_, f=_operation: self.tape.record(f, self))

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import InputError, SourceError
-from deltac.repair.sandbox_worker import function_named
+from deltac.foreign.scripts import function_named
 from deltac.repair.tracing import instrument, library
 from deltac.repair.tracing.library import Float, Foreign, Int, LibraryNumber, objects, plain
 from deltac.repair.tracing.modules import UserModule, found_beside
@@ -63,13 +63,9 @@ OPERATORS: dict[str, Callable[..., Any]] = {
     "Pow": operator.pow, "Mod": operator.mod, "FloorDiv": operator.floordiv, "MatMult": library.product,
     "BitAnd": operator.and_, "BitOr": operator.or_, "BitXor": operator.xor, "LShift": operator.lshift,
     "RShift": operator.rshift, "USub": operator.neg, "UAdd": operator.pos, "Invert": operator.invert,
+    "Lt": operator.lt, "LtE": operator.le, "Gt": operator.gt, "GtE": operator.ge,
+    "Eq": operator.eq, "NotEq": operator.ne,
 }  # fmt: skip
-
-COMPARED = {
-    "Lt": ("less", "lt"), "LtE": ("less_equal", "le"), "Gt": ("greater", "gt"),
-    "GtE": ("greater_equal", "ge"), "Eq": ("equal", "eq"), "NotEq": ("not_equal", "ne"),
-}  # fmt: skip
-"""Comparisons that are traced: of arrays, and of two numbers."""
 
 COMPILERS = {"numba", "jax", "typeguard", "beartype", "line_profiler", "deltac", "jaxtyping", "cython",
              "overrides", "autograd"}  # fmt: skip
@@ -84,14 +80,6 @@ DERIVING = {
 
 class TracingRefused(SourceError):
     """The function does what cannot be traced; the message has file and line."""
-
-
-class Failed(TracingRefused):
-    """An error of Python's, and the `lines` of a file where it is raised in the forms that were tried."""
-
-    def __init__(self, message: str, file: str, lines: tuple[int, ...]) -> None:
-        super().__init__(message)
-        self.file, self.lines = file, lines
 
 
 class Endless(TracingRefused):
@@ -185,7 +173,7 @@ def form_of(source: Source) -> tuple[tuple[str, ...], int]:
 def fields_of(value: Any) -> dict[str, Any]:
     """Attributes of an object of the user's, or of a module of theirs, by their names."""
     if isinstance(value, Imported):
-        return dict(_module_of(value).names)
+        return dict(_module_of(value))
     if isinstance(value, types.SimpleNamespace):
         return vars(value)
     if type(value).__module__ != NAME or isinstance(value, type):
@@ -202,31 +190,40 @@ def fields_of(value: Any) -> dict[str, Any]:
 class Imported:
     """A module of the user's, as other modules see it."""
 
-    def __init__(self, module: UserModule) -> None:
-        self.__dict__["_deltac_module"] = module
+    def __init__(self, names: _Namespace) -> None:
+        self.__dict__["_deltac_names"] = names
 
     def __getattr__(self, name: str) -> Any:
         try:
-            return _module_of(self).names[name]
+            return _module_of(self)[name]
         except KeyError:
-            raise AttributeError(f"{_module_of(self).name} has no name {name!r}") from None
+            shown = _module_of(self).module.name
+            raise AttributeError(f"{shown} has no name {name!r}") from None
 
 
-def _module_of(value: Imported) -> UserModule:
-    return value.__dict__["_deltac_module"]  # type: ignore[no-any-return]
+def _module_of(value: Imported) -> _Namespace:
+    return value.__dict__["_deltac_names"]  # type: ignore[no-any-return]
 
 
 class _Namespace(dict[str, Any]):
-    """The names of a module: a statement is run when one that it sets is asked for."""
+    """The names of a module: a statement is run when one that it sets is asked for.
 
-    def __init__(self, tracer: _Tracer, module: UserModule) -> None:
+    edited   whether it is the source in which edits are sought
+    outside  live values of names, where a running session has the module
+    pending  names whose statements are being run; `done` those statements that have been, by their id()
+    """
+
+    def __init__(self, tracer: _Tracer, module: UserModule, outside: Mapping[str, Any]) -> None:
         file = "" if module.path is None else str(module.path.absolute())
         super().__init__(__name__=NAME, __builtins__=BUILTINS, __file__=file)
-        self[instrument.HOOKS] = _Hooks(tracer, module)
-        self.tracer, self.module = tracer, module
+        self.tracer, self.module, self.outside = tracer, module, dict(outside)
+        self.edited = module is tracer.source.user_module
+        self.pending: set[str] = set()
+        self.done: set[int] = set()
+        self[instrument.HOOKS] = _Hooks(tracer, module, self.edited)
 
     def __missing__(self, name: str) -> Any:
-        return self.tracer.module_name(self.module, name)
+        return self.tracer.module_name(self, name)
 
 
 class _Tracer:
@@ -236,8 +233,8 @@ class _Tracer:
         self.source, self.override = source, override
         self.tape = Tape()
         self.result = Trace(source, self.tape)
-        self.modules: dict[Path | None, UserModule] = {}
-        self.main = self.opened(source.user_module())
+        self.modules: dict[Path | None, _Namespace] = {}
+        self.main = self.opened(source.user_module, source.outside)
         self.literals: dict[Any, Slot] = {}
         self.literal_of: dict[int, Any] = {}
         self.lives: dict[Any, Any] = {}
@@ -246,11 +243,10 @@ class _Tracer:
         self.defaults: list[tuple[str, Any, Any]] = []
         self.arguments: dict[int, Any] = {}
 
-    def opened(self, module: UserModule) -> UserModule:
-        """A module with names that are set when they are asked for."""
+    def opened(self, module: UserModule, outside: Mapping[str, Any] | None = None) -> _Namespace:
+        """The names of a module, which are set when they are asked for."""
         if module.path not in self.modules:
-            module.names = _Namespace(self, module)
-            self.modules[module.path] = module
+            self.modules[module.path] = _Namespace(self, module, outside or {})
         return self.modules[module.path]
 
     # --- the outside ------------------------------------------------------------------------------
@@ -301,7 +297,7 @@ class _Tracer:
         if self.source.root is not None:
             function = self.traced(self.source.root)
         else:
-            function = function_named(self.main.names, self.source.qualified)
+            function = function_named(self.main, self.source.qualified)
         if not callable(function) or isinstance(function, Foreign):
             raise TracingRefused(
                 f"{self.source.name}: {self.source.qualified} is no function that can be traced"
@@ -331,14 +327,12 @@ class _Tracer:
                     f"{where}: a computation that cannot be traced ({message}). Instead, {READABLE}"
                 ) from None
             message = f"{where}: {type(error).__name__}: {message}"
-            if place is None or isinstance(error, NameError | ImportError):
-                raise TracingRefused(message) from None
-            raise Failed(
-                f"{message}. The function is traced: call it once, and if Python raises the same error at "
-                f"this line, mend that first; else {READABLE}",
-                name,
-                (line,),
-            ) from None
+            if place is not None and not isinstance(error, NameError | ImportError):
+                message += (
+                    ". The function is traced: call it once, and if Python raises the same error at this "
+                    f"line, mend that first; else {READABLE}"
+                )
+            raise TracingRefused(message) from None
 
     def place_of(self, error: BaseException) -> tuple[str, int] | None:
         """The file and line of the user's where an error was raised; None where it was in none."""
@@ -355,10 +349,10 @@ class _Tracer:
 
         One of them may be what the function lacks.
         """
-        modules = [_module_of(x) for x in self.main.names.values() if isinstance(x, Imported)]
-        for module in (self.main, *modules):
-            for name in module.setters.keys() - module.names.keys():
-                statement = module.setters[name][0]
+        modules = [_module_of(x) for x in self.main.values() if isinstance(x, Imported)]
+        for names in (self.main, *modules):
+            for name in names.module.setters.keys() - names.keys():
+                statement = names.module.setters[name][0]
                 if not isinstance(statement, ast.Assign | ast.AnnAssign) or statement.value is None:
                     continue
                 calls = [n for n in ast.walk(statement.value) if isinstance(n, ast.Call)]
@@ -368,27 +362,27 @@ class _Tracer:
                     for c in calls
                 ):
                     with contextlib.suppress(Exception), np.errstate(all="ignore"):
-                        module.names[name]
-        self.result.scope = dict(self.main.names)
+                        names[name]
+        self.result.scope = dict(self.main)
 
     # --- names ------------------------------------------------------------------------------------
 
-    def module_name(self, module: UserModule, name: str) -> Any:
+    def module_name(self, names: _Namespace, name: str) -> Any:
         """What a module's own text says a name is: only the statements that set it are run.
 
         Raises KeyError for a name that is none of the module's.
         """
-        names = module.names
+        module = names.module
         setters = module.setters.get(name, ())
-        if name in module.pending or (not setters and name.startswith("__")):
+        if name in names.pending or (not setters and name.startswith("__")):
             raise KeyError(name)
         outer, scope, self.tape.node = self.tape.node, self.scope, None
-        module.pending.add(name)
+        names.pending.add(name)
         try:
             for statement in setters:
-                if id(statement) in module.done:
+                if id(statement) in names.done:
                     continue
-                module.done.add(id(statement))
+                names.done.add(id(statement))
                 if module.classes and any(isinstance(n, ast.ClassDef) for n in ast.walk(statement)):
                     for used in module.in_classes:  # Python looks them up past `__missing__`
                         with contextlib.suppress(KeyError):
@@ -398,35 +392,35 @@ class _Tracer:
                     self.guarded(lambda code=code: exec(code, names))  # type: ignore[misc]
                 except InputError:
                     self.forget(statement)
-                    if name in module.outside:
+                    if name in names.outside:
                         names.pop(name, None)
                     elif not isinstance(statement, ast.Expr):
                         raise
             if name not in names:
-                names[name] = self.elsewhere(module, name)
+                names[name] = self.elsewhere(names, name)
         finally:
-            module.pending.discard(name)
+            names.pending.discard(name)
             self.tape.node, self.scope = outer, scope
         return names[name]
 
     def forget(self, statement: ast.stmt) -> None:
         """Drop what was noted of a statement that cannot be traced: its edits would show nothing."""
         for node in ast.walk(statement):
-            place = self.main.number.get(id(node))
+            place = self.source.number.get(id(node))
             if place is not None:
                 self.result.instances.pop(place, None)
                 for name in [n for n, o in self.result.origins.items() if o == ("literal", place)]:
                     del self.result.origins[name], self.result.parameters[name]
 
-    def elsewhere(self, module: UserModule, name: str) -> Any:
+    def elsewhere(self, names: _Namespace, name: str) -> Any:
         """A name that the module's text does not set: of a star import, or of a live module."""
-        for star in module.stars:
-            owner = self.module(module, star.module or "", star.level)
+        for star in names.module.stars:
+            owner = self.module(names.module, star.module or "", star.level)
             value = getattr(owner, name, None)
             if value is not None and not isinstance(value, Foreign):
                 return value
-        if name in module.outside:
-            return self.live(module.outside[name], name)
+        if name in names.outside:
+            return self.live(names.outside[name], name)
         raise KeyError(name)
 
     def module(self, module: UserModule, name: str, level: int = 0) -> Any:
@@ -542,33 +536,32 @@ class _Tracer:
         if id(function) in self.lives:
             return self.lives[id(function)][1]
         code, file = function.__code__, Path(function.__code__.co_filename)
-        if file == self.main.path or (self.main.path is None and file.name == self.main.name):
-            module = self.main
+        path = self.source.path
+        if file == path or (path is None and file.name == self.source.name):
+            names = self.main
         elif file in self.modules:
-            module = self.modules[file]
+            names = self.modules[file]
         else:
             try:
                 lines, _ = inspect.findsource(function)
                 if len(lines) > LINES:
                     return None
-                module = self.opened(UserModule(file.name, ast.parse("".join(lines)), file))
+                names = self.opened(UserModule(file.name, ast.parse("".join(lines)), file))
             except (OSError, TypeError, SyntaxError):
                 return None
         for name, value in function.__globals__.items():
-            module.outside.setdefault(name, value)
-        node = _definition(module.tree, function)
+            names.outside.setdefault(name, value)
+        node = _definition(names.module.tree, function)
         if node is None:
             return None
-        tree = instrument.made_by(node, code.co_freevars, module.number)
-        exec(compile(tree, module.name, "exec"), module.names)
+        tree = instrument.made_by(node, code.co_freevars, names.module.number)
+        exec(compile(tree, names.module.name, "exec"), names)
         cells: dict[str, Any] = {}
         for name, cell in zip(code.co_freevars, function.__closure__ or ()):
             with contextlib.suppress(ValueError):  # a cell that is still empty
                 cells[name] = self.live(cell.cell_contents, name)
         closure = [cells.get(name) for name in code.co_freevars]
-        copy = module.names.pop("made")(
-            *closure, {k: v for k, v in cells.items() if k != "__class__"}
-        )
+        copy = names.pop("made")(*closure, {k: v for k, v in cells.items() if k != "__class__"})
         copy.__defaults__ = function.__defaults__ and tuple(
             self.live(v, name)
             for name, v in zip(
@@ -586,9 +579,8 @@ class _Tracer:
 class _Hooks:
     """What rewritten code of one module calls; a place is that of a node in the module."""
 
-    def __init__(self, tracer: _Tracer, module: UserModule) -> None:
-        self.tracer, self.of = tracer, module
-        self.edited = module is not None and module.edited
+    def __init__(self, tracer: _Tracer, module: UserModule, edited: bool) -> None:
+        self.tracer, self.of, self.edited = tracer, module, edited
 
     def refuse(self, place: int, what: str) -> NoReturn:
         line = getattr(self.of.nodes[place], "lineno", 1)
@@ -736,10 +728,9 @@ class _Hooks:
 
     def compare(self, op: str, left: Any, right: Any) -> Any:
         """A comparison, entry by entry where there are arrays."""
-        ufunc, name = COMPARED[op]
         if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
-            return library.compared(COMPARISONS[ufunc], left, right)
-        return getattr(operator, name)(left, right)
+            return library.applied(COMPARISONS[op], left, right)
+        return OPERATORS[op](left, right)
 
     def index(self, value: Any) -> Any:
         """An index or a key as Python's own number; one that depends on the state as it is."""
@@ -829,23 +820,10 @@ class _Hooks:
         self.tracer.note_parameters("", value, self.of.nodes[place])  # type: ignore[arg-type]
         return value
 
-    def outside(self, place: int, value: Any) -> Any:
-        """Names of the module that a function sets: while the module is made, and at no other time."""
-        target = self.of.nodes[place]
-        if not self.of.pending:
-            shown = ast.unparse(target)
-            self.refuse(place, f"changes the outer variable {shown!r}, a side effect")
-        names = target.elts if isinstance(target, ast.Tuple | ast.List) else [target]
-        tracer = self.tracer
-        for name, number in zip(names, value if len(names) > 1 else [value]):
-            if isinstance(name, ast.Name) and isinstance(number, Slot):
-                index = number.index
-                while tracer.tape.operations[index] is identity:
-                    (index,) = tracer.tape.inputs[index]
-                if index in tracer.literal_of:
-                    tracer.result.parameters[name.id] = index
-                    tracer.result.origins[name.id] = ("literal", tracer.literal_of[index])
-        return value
+    def outside(self, place: int) -> NoReturn:
+        """Names of the module that a function sets."""
+        shown = ast.unparse(self.of.nodes[place])
+        self.refuse(place, f"changes the outer variable {shown!r}, a side effect")
 
     # --- functions and classes --------------------------------------------------------------------
 
@@ -1030,7 +1008,7 @@ def _changed_parameters(function: Any) -> frozenset[int]:
     names = function.__globals__
     if not isinstance(names, _Namespace):
         return frozenset()
-    written = names.module.written(function.__code__.co_firstlineno)
+    written = names.module.written.get(function.__code__.co_firstlineno, frozenset())
     code = function.__code__
     parameters = code.co_varnames[: code.co_argcount]
     return frozenset(k - shift for k, name in enumerate(parameters) if name in written)

@@ -11,11 +11,9 @@ from deltac.report.page.document import document, write_page
 from deltac.report.page.parts import Page
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from deltac.models import ModelLike
     from deltac.results import Report
-    from deltac.simulation.equations import Equations
+    from deltac.simulation.equations import Equations, RightHandSide
     from deltac.trajectories import Trajectory
 
 __all__ = [
@@ -36,7 +34,7 @@ def write_report(
     *more: Report,
     model: ModelLike | None = None,
     run: Trajectory | None = None,
-    equations: Equations | Callable[..., object] | None = None,
+    equations: Equations | RightHandSide | None = None,
     command: str = "",
 ) -> None:
     """Write the page of a report, with what further ones have to add; see `Report.report`."""
@@ -50,7 +48,7 @@ def html_of(
     *more: Report,
     model: ModelLike | None = None,
     run: Trajectory | None = None,
-    equations: Equations | Callable[..., object] | None = None,
+    equations: Equations | RightHandSide | None = None,
     command: str = "",
 ) -> str:
     """The page of a report as HTML."""

@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import TINY, Array
 from deltac.calls.caching import derived
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba
@@ -28,8 +28,6 @@ PASSES = 2
 
 MOST = 0.1
 """A pass changes speeds by this share of themselves at most; near rest, by what the forces do in h."""
-
-TINY = 1e-300
 
 NOTICED = 1e-3
 """Energy that corrections leave is told of from this share of the largest kinetic energy on."""

@@ -20,6 +20,13 @@ from deltac.simulation.flow import Flow
 SMALLEST_PIVOT = LEAST_PIVOT
 """Below this the compiled factorisation is not trusted, and the numeric least-squares path takes over."""
 
+NEARLY_DEPENDENT = 1e-3
+"""Smallest pivot, by the largest so far, below which steps of a solver's own choice are not trusted.
+
+An error ε of a step changes the speeds by ε/√pivot when it is projected, and the next accelerations as well:
+an error control shortens its steps without end there, or accepts speeds that a projection has changed.
+"""
+
 
 @derived
 def projection(flow: Flow) -> Any:

@@ -22,6 +22,7 @@ from deltac.dynamics.testing_functions import MOMENTUM
 from deltac.errors import ArgumentsError, InputError, ModelError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import check_cancelled, cores, spread
+from deltac.kernels.simd import AVX512_WIDTH
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.arguments import check_request, count, positive
@@ -37,7 +38,7 @@ from deltac.simulation.ensemble.members import (
     record_grid,
     repeated,
 )
-from deltac.simulation.ensemble.steps import LANES, Advance, Span
+from deltac.simulation.ensemble.steps import Advance, Span
 from deltac.simulation.flow import Flow, build_flow
 from deltac.simulation.recording import RECORD, Record
 from deltac.simulation.solvers import FixedStep, Solver
@@ -190,7 +191,9 @@ def simulate_ensemble(
     def work(job: tuple[Advance, int, NDArray[np.intp]]) -> None:
         advance, per_record, own = job
         # Whole vectors: the last member fills up the lanes that are left.
-        padded = own[np.minimum(np.arange(-(-len(own) // LANES) * LANES), len(own) - 1)]
+        padded = own[
+            np.minimum(np.arange(-(-len(own) // AVX512_WIDTH) * AVX512_WIDTH), len(own) - 1)
+        ]
         x = np.zeros((advance.rows, len(padded)))
         x[q_part], x[u_part] = Q[padded][:, mechanism.free.q].T, U[padded][:, mechanism.free.u].T
         values, own_step = np.ascontiguousarray(p[:, padded]), interval / per_record

@@ -19,21 +19,16 @@ from deltac.calls.caching import derived
 from deltac.dynamics.spatial import SX
 from deltac.errors import SolverError
 from deltac.kernels import Kernel
+from deltac.kernels.simd import AVX512_WIDTH
 from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.flow import LOST, Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.explicit import MOST_INSTRUCTIONS, FixedMethod
+from deltac.simulation.stepping.explicit import FUSED_INSTRUCTIONS, MOST_INSTRUCTIONS, FixedMethod
 from deltac.simulation.stepping.interpreted import settle_kernel
 from deltac.simulation.stepping.runge_kutta import tableau_of
 
-FUSED_INSTRUCTIONS = 4000
-"""Whole steps are compiled up to this size, a few of them to a call; beyond it, ẋ alone is."""
-
 MOST_STEPS_PER_CALL = 8
-
-LANES = 8
-"""Members come in multiples of this: no kernel has a wider SIMD vector."""
 
 CHUNK_BYTES = 2**20
 """The arrays of a chunk of members together: they stay in the cache of one core."""
@@ -94,11 +89,11 @@ class Advance:
         """How many of so many members go together: what stays in the cache, and as much for every thread."""
         arrays = 2 if self.fused else self.solver.stages + 3
         most = CHUNK_BYTES // (8 * (int(self.rows) + 2) * arrays)
-        most = min(max(most, CHUNKS[0]), CHUNKS[1]) // LANES
-        rounds = -(-members // (LANES * most * threads))
+        most = min(max(most, CHUNKS[0]), CHUNKS[1]) // AVX512_WIDTH
+        rounds = -(-members // (AVX512_WIDTH * most * threads))
         # An odd number of vectors: rows a power of two apart would share few places in the cache.
-        even = -(-members // (LANES * rounds * threads)) | 1
-        return min(max(even, CHUNKS[0] // LANES), most - 1 | 1) * LANES
+        even = -(-members // (AVX512_WIDTH * rounds * threads)) | 1
+        return min(max(even, CHUNKS[0] // AVX512_WIDTH), most - 1 | 1) * AVX512_WIDTH
 
     def __call__(
         self, x: Array, steps_done: Array, p: Array, span: Span, tick: Tick

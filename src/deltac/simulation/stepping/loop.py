@@ -10,7 +10,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.interrupts import check_interrupted
 from deltac.calls.progress import Progress
-from deltac.simulation.constraints.projection import SMALLEST_PIVOT
+from deltac.simulation.constraints.projection import NEARLY_DEPENDENT, SMALLEST_PIVOT
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.events.run import EventRun
 from deltac.simulation.stepping.interpreted import Finish, StageRate
@@ -27,13 +27,6 @@ MOST_AHEAD = 8192
 
 FEW, MANY = 8, 256
 """Steps that are looked at together for events, to begin with and at most."""
-
-NEARLY_DEPENDENT = 1e-3
-"""Share of the largest pivot so far below which steps of a solver's own choice are not trusted.
-
-An error ε of a step changes the speeds by ε/√pivot when it is projected, and the next accelerations as well:
-an error control shortens its steps without end there, or accepts speeds that a projection has changed.
-"""
 
 MOST_PER_STEP = 20_000
 """Events within one step, before a run is said to make no headway."""

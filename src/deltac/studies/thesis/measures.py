@@ -10,10 +10,10 @@ from operator import attrgetter
 
 import numpy as np
 
+from deltac import solvers
 from deltac.arrays import Array
 from deltac.problems import triple_pendulum
 from deltac.problems.triple_pendulum_equations import HandEquations
-from deltac.simulation.solvers import find_solver
 from deltac.studies.thesis.runs import (
     CONSTRAINT,
     PRESCRIBED,
@@ -96,7 +96,7 @@ def evaluations(first: Outcome, second: Outcome) -> float:
     """How many times as many evaluations of the accelerations the second run takes."""
 
     def of(run: Run) -> float:
-        return run.duration / run.step * find_solver(run.solver).stages
+        return run.duration / run.step * solvers.by_name(run.solver).solver.stages
 
     return of(second.run) / of(first.run)
 

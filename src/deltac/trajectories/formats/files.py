@@ -240,17 +240,16 @@ _REFUSED: Mapping[str, str] = {
 
 
 def _format(path: str | Path, writing: bool = False) -> Format:
+    """Ours, or a package's that registered it; a file that none reads is refused, with what to do instead."""
     suffix = Path(path).suffix.lower()
+    form: Format | None = FORMATS.get(suffix) or registered("deltac.formats", suffix)
+    if form is not None and (form.write or not writing):
+        return form
     if suffix in _REFUSED and not writing:
         raise FileError(f"{path}: {_REFUSED[suffix]}")
     options = {name: form for name, form in FORMATS.items() if form.write or not writing}
-    if suffix not in options:
-        foreign: Format | None = registered("deltac.formats", suffix)
-        if foreign is not None and (foreign.write or not writing):
-            return foreign
-        what = "format that deltac does not write:" if suffix in FORMATS else "unknown suffix"
-        raise UnknownName(
-            f"{path}: {what} {suffix!r}{closest(suffix, options)} "
-            f"(name the file {', '.join('*' + name for name in options)})"
-        )
-    return options[suffix]
+    what = "format that deltac does not write:" if suffix in FORMATS else "unknown suffix"
+    raise UnknownName(
+        f"{path}: {what} {suffix!r}{closest(suffix, options)} "
+        f"(name the file {', '.join('*' + name for name in options)})"
+    )

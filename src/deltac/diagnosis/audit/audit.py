@@ -15,7 +15,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, untold
 from deltac.diagnosis.audit import checks
-from deltac.diagnosis.audit.conventions import convention
+from deltac.diagnosis.audit.conventions import convention, filtered
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
@@ -599,6 +599,12 @@ def _judgement(
         explained = inference.closes and not inference.finds_something
         if not explained and not limit.passed("other conventions of the log"):
             reading = convention(mechanism, log.consecutive, inference)
+            allowed = tolerance * max(ledger.energy_exchanged, ledger.reference_energy)
+            through = None
+            if reading is None and inference.flow > allowed:
+                through = filtered(mechanism, log.consecutive, inference)
+            if through is not None:
+                findings, inference = [*findings, through[0]], through[1]
         if reading is not None:  # in which forces of the log's states are others, too
             findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
         findings += checks.missing_equalities(mechanism, report, run, inference)

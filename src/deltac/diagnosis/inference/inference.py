@@ -247,6 +247,17 @@ class Inference:
         return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
 
     @property
+    def flow(self) -> float:
+        """The largest energy that a cause in the equations exchanges, with or without a name, J."""
+        best, generic = self.posterior.best, self.generic
+        named = [
+            float(joules)
+            for c, joules in zip(best.chosen, self.exchanged, strict=True)
+            if c.kind not in OF_THE_LOG
+        ]
+        return max([*named, generic.exchanged if generic.log_odds > CERTAIN else 0.0])
+
+    @property
     def knows_stages(self) -> bool:
         """Whether the log holds the forces at all stages of the method that closes it."""
         later = len(self.log.intervals.stages)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,9 +16,10 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # What one process has compiled the other need not compile, nor the next run of the tests.
 KEPT = Path(__file__).parents[1] / ".pytest_cache"
 os.environ.setdefault("DELTAC_CACHE_DIR", str(KEPT / "kernels"))
-# Processes that tests start read their modules as bytecode: compiling its source is half of a command's time.
+# Modules, tests too, are read as bytecode: compiling source is half of a command's time, and seconds of ours.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-os.environ.setdefault("PYTHONPYCACHEPREFIX", str(KEPT / "bytecode"))
+sys.dont_write_bytecode = False
+sys.pycache_prefix = os.environ.setdefault("PYTHONPYCACHEPREFIX", str(KEPT / "bytecode"))
 # Searches for cycles at 700 new objects, Python's, take a tenth of the tests' time (deltac.cli.SELDOM).
 gc.set_threshold(100_000, *gc.get_threshold()[1:])
 

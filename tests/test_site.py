@@ -57,11 +57,18 @@ def test_codes_and_natural_logs_are_listed() -> None:
     assert re.findall(r"^\| `(.+?)` \| \S", text, re.M) == [case.file for case in CASES]
 
 
+def test_the_action_is_described() -> None:
+    text = "\n".join(hooks._action((hooks.ROOT / "action.yml").read_text("utf-8")))
+    rows = [re.split(r"(?<!\\)\|", line)[1:-1] for line in text.splitlines() if line[:1] == "|"]
+    assert {len(row) for row in rows} == {2, 3}
+    assert any("`tolerance`" in row[0] and "energy that the system has" in row[1] for row in rows)
+
+
 def test_a_link_to_a_csv_file_alone_is_a_table() -> None:
     text = "Before.\n\n[results](data/a.csv)\n\nSee [results](data/a.csv), and so on.\n"
     (match,) = hooks.TABLE.finditer(text)
     assert match[1] == "data/a.csv"
-    table = hooks._table('name,value\n"|x|, y",1.5\n,-2e3\n')
+    table = hooks._table(["name", "value"], [["|x|, y", "1.5"], ["", "-2e3"]])
     assert table.splitlines() == [
         "| name | value |",
         "| --- | ---: |",

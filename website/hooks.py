@@ -19,7 +19,7 @@ import json
 import posixpath
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -123,7 +123,9 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
         return match[1] + posixpath.relpath(target, posixpath.dirname(here) or ".")
 
     def filled(match: re.Match[str]) -> str:
-        return _table((ROOT / posixpath.dirname(source) / match[1]).read_text("utf-8"))
+        text = (ROOT / posixpath.dirname(source) / match[1]).read_text("utf-8")
+        head, *rows = csv.reader(text.splitlines())
+        return _table(head, rows)
 
     markdown = TABLE.sub(filled, markdown)
     parts = re.split(r"(^```.*?^```$)", markdown, flags=re.MULTILINE | re.DOTALL)
@@ -136,17 +138,15 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 TABLE = re.compile(r"^\[[^\]\n]+\]\(([\w./-]+\.csv)\)$", re.MULTILINE)
 
 
-def _table(text: str) -> str:
-    """A CSV file as a table; columns of numbers are aligned to the right."""
-    head, *rows = csv.reader(text.splitlines())
-    number = re.compile(r"[-\d.,e+ %]*")
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown; columns of numbers are aligned to the right."""
+    number = re.compile(r"[-\d.,e+ %]+")
     sides = [
-        "---:" if all(number.fullmatch(row[k]) for row in rows) else "---" for k in range(len(head))
+        "---:" if all(number.fullmatch(row[k] or "0") for row in rows) else "---"
+        for k in range(len(head))
     ]
-    lines = [head, sides, *rows]
-    return "\n".join(
-        "| " + " | ".join(c.replace("|", "\\|") for c in line) + " |" for line in lines
-    )
+    cells = [[cell.replace("|", "\\|") for cell in line] for line in (head, sides, *rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in cells)
 
 
 SHIM = "https://unpkg.com/iframe-worker/shim"
@@ -344,28 +344,17 @@ recognised; a test reads every file of this list.
 """
 
 
-def _rows(head: str, rows: Iterable[Sequence[str]]) -> Iterator[str]:
-    """A table in Markdown."""
-    yield head
-    yield "|" + "---|" * (head.count("|") - 1)
-    for row in rows:
-        yield f"| {' | '.join(row)} |"
-
-
 def _codes() -> Iterator[str]:
     """The codes of errors and findings, from their lists."""
     from deltac.codes import COMMAND_ERRORS, FINDINGS, finding_code
     from deltac.errors import InputError
 
+    head = ("code", "meaning")
     errors = InputError.codes() | COMMAND_ERRORS
     yield CODES
-    yield from _rows(
-        "| code | meaning |", ((f"`{code}`", text.rstrip(".")) for code, text in errors.items())
-    )
+    yield _table(head, [(f"`{code}`", text.rstrip(".")) for code, text in errors.items()])
     yield FINDING
-    yield from _rows(
-        "| code | meaning |", ((f"`{finding_code(kind)}`", text) for kind, text in FINDINGS.items())
-    )
+    yield _table(head, [(f"`{finding_code(kind)}`", text) for kind, text in FINDINGS.items()])
 
 
 def _natural_logs() -> Iterator[str]:
@@ -373,13 +362,11 @@ def _natural_logs() -> Iterator[str]:
     from tests.natural_logs.cases import CASES
 
     yield NATURAL
-    yield from _rows(
-        "| file | origin | read |",
-        (
-            (f"`{c.file}`", c.provenance, f"{c.outcome}{f': {c.remark}' if c.remark else ''}")
-            for c in CASES
-        ),
-    )
+    rows = [
+        (f"`{c.file}`", c.provenance, f"{c.outcome}{f': {c.remark}' if c.remark else ''}")
+        for c in CASES
+    ]
+    yield _table(("file", "origin", "read"), rows)
 
 
 def _action(text: str) -> Iterator[str]:
@@ -388,11 +375,16 @@ def _action(text: str) -> Iterator[str]:
 
     action = yaml.safe_load(text)
     yield f"# The GitHub Action\n\n{action['description']} [In a CI](docs/ci.md) shows its use.\n"
-    for part in ("input", "output"):
-        described = action[f"{part}s"].items()
-        rows = ((f"`{n}`", d["description"], str(d.get("default", ""))) for n, d in described)
-        yield from _rows(f"| {part} | what | default |", rows)
-        yield ""
+    inputs = [
+        (f"`{name}`", described["description"], f"`{described['default']}`")
+        if described.get("default")
+        else (f"`{name}`", described["description"], "")
+        for name, described in action["inputs"].items()
+    ]
+    yield _table(("input", "what", "default"), inputs)
+    yield ""
+    outputs = [(f"`{name}`", d["description"]) for name, d in action["outputs"].items()]
+    yield _table(("output", "what"), outputs)
 
 
 # --- citing --------------------------------------------------------------------------------------

@@ -237,8 +237,18 @@ def test_actuators_without_forces_in_the_log(
     assert code in {f.code for f in found.verdict.findings}
 
 
-@pytest.mark.parametrize("control", ["gravity", "gravity and spring", "constant"])
-@pytest.mark.parametrize("accelerations", [True, False])
+@pytest.mark.parametrize(
+    ("control", "accelerations"),
+    [
+        ("gravity", True),
+        pytest.param("gravity", False, marks=pytest.mark.slow),
+        *(
+            (control, known)
+            for control in ("gravity and spring", "constant")
+            for known in (True, False)
+        ),
+    ],
+)
 def test_controllers_without_forces_in_the_log_accuse_no_model(
     control: str, accelerations: bool
 ) -> None:

@@ -425,7 +425,7 @@ SLIDER = """
 def test_mujoco_integrators_on_a_signal_of_the_users(
     text: str, tolerance: float, solvers: tuple[str, ...]
 ) -> None:
-    """The advice, run again, against MuJoCo's own RK4 at a step 32 times as small."""
+    """The advice, run again, against MuJoCo's own RK4 at a step 8 times as small."""
     mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
     model = mujoco.MjModel.from_xml_string(text)
 
@@ -443,7 +443,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
         integrator = solver.removeprefix("mujoco:")
         return dc.run_mujoco(model, 0.5, controller=control, step=step, integrator=integrator)
 
-    exact = run("mujoco:rk4", advice.best.setting / 32)
+    exact = run("mujoco:rk4", advice.best.setting / 8)
     assert advice.best.verified
     assert (
         distance(mechanism, run(advice.best.solver, advice.best.setting), exact) <= 1.1 * tolerance
@@ -452,7 +452,7 @@ def test_mujoco_integrators_on_a_signal_of_the_users(
     coarser = run(advice.best.solver, advice.coarser.setting)
     ledger = dc.balance(mechanism, coarser, testing=("wang",))
     energy = float(np.abs(ledger.delta_c["wang"]).max()) / ledger.reference_energy
-    exact = run("mujoco:rk4", advice.coarser.setting / 32)
+    exact = run("mujoco:rk4", advice.coarser.setting / 8)
     # What fails is one of the two, or the run itself; the energy counts corrections too.
     assert max(energy, distance(mechanism, coarser, exact)) > 0.5 * tolerance
 

@@ -253,7 +253,7 @@ def test_a_stabilised_run_is_judged_by_its_corrections() -> None:
 # --- wrong equations ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("parameter", ["g", "m2", "l3", "c1"])
+@pytest.mark.parametrize("parameter", ["g", pytest.param("m2", marks=pytest.mark.slow), "l3", "c1"])
 @pytest.mark.parametrize("udot", [True, False])
 def test_a_wrong_parameter(parameter: str, udot: bool) -> None:
     """5 % of one parameter; the weakest, a damper that turns over 0.6 J, without u̇ is under the bar."""

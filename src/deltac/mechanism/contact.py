@@ -10,7 +10,7 @@ from deltac.mechanism.channels import Channel
 from deltac.mechanism.friction import Friction
 from deltac.mechanism.parts import Constant, NonNegative, Positive, constructor
 from deltac.mechanism.quantities import Quantity, is_zero
-from deltac.mechanism.scene import Element, Load, Scene
+from deltac.mechanism.scene import Element, Expr, Load, Scene
 from deltac.mechanism.scope import Scope
 from deltac.mechanism.shapes import Shape, check_pair
 
@@ -111,7 +111,7 @@ class Contact(Element):
             channels.append(self.channel("friction", scene.generalized(rubbing)))
         return channels
 
-    def normal_force(self, scene: Scene, gap: Any, closing: Any) -> tuple[Any, Any, Any]:
+    def normal_force(self, scene: Scene, gap: Expr, closing: Expr) -> tuple[Expr, Expr, Expr]:
         """V (J), the elastic force f_e and the normal force f_n >= 0 (N) of a gap that closes at a speed."""
         k, d, n = map(scene.number, (self.stiffness, self.dissipation, self.exponent))
         touching = gap < 0

@@ -30,7 +30,7 @@ from deltac.mechanism.parts import (
     require_count,
 )
 from deltac.mechanism.quantities import ZERO, Quantity
-from deltac.mechanism.scene import Element, Scene
+from deltac.mechanism.scene import Element, Expr, Scene
 from deltac.mechanism.scope import GROUND, Scope
 
 SLIP_WIDTH = 1e-3
@@ -104,7 +104,7 @@ class FrictionLaw(Declared):
                     f"least that in slip"
                 )
 
-    def strength(self, scene: Scene, square: Any) -> Any:
+    def strength(self, scene: Scene, square: Expr) -> Expr:
         """The strength c + (s − c) e^{−(v/v_S)²} at the square of the slip speed."""
         c = scene.number(self.coulomb)
         if self.stribeck is None:
@@ -112,7 +112,7 @@ class FrictionLaw(Declared):
         excess = scene.number(self.static) - c
         return c + excess * scene.exp(-square / scene.number(self.stribeck) ** 2)
 
-    def slip_force(self, scene: Scene, normal_force: Any, n: Any, velocity: Any) -> Any:
+    def slip_force(self, scene: Scene, normal_force: Expr, n: Expr, velocity: Expr) -> Expr:
         """−N f(|v_t|) v_t/|v_t| (3,), v_t the part of the velocity across n."""
         slip = velocity - scene.dot(n, velocity) * n
         square = scene.dot(slip, slip)

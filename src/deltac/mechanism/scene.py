@@ -175,12 +175,12 @@ class Element(Part):
         raise NotImplementedError
 
     def channel(
-        self, kind: str, force: Any, potential: Any = None, *, logged: bool = False
+        self, kind: str, force: Expr, potential: Expr | None = None, *, logged: bool = False
     ) -> Channel:
         """The channel of a kind that is named after the element."""
         return Channel(ChannelName(kind, self.name), force, potential, logged=logged)
 
-    def spring_channels(self, force: Any, potential: Any, explicit: Any) -> list[Channel]:
+    def spring_channels(self, force: Expr, potential: Expr, explicit: Expr) -> list[Channel]:
         """``spring``, and ``prescribed`` for the power ∂V/∂t of a potential that depends on time."""
         channels = [self.channel("spring", force, potential)]
         if not explicit.is_zero():

@@ -281,7 +281,8 @@ def infer(
         with np.errstate(all="ignore"), compiled():
             inferring = _Inferring(model, run, log, equations, energy)
             alone = inferring.closed()
-            if alone is not None and not alone.finds_something:
+            # What comes and goes within the noise of the rows is nothing.
+            if alone is not None and (alone.excess <= 1.0 or not alone.finds_something):
                 if inferring.by_rates is not None:
                     return _with_causes(alone, inferring.undetected(alone, kernels))
                 sample = _Inferring(model, run, few, equations, energy)

@@ -126,10 +126,10 @@ def _tested(kane: Kane, run: Trajectory) -> tuple[EquationTest, Array]:
     forces = {name: force[:, free].T for name, force in run.forces.items()}
     states = states_along(kane, run, np.arange(len(run)))
     test = EquationTest(kane, states, scales=natural_scales(kane), strict=False, forces=forces)
-    point = test.point
-    return test, times(
-        np.asarray(np.linalg.pinv(point.Y), dtype=float), run.udot[:, free].T - point.rest
-    )
+    udot = run.udot[:, free].T - test.point.rest
+    if kane.own is not None:  # else own speeds are the mechanism's
+        udot = times(np.asarray(np.linalg.pinv(test.point.Y), dtype=float), udot)
+    return test, udot
 
 
 def _moved(run: Trajectory, rows: NDArray[np.intp], rng: np.random.Generator) -> Trajectory:

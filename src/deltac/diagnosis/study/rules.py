@@ -21,12 +21,7 @@ LIMITS: tuple[str, ...] = (
     "the inaccuracy of an energy-conserving method; see the order of the state",
 )
 
-BLOCKING = (
-    "impacts",
-    "few-common-times",
-    "assumed-zero",
-    "step-ignored",
-)
+BLOCKING = ("impacts", "few-common-times", "assumed-zero")
 """Findings that explain why ΔC may stay at a value though the equations are right."""
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from deltac.arrays import EPS, PHYSICAL, Array
 from deltac.calls.progress import Progress
-from deltac.diagnosis.audit.checks import OF_RATES
+from deltac.diagnosis.audit.checks import EVERY_STEP, OF_RATES
 from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
@@ -358,7 +358,9 @@ def _held_between_rows(log: Log, asked: float | None) -> tuple[float, bool]:
     silent = held is None and run.provenance.simulator != "deltac"
     step = run.provenance.step or (asked if silent else None)
     spacing = float(np.median(np.diff(log.consecutive.t)))
-    if (step is not None and spacing < 1.01 * step) or not (silent or (step and not run.works)):
+    if (step is not None and spacing < EVERY_STEP * step) or not (
+        silent or (step and not run.works)
+    ):
         return 0.0, False
     forces = [f for name, f in run.forces.items() if silent or name in (held or ())]
     mean = 0.5 * (run.u[1:] + run.u[:-1])

@@ -71,6 +71,13 @@ def test_mistakes_stay_in_their_rows(target: Target) -> None:
         assert (plain > 1e-3).all()  # where both accelerations are wrong
 
 
+def test_a_function_of_which_nothing_is_evaluated_once(target: Target) -> None:
+    """No expression has one value that it must have; the search ends without an edit."""
+    text = "def rhs(t, q, u):\n    return [x * x for x in q]\n"
+    found = repair_source(Source("eom.py", text, "rhs"), target)
+    assert not found.right and not found.fixes and found.complete
+
+
 def test_terms_that_are_known_are_said_where_no_edit_is_found(target: Target) -> None:
     """Three mistakes: the equations are the model's but for factors, so nobody asks whose they are."""
     edits = [

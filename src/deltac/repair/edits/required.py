@@ -150,6 +150,9 @@ class Requirements:
         if straight and not solved.all():
             return False
         if not straight:
+            x, solved = self._divided(residual, nearest, rows, start)
+            straight = bool(solved.all())
+        if not straight:
             x, solved = _newton(residual, nearest, rows, start, size, common)
         if not solved.all():
             return None
@@ -159,6 +162,21 @@ class Requirements:
             return False
         unique = straight or common
         return Requirement(place, slot, start, x, tuple(map(bool, rows)), whole, unique)
+
+    def _divided(
+        self,
+        residual: Residual,
+        nearest: Callable[[Array, Array], Array],
+        rows: Flags,
+        start: Array,
+    ) -> tuple[Array, Flags]:
+        """The same where the equations are linear in 1/x, as in a divisor: one step again."""
+        y = 1.0 / np.where(start == 0.0, 1.0, start)
+        h = 1e-4 * np.abs(y)
+        before = residual(1.0 / y)[rows]
+        y = y + nearest((residual(1.0 / (y + h))[rows] - before) / h, before)
+        x = 1.0 / y
+        return x, np.abs(residual(x)[rows]).max(axis=0) < RIGHT
 
 
 def _slots(program: Program, place: int) -> list[int]:

@@ -326,7 +326,7 @@ def _closing(search: EditSearch) -> list[First]:
 
 def _turns(program: Program, runs: int) -> int:
     """How many of what runs a program so many times are within `FOLLOWED_OPERATIONS`."""
-    return 1 + FOLLOWED_OPERATIONS // (runs * len(program.tape))
+    return 1 + FOLLOWED_OPERATIONS // max(runs * len(program.tape), 1)
 
 
 def _followed(

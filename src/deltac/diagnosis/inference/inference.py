@@ -884,7 +884,8 @@ class _Inferring:
 
     def _by_own_steps(self, methods: _Methods, places: NDArray[np.intp]) -> _Methods:
         """The methods, with the floor that causes leave in their own steps where the series' leave some."""
-        if not len(places) or not SQUARES < methods.floor / methods.alone < SOME:
+        low, high = SQUARES * methods.alone, SOME * methods.alone
+        if not len(places) or not low < methods.floor < high:
             return methods
         blocks = [self._of_method(of, places) for of in [*methods.ends, *methods.others][:ALIKE]]
         return replace(methods, floor=min(block.floor * block.count for block in blocks))

@@ -772,7 +772,7 @@ def _held_between_rows(inference: Inference, run: Trajectory) -> Trajectory | No
     if len(inference.w) == len(moved):
         # The work along the model's flow: what the integrator does besides is its error, and in ΔC.
         moved = moved - inference.w[:, : model.n]
-    place = {int(k): row for row, k in enumerate(model.mechanism.free.u)}
+    place = {int(k): row for row, k in enumerate(model.of_u)}
     works, forces = dict[ChannelName, Array](), dict[ChannelName, Array]()
     for name, speeds in model.log.places.items():
         if any(k not in place for k in speeds):

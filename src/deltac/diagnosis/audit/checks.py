@@ -416,7 +416,8 @@ def missing_equalities(
         [c for c in report.equalities if f"constraint {c.name}" not in run.forces] if report else []
     )
     groups = [[c] for c in absent] + ([absent] if len(absent) > 1 else [])
-    for group in groups:
+    whole = inference.model.n == len(mechanism.free.u)
+    for group in groups if whole else ():
         G = _jacobians(mechanism, group, inference)
         if G is None:
             continue

@@ -161,10 +161,9 @@ def _best(
 
 def _closes(other: Inference, inference: Inference) -> bool:
     """Whether a log read otherwise leaves as little without causes as with its best ones, or far less."""
-    n = inference.model.n
 
     def left(i: Inference) -> float:
-        return float(np.sqrt(np.mean((i.residual[:, n:] / i.log.intervals.h) ** 2)))
+        return float(np.sqrt(np.mean((i.residual[:, i.model.n :] / i.log.intervals.h) ** 2)))
 
     right = not any(c.kind not in OF_THE_LOG for c in other.posterior.best.chosen)
     return left(other) <= (2.0 if right else 0.1) * left(inference)

@@ -467,7 +467,7 @@ def _missing_contact(e: Judgement, inference: Inference, kind: Kind) -> Finding:
     active, n = inference.intermittent[1], inference.model.n
     size = np.abs(inference.residual[:, n:] / inference.log.intervals.h)
     k = int(np.argmax(size[active].max(axis=0)))
-    speed = inference.model.mechanism.speeds[int(inference.model.mechanism.free.u[k])].name
+    speed = inference.model.mechanism.speeds[int(inference.model.of_u[k])].name
     times = ", ".join(f"{t:.4g}" for t in inference.log.intervals.end.t[active][:3])
     return Finding(
         "missing-contact",
@@ -542,7 +542,7 @@ def _rows(e: Judgement, inference: Inference) -> Iterator[str]:
     best, integrator = inference.posterior.best, inference.integrator
     error, noise = inference.relative
     worst = int(np.argmax(error))
-    speed = inference.model.mechanism.speeds[int(inference.model.mechanism.free.u[worst])].name
+    speed = inference.model.mechanism.speeds[int(inference.model.of_u[worst])].name
     count, whole = len(inference.w), len(e.run) - 1
     rows = f"Over {count} intervals" + (f" of {whole}" if count < whole else "")
     if inference.methods and e.departing is None:

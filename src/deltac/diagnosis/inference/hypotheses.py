@@ -150,9 +150,8 @@ class Block:
         allow is fitted to rounding. The last digits of a number that hardly changes make less than uniform
         ones; what all columns leave tells by how much.
         """
-        whole = self.projected.left(np.zeros(len(self.causes)))
         rounding = np.clip(self.floor, UNIFORM * self.rounding, self.rounding)
-        return max(CANCELLED * whole, float(rounding) * self.count)
+        return max(CANCELLED * self.projected.total, float(rounding) * self.count)
 
     def misfit(self, coefficients: Array) -> float:
         """RSS with coefficients of causes, at least what digits alone make of it."""

@@ -80,6 +80,7 @@ from deltac.diagnosis.inference.observations import (
     unit_responses,
     unknown,
 )
+from deltac.diagnosis.inference.reduced import reductions
 from deltac.diagnosis.inference.whitening import robust_weights
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import trusted
@@ -286,6 +287,34 @@ def infer(
     model = Model(mechanism, run)
     equations = LogEquations(mechanism, run)
     kernels = column_kernels(equations)
+    with np.errstate(all="ignore"), compiled():
+        begun = list[_Inferring]()
+        for one in (*reductions(model, run), model):
+            alone = _closed(one, run, equations, kernels, energy)
+            # The fields of an integrator are many in all coordinates; a method of a few is sure.
+            if isinstance(alone, Inference) and (alone.methods or one is model):
+                return alone
+            if isinstance(alone, _Inferring):
+                begun.append(alone)
+        # What looks like a mistake in all coordinates may be what an integrator of a few of them does.
+        result: Inference | None = None
+        for inferring in begun:
+            own = _with_places(inferring, kernels, limit)
+            if own is not None and (own.closes or not own.finds_something):
+                return own
+            if own is not None and (result is None or own.flow < result.flow):
+                result = own
+        return result
+
+
+def _closed(
+    model: Model,
+    run: Trajectory,
+    equations: LogEquations,
+    kernels: ColumnKernels,
+    energy: float,
+) -> Inference | _Inferring | None:
+    """The result of rows that follow from each other without a cause; else what is inferred with; or None."""
     products = 2 * model.n * len(kernels.columns) ** 2
     cost = kernels.cost + PRODUCT * products
     log = observations(model, run, int(np.clip(WORK / cost, LEAST_ROWS, MOST_ROWS)))
@@ -293,33 +322,43 @@ def infer(
     if log is None or few is None:
         return None
     try:
-        with np.errstate(all="ignore"), compiled():
-            inferring = _Inferring(model, run, log, equations, energy)
-            alone = inferring.closed()
-            # What comes and goes within the noise of the rows is nothing.
-            if alone is not None and (alone.excess <= 1.0 or not alone.finds_something):
-                if inferring.by_rates is not None:
-                    return _with_causes(alone, inferring.undetected(alone, kernels))
-                sample = _Inferring(model, run, few, equations, energy)
-                sample.add(kernels)
-                known = sample.result()
-                if not (known.posterior.best.chosen or known.finds_something):
-                    return _with_causes(alone, known)
-            inferring.add(kernels)
+        inferring = _Inferring(model, run, log, equations, energy)
+        alone = inferring.closed()
+        # What comes and goes within the noise of the rows is nothing.
+        if alone is not None and (alone.excess <= 1.0 or not alone.finds_something):
+            if inferring.by_rates is not None:
+                return _with_causes(alone, inferring.undetected(alone, kernels))
+            sample = _Inferring(model, run, few, equations, energy)
+            sample.add(kernels)
+            known = sample.result()
+            nothing_more = known.excess <= 1.0 or not known.finds_something
+            if nothing_more and not known.posterior.best.chosen:
+                return _with_causes(alone, known)
+    except (FlowError, np.linalg.LinAlgError):
+        return None
+    return inferring
+
+
+def _with_places(
+    inferring: _Inferring, kernels: ColumnKernels, limit: TimeLimit | None
+) -> Inference | None:
+    """The result with causes, and with places and axes where something is found."""
+    try:
+        inferring.add(kernels)
+        result = inferring.result()
+        if (
+            result.finds_something
+            and kernels.cost < MOST_COST
+            and not (limit is not None and limit.passed("places and axes as causes"))
+        ):
+            # Only then is it asked for places and axes: their columns are as many again.
+            inferring.add(geometry_columns(inferring.equations))
             result = inferring.result()
-            if (
-                result.finds_something
-                and kernels.cost < MOST_COST
-                and not (limit is not None and limit.passed("places and axes as causes"))
-            ):
-                # Only then is it asked for places and axes: their columns are as many again.
-                inferring.add(geometry_columns(equations))
-                result = inferring.result()
-            if not result.posterior.best.chosen or (
-                limit is not None and limit.passed("causes linearised at themselves")
-            ):
-                return result
-            return inferring.refined()
+        if not result.posterior.best.chosen or (
+            limit is not None and limit.passed("causes linearised at themselves")
+        ):
+            return result
+        return inferring.refined()
     except (FlowError, np.linalg.LinAlgError):
         return None
 
@@ -526,7 +565,7 @@ class _Inferring:
                 curve[a:b] = np.gradient(rate[a:b], intervals.start.t[a:b], axis=0)
 
         def columns(at: Rows, rate: Array, curve: Array) -> Array:
-            u = self._responses(self.plant, at, self.plant.at(at), rate, curve)
+            u = self._responses(self.plant, at, self.plant.every(at), rate, curve)
             return np.concatenate([np.zeros_like(u), u], axis=1)
 
         last = np.array([b - 1 for _, b in self.log.pieces], dtype=np.intp)
@@ -536,12 +575,12 @@ class _Inferring:
     def _responses(self, model: Model, at: Rows, a: Array, rate: Array, curve: Array) -> Array:
         """What all causes do to the accelerations (N, n, P), by force or by geometry."""
         if not self.kernels:
-            return np.zeros((*a.shape, 0))
-        samples = (at.t, at.q, at.u, a, at.F, rate, curve)
+            return np.zeros((len(a), model.n, 0))
+        full = model.completed(at)
+        samples = (full.t, full.q, full.u, a, full.F, rate, curve)
         forces, *geometry = (kernels(*samples)[:, :, 1:] for kernels in self.kernels)
         parts = [model.response(at.t, at.q, forces)]
-        M = model.matrices(at.t, at.q)[0] if geometry else None
-        parts += [np.asarray(np.linalg.solve(M, x)) for x in geometry if M is not None]
+        parts += [model.of_geometry(at.t, at.q, x) for x in geometry]
         return np.concatenate(parts, axis=2)
 
     @property
@@ -1033,7 +1072,10 @@ class _Inferring:
     @property
     def _knows_accelerations(self) -> bool:
         run = self.run
-        return trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
+        derived = "udot" in run.provenance.derived or self.model.n < len(
+            self.model.mechanism.free.u
+        )
+        return trusted(run) and run.udot is not None and not derived
 
     def _search(self, block: Block) -> Posterior:
         if self.refining:

@@ -125,7 +125,8 @@ class Model:
     """A mechanism with a log's forces: accelerations, mass matrix, constraints and energy at rows.
 
     Displacements and directions of the state have 2n components: along the n free speeds (of a quaternion,
-    the three of its rotation vector), then of the speeds themselves.
+    the three of its rotation vector), then of the speeds themselves. `of_q` and `of_u` are the columns of the
+    log in which the state is.
     """
 
     def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
@@ -142,6 +143,7 @@ class Model:
         self.change: _Change | None = None
         self.cost = int(made.acceleration.function.n_instructions())
         names = Kinematics.of(run.coordinates, run.speeds)
+        self.of_q, self.of_u = np.asarray(free.q), np.asarray(free.u)
         free_q = {int(k): i for i, k in enumerate(free.q)}
         free_u = {int(k): i for i, k in enumerate(free.u)}
         self.rates = [(free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u]
@@ -152,8 +154,11 @@ class Model:
     def rows(self, run: Trajectory) -> Rows:
         """All rows of a run: free coordinates and speeds, forces as logged."""
         forces = [np.zeros((len(run), 0)), *self.log.values(run).values()]
-        free = self.mechanism.free
-        return Rows(run.t, run.q[:, free.q], run.u[:, free.u], np.concatenate(forces, axis=1))
+        return Rows(run.t, run.q[:, self.of_q], run.u[:, self.of_u], np.concatenate(forces, axis=1))
+
+    def completed(self, rows: Rows) -> Rows:
+        """The rows with all free coordinates and speeds."""
+        return rows
 
     def stages(self, run: Trajectory, rows: NDArray[np.intp]) -> tuple[Array, ...]:
         """Logged forces (N, m) at the later stages of the steps from some rows; none where the log has none.
@@ -199,6 +204,10 @@ class Model:
         """The same at rows."""
         return self.acceleration(rows.t, rows.q, rows.u, rows.F)
 
+    def every(self, rows: Rows) -> Array:
+        """u̇ of all free speeds at rows."""
+        return self.at(rows)
+
     def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """Generalized forces (T, n) of the model's own dampers."""
         own = self._expressions.damping(t, q, u, F)[0]
@@ -228,6 +237,10 @@ class Model:
         columns = force if force.ndim == 3 else force[..., None]
         a = _compliance(M, G) @ columns if self.rows_of_G else np.linalg.solve(M, columns)
         return np.asarray(a if force.ndim == 3 else a[..., 0])
+
+    def of_geometry(self, t: Array, q: Array, columns: Array) -> Array:
+        """Accelerations (T, n, p) of columns M ∂u̇/∂θ."""
+        return np.asarray(np.linalg.solve(self.matrices(t, q)[0], columns))
 
     def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
         """Mass matrix M (T, n, n) and constraint Jacobian G (T, m, n)."""

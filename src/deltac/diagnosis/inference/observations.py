@@ -132,8 +132,7 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
         variance = half**2 / 3.0 * _alike(values, chosen, half)
         return np.asarray(np.sqrt(variance + (4.0 * EPS * (1.0 + size)) ** 2))
 
-    free = model.mechanism.free
-    of_q, of_u = deviations("q")[:, free.q], deviations("u")[:, free.u]
+    of_q, of_u = deviations("q")[:, model.of_q], deviations("u")[:, model.of_u]
     along = np.zeros_like(of_u)
     for i, j in model.rates:
         along[:, j] = of_q[:, i]
@@ -142,7 +141,7 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
     noise = np.concatenate([along, of_u], axis=1)
     derived = "u" in run.provenance.derived
     if derived:
-        noise[:, model.n :] = _unknown_speeds(run, free.u)[chosen]
+        noise[:, model.n :] = _unknown_speeds(run, model.of_u)[chosen]
     of_F = [np.zeros((len(chosen), 0))] + [
         np.sqrt(digits[f"force {n}"].half(chosen) ** 2 / 3.0 + digits[f"force {n}"].noise ** 2)
         for n in model.log.values(run)

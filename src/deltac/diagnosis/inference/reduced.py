@@ -1,0 +1,175 @@
+"""Closed loops in independent coordinates: all others follow from them by the constraints.
+
+Whoever derives the equations of a loop in one coordinate integrates that one: the rows satisfy the
+constraints to rounding, and the errors of the integrator are those of the independent coordinates. In all
+coordinates such errors are no elementary differentials, since the dependent ones are curved functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from copy import copy
+from itertools import combinations
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from deltac.arrays import EPS, Array
+from deltac.diagnosis.causes.columns import ColumnKernels
+from deltac.diagnosis.inference.model import Model, Rows
+from deltac.kernels.rows import Expression
+from deltac.trajectories import Trajectory
+
+CORRECTIONS = 12
+"""Newton's steps to the dependent coordinates at most: they begin at those of the log."""
+
+PROBES = 40
+"""Rows at which independent coordinates are chosen."""
+
+WORST = 100.0
+"""Condition number of the dependent coordinates' Jacobian up to which the others count as independent."""
+
+SETS = 3
+"""Sets of independent coordinates that are tried."""
+
+
+class Reduced(Model):
+    """A model whose state are independent coordinates with their rates."""
+
+    def __init__(self, model: Model, run: Trajectory, independent: Sequence[int]) -> None:
+        self.__dict__.update(model.__dict__)
+        self.whole = model
+        all_speeds = np.arange(model.n)
+        place = {speed: coordinate for coordinate, speed in model.rates}
+        self.own = np.array(independent, dtype=np.intp)
+        self.others = np.setdiff1d(all_speeds, self.own)
+        self.own_q, self.others_q = (
+            np.array([place[int(k)] for k in some], dtype=np.intp)
+            for some in (self.own, self.others)
+        )
+        self.of_q, self.of_u = model.of_q[self.own_q], model.of_u[self.own]
+        self.n, self.rows_of_G = len(self.own), 0
+        self.rates = [(k, k) for k in range(self.n)]
+        self._near = CubicSpline(run.t, run.q[:, model.of_q[self.others_q]], axis=0)
+        bound, s = model.symbols.constrained, model.symbols.system
+        assert bound is not None
+        self._constraints: Expression = model.symbols.once(
+            "constraints in place",
+            lambda: Expression("phi", {"t": s.t, "q": s.q}, bound.rows.phi, bound.rows.b),
+        )
+
+    def _complete(self, t: Array, q: Array, u: Array | None = None) -> tuple[Array, Array]:
+        """All coordinates and speeds (T, n) of the whole model."""
+        whole = self.whole
+        every = np.zeros((len(t), whole.n))
+        every[:, self.own_q], every[:, self.others_q] = q, self._near(t)
+        for _ in range(CORRECTIONS):
+            phi, b = self._constraints(t, every)
+            G = whole.matrices(t, every)[1]
+            inverse = np.linalg.inv(G[:, :, self.others])
+            step = np.einsum("tij,tj->ti", inverse, phi)
+            every[:, self.others_q] -= step
+            if not np.abs(step).max(initial=0.0) > 8.0 * EPS * (1.0 + np.abs(every).max()):
+                break
+        speeds = np.zeros_like(every)
+        if u is not None:
+            speeds[:, self.own] = u
+            drift = b + np.einsum("tij,tj->ti", G[:, :, self.own], u)
+            speeds[:, self.others] = -np.einsum("tij,tj->ti", inverse, drift)
+        return every, speeds
+
+    def completed(self, rows: Rows) -> Rows:
+        """The rows with all coordinates and speeds."""
+        return Rows(rows.t, *self._complete(rows.t, rows.q, rows.u), rows.F)
+
+    def changed(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> Reduced:
+        """The model with causes in its equations."""
+        other = copy(self)
+        other.whole = self.whole.changed(kernels, coefficients)
+        other.change, other.damped = other.whole.change, other.whole.damped
+        return other
+
+    def acceleration(self, t: Array, q: Array, u: Array, F: Array) -> Array:
+        """u̇ (T, n) of the independent speeds."""
+        return self.whole.acceleration(t, *self._complete(t, q, u), F)[:, self.own]
+
+    def every(self, rows: Rows) -> Array:
+        """u̇ of all free speeds at rows."""
+        return self.whole.at(self.completed(rows))
+
+    def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
+        """Generalized forces of the model's own dampers, of all free speeds."""
+        return self.whole.damping(t, *self._complete(t, q, u), F)
+
+    def rate(self, t: Array, q: Array, u: Array) -> Array:
+        """q̇ (T, n): the speeds."""
+        return u
+
+    def response(self, t: Array, q: Array, force: Array) -> Array:
+        """What generalized forces of all free speeds add to the accelerations."""
+        return self.whole.response(t, self._complete(t, q)[0], force)[:, self.own]
+
+    def matrices(self, t: Array, q: Array) -> tuple[Array, Array]:
+        """Mass matrix and constraint Jacobian of all free speeds."""
+        return self.whole.matrices(t, self._complete(t, q)[0])
+
+    def of_geometry(self, t: Array, q: Array, columns: Array) -> Array:
+        """Accelerations of columns M ∂u̇/∂θ of all free speeds."""
+        return self.whole.of_geometry(t, self._complete(t, q)[0], columns)[:, self.own]
+
+    def energy_gradient(self, rows: Rows) -> Array:
+        """What a jump of the state adds to ΔC (T, 2n), J: the others jump with it."""
+        here, one = self.completed(rows), np.ones((1, self.n))
+        gradient = self.whole.energy_gradient(here)
+        columns = []
+        for k in range(2 * self.n):
+            e = np.where(np.arange(2 * self.n) == k, 1e-6, 0.0)[None]
+            ends = [
+                self.completed(
+                    Rows(
+                        rows.t,
+                        rows.q + sign * one * e[:, : self.n],
+                        rows.u + sign * one * e[:, self.n :],
+                        rows.F,
+                    )
+                )
+                for sign in (-1.0, 1.0)
+            ]
+            along = self.whole.difference(*ends) / 2e-6
+            columns.append(np.einsum("ti,ti->t", gradient, along))
+        return np.stack(columns, axis=1)
+
+
+def reductions(model: Model, run: Trajectory) -> Iterator[Reduced]:
+    """The model in sets of independent coordinates that tell the others all along the run.
+
+    None where constraints are of speeds, coordinates are quaternions, or rows do not satisfy the constraints.
+    """
+    bound = model.symbols.constrained
+    plain = len(model.rates) == model.n == len(model.of_q)
+    if bound is None or not plain or not all(bound.rows.holonomic):
+        return
+    some = np.unique(np.linspace(0, len(run) - 1, PROBES).astype(np.intp))
+    rows = model.rows(run.take(some))
+    G = model.matrices(rows.t, rows.q)[1]
+    count = model.n - G.shape[1]
+    if not 0 < count < model.n:
+        return
+    sets: list[tuple[float, tuple[int, ...]]] = []
+    for own in combinations(range(model.n), count):
+        others = np.setdiff1d(np.arange(model.n), own)
+        worst = float(np.linalg.cond(G[:, :, others]).max())
+        sets.append((worst, own))
+    for worst, own in sorted(sets)[:SETS]:
+        if worst <= WORST:
+            reduced = Reduced(model, run, own)
+            if _satisfied(reduced, rows):
+                yield reduced
+
+
+def _satisfied(reduced: Reduced, rows: Rows) -> bool:
+    """Whether the others of some rows are those that follow from the independent ones, to a millionth."""
+    own = reduced.completed(Rows(rows.t, rows.q[:, reduced.own_q], rows.u[:, reduced.own], rows.F))
+    off = np.abs(reduced.whole.difference(own, rows))
+    size = np.abs(reduced.whole.difference(rows.take(slice(0, -1)), rows.take(slice(1, None))))
+    return bool(np.all(off.max(axis=0) <= 1e-6 * (size.max(axis=0) + 1e-300)))

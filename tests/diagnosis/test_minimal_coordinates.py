@@ -1,0 +1,118 @@
+"""Loops that were integrated in one coordinate: a ladder that slides along a wall and a floor.
+
+The oracle is Lagrange's equation of its angle, by hand, with integrators written here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import deltac as dc
+
+LENGTH, FOOT, ROD, HEAD, INERTIA, BRAKE, GRAVITY = 1.2, 0.5, 0.2, 0.4, 0.05, 0.3, 9.81
+"""The mass of the rod is at the foot."""
+Rate = Callable[[float, float], float]
+Step = Callable[[Rate, float, float, float], tuple[float, float]]
+
+
+def ladder(foot: float = FOOT, brake: float = BRAKE) -> dc.Mechanism:
+    """A foot on the floor, a head at the wall, and a rod between them that turns about the foot."""
+    return dc.Mechanism(
+        bodies=[
+            dc.point_mass("foot", foot),
+            dc.body("rod", ROD, inertia=(INERTIA, INERTIA, INERTIA)),
+            dc.point_mass("head", HEAD),
+        ],
+        joints=[
+            dc.prismatic("floor", "ground", "foot", "x"),
+            dc.revolute("turn", "foot", "rod", "z", damping=brake),
+            dc.prismatic("wall", "ground", "head", "y"),
+        ],
+        constraints=[dc.constraints.loop_spherical("top", "rod", "head", point1=(0, LENGTH, 0))],
+        gravity=(0, -GRAVITY, 0),
+    )
+
+
+def acceleration(angle: float, rate: float) -> float:
+    """Of the angle θ from the wall: x = L sin θ, y = L cos θ; T = ½ (J + L² ((m + μ) c² + M s²)) θ̇²."""
+    s, c = np.sin(angle), np.cos(angle)
+    mass = INERTIA + LENGTH**2 * ((FOOT + ROD) * c**2 + HEAD * s**2)
+    slope = 2.0 * LENGTH**2 * (HEAD - FOOT - ROD) * s * c
+    force = HEAD * GRAVITY * LENGTH * s - BRAKE * rate - 0.5 * slope * rate**2
+    return float(force / mass)
+
+
+def explicit_euler(f: Rate, q: float, u: float, h: float) -> tuple[float, float]:
+    return q + h * u, u + h * f(q, u)
+
+
+def semi_implicit_euler(f: Rate, q: float, u: float, h: float) -> tuple[float, float]:
+    u = u + h * f(q, u)
+    return q + h * u, u
+
+
+def heun(f: Rate, q: float, u: float, h: float) -> tuple[float, float]:
+    a = f(q, u)
+    b = f(q + h * u, u + h * a)
+    return q + 0.5 * h * (u + u + h * a), u + 0.5 * h * (a + b)
+
+
+def slid(step: Step, h: float = 1e-3, rows: int = 600) -> dc.Trajectory:
+    q, u, table = 0.35, 0.4, []
+    for k in range(rows):
+        x, y = LENGTH * np.sin(q), LENGTH * np.cos(q)
+        table.append((k * h, x, q, y, u * y, u, -u * x))
+        q, u = step(acceleration, q, u, h)
+    t, *columns = np.array(table).T
+    return dc.Trajectory(
+        t=t,
+        q=np.column_stack(columns[:3]),
+        u=np.column_stack(columns[3:]),
+        coordinates=("floor", "turn", "wall"),
+        speeds=("floor", "turn", "wall"),
+        provenance=dc.Provenance("by hand"),
+    )
+
+
+def energy(run: dc.Trajectory) -> np.ndarray:
+    q, u = run.q[:, 1], run.u[:, 1]
+    s, c = np.sin(q), np.cos(q)
+    mass = INERTIA + LENGTH**2 * ((FOOT + ROD) * c**2 + HEAD * s**2)
+    return np.asarray(0.5 * mass * u**2 + HEAD * GRAVITY * LENGTH * c)
+
+
+METHODS = {
+    "explicit-euler": explicit_euler,
+    "semi-implicit-euler": semi_implicit_euler,
+    "heun": heun,
+}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_an_integrator_of_one_coordinate_is_named(name: str) -> None:
+    run = slid(METHODS[name])
+    audit = dc.audit(ladder(), run)
+    assert audit.verdict.kind in ("consistent", "integration-error"), audit.verdict.explain()
+    assert audit.integrator is not None and name in audit.integrator.names
+    assert audit.attribution is not None and not audit.causes
+    # E less the work of the damper, by Simpson's rule: its error is far below the integrator's of first order.
+    power = -BRAKE * run.u[:, 1] ** 2
+    h = run.t[1]
+    work = np.concatenate([[0.0], np.cumsum(0.5 * h * (power[1:] + power[:-1]))])
+    own = audit.attribution.integrator
+    if name != "heun":
+        error = (energy(run) - energy(run)[0] - work)[-1]
+        assert own.energy == pytest.approx(error, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["explicit-euler", "semi-implicit-euler"])
+def test_a_wrong_damper_is_found(name: str) -> None:
+    audit = dc.audit(ladder(brake=1.1 * BRAKE), slid(METHODS[name]))
+    [cause] = audit.causes
+    # Nothing but the damper and masses acts: all masses larger are the same as a weaker damper.
+    told = {("damping", "turn"): BRAKE, ("mass-scale", "all bodies"): 1.1}
+    # Rows are exact, and the equations linear in it.
+    assert cause.size == pytest.approx(told[cause.kind, cause.element], rel=1e-6)

@@ -98,7 +98,7 @@ def test_an_integrator_of_one_coordinate_is_named(name: str) -> None:
     assert audit.verdict.kind in ("consistent", "integration-error"), audit.verdict.explain()
     assert audit.integrator is not None and name in audit.integrator.names
     assert audit.attribution is not None and not audit.causes
-    # E less the work of the damper, by Simpson's rule: its error is far below the integrator's of first order.
+    # E less the work of the damper by trapezoids: their error is far below that of a first-order method.
     power = -BRAKE * run.u[:, 1] ** 2
     h = run.t[1]
     work = np.concatenate([[0.0], np.cumsum(0.5 * h * (power[1:] + power[:-1]))])

@@ -741,6 +741,14 @@ def _attributed(
             error = np.hypot(error, np.abs(rest - along(own.integrator.curve)))
         return Attribution(t, Share(rest, error), equations, Share(departures.log, bar))
     integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))
+    if len(own.t) < len(t) - 1:
+        # Of the larger share a balance of all rows may tell more than the stretches that were looked at.
+        if integrator.error < equations.error and equations.curve.any():
+            balance = Share(delta_c - integrator.curve, np.hypot(bar, integrator.curve_error))
+            equations = min(balance, equations, key=lambda share: share.error)
+        else:
+            balance = Share(delta_c - equations.curve, np.hypot(bar, equations.curve_error))
+            integrator = min(balance, integrator, key=lambda share: share.error)
     rest = delta_c - integrator.curve - equations.curve
     # Works of the ledger are quadratures of the rows, the flow's are not: each bounds the other's error.
     quadrature = np.abs(rest - along(own.log.curve))

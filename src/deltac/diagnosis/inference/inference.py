@@ -1293,6 +1293,8 @@ class _Inferring:
             integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
             left = self.w - self.B[:, :, :ni] @ c - causes
         integrator = self._on_path(integrator, self.w - left - causes, left)
+        gaps = log.in_gaps(np.einsum("km,km->k", self.gradient, self.w - left - causes))
+        integrator = replace(integrator, curve_error=np.hypot(integrator.curve_error, gaps))
         unseen = self._unseen(self.blocks, best, tau, log.running(power[:, ni:]))
         moved = causes + self.model.difference(self.nominal.end, self.flow.end)
         mistake = self._on_path(self._share(best, power[:, ni:], tau), moved, left)
@@ -1302,8 +1304,9 @@ class _Inferring:
         sizes = np.minimum(list(unseen.values()), self.energy)
         hidden = float(np.sqrt(np.mean(sizes**2))) if len(sizes) else 0.0
         grown = np.linspace(0.0, hidden, len(spread))
+        gaps = log.in_gaps(np.einsum("km,km->k", self.gradient, moved))
         mistake = replace(
-            mistake, curve_error=np.sqrt(mistake.curve_error**2 + spread**2 + grown**2)
+            mistake, curve_error=np.sqrt(mistake.curve_error**2 + spread**2 + grown**2 + gaps**2)
         )
         of_log = self._share(best, power[:, ni:], tau, of_log=True).curve
         own, doubt = self.uncertain

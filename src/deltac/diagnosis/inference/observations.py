@@ -79,13 +79,27 @@ class Observations:
         )  # fmt: skip
 
     def running(self, x: Array) -> Array:
-        """Running sums (N, …) of what each interval adds, x; gaps add by the rates at their ends."""
-        h, sums = self.intervals.h[:, 0], np.cumsum(x, axis=0)
-        for (_, last), (first, _) in zip(self.pieces, self.pieces[1:], strict=False):
-            gap = self.intervals.start.t[first] - self.intervals.end.t[last - 1]
-            rate = 0.5 * (x[last - 1] / h[last - 1] + x[first] / h[first])
-            sums[first:] += gap * rate
+        """Running sums (N, …) of what each interval adds, x; gaps add by the mean rates on both sides."""
+        sums = np.cumsum(x, axis=0)
+        for first, gap, before, after in self._gaps(x):
+            sums[first:] += 0.5 * gap * (before + after)
         return np.asarray(sums)
+
+    def in_gaps(self, x: Array) -> Array:
+        """Standard error (N,) of running sums by the gaps, of which rates differ on both sides."""
+        variance = np.zeros(len(x))
+        for first, gap, before, after in self._gaps(x):
+            variance[first:] += (0.5 * gap * (before - after)) ** 2
+        return np.sqrt(variance)
+
+    def _gaps(self, x: Array) -> Iterator[tuple[int, float, Array, Array]]:
+        """The first interval after each gap, its length (s), and mean rates of x in the stretches around."""
+        start, end = self.intervals.start.t, self.intervals.end.t
+        for (a, last), (first, b) in zip(self.pieces, self.pieces[1:], strict=False):
+            before, after = (
+                x[i:j].sum(axis=0) / (end[j - 1] - start[i]) for i, j in ((a, last), (first, b))
+            )
+            yield first, float(start[first] - end[last - 1]), before, after
 
     @property
     def rounding(self) -> float:

@@ -14,16 +14,23 @@ REMARKS_SHOWN = 6
 
 @dataclass(frozen=True)
 class Remark:
-    """One thing about one element: what it is, and what that means for an audit."""
+    """One thing about one element: what it is, and what that means for an audit.
+
+    `beyond`: least and largest coordinate of a joint beyond which its force acts.
+    """
 
     element: str
     what: str
     consequence: str = ""
+    beyond: tuple[float, float] | None = None
 
     @staticmethod
-    def logged(element: str, what: str, channel: str) -> Remark:
+    def logged(
+        element: str, what: str, channel: str, beyond: tuple[float, float] | None = None
+    ) -> Remark:
         """Of a force that has no counterpart here: the channel that a log supplies it in."""
-        return Remark(element, what, f"its force must come from the log: channel '{channel}'")
+        told = f"its force must come from the log: channel '{channel}'"
+        return Remark(element, what, told, beyond)
 
     def __str__(self) -> str:
         text = f"{self.element}: {self.what}"

@@ -386,10 +386,12 @@ class _SdfReader:
                     }
                 if self.number(dynamics, "friction", 0.0, where):
                     self.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
-            if limit is not None and any(
-                abs(self.number(limit, key, 1e16, where)) < 1e15 for key in ("lower", "upper")
-            ):
-                self.ignored.append(Remark.logged(name, "limits", f"limit {name}"))
+            if limit is not None:
+                low = self.number(limit, "lower", -1e16, where)
+                high = self.number(limit, "upper", 1e16, where)
+                if min(abs(low), abs(high)) < 1e15:
+                    single = (low, high) if seat.kind in ("revolute", "prismatic") else None
+                    self.ignored.append(Remark.logged(name, "limits", f"limit {name}", single))
         if closing or seat.kind in ("ball", "universal"):
             which = "that closes a loop" if closing else "of several axes"
             for key, what in (("damping", "damper"), ("stiffness", "spring")):

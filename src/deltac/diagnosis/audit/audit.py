@@ -573,7 +573,7 @@ def _judgement(
     findings += checks.differing_channels(mechanism, log, report, tolerance)
     findings += checks.stale_rows(mechanism, log.consecutive)
     missing = checks.assumed_zero(run, report)
-    findings += checks.assumed_zero_finding(missing)
+    findings += checks.assumed_zero_finding(missing, checks.limits_reached(run, report))
     progress(0.2)
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     inference = None

@@ -207,10 +207,22 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
     return missing
 
 
-def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
+def limits_reached(run: Trajectory, import_report: ImportReport | None) -> list[str]:
+    """Channels of limits of joints that the rows reach."""
+    ranges = (
+        {r.element: r.beyond for r in import_report.ignored if r.beyond} if import_report else {}
+    )
+    return [
+        f"limit {name}"
+        for name, q in zip(run.coordinates, run.q.T, strict=True)
+        if name in ranges and (q.min() <= ranges[name][0] or q.max() >= ranges[name][1])
+    ]
+
+
+def assumed_zero_finding(missing: Sequence[str], reached: Sequence[str] = ()) -> list[Finding]:
     """One finding for all, of the first actuator or equality, if there is one; the others are its equals.
 
-    Contacts, limits and friction that never acted need not be logged.
+    Contacts, limits and friction that never acted need not be logged; limits that rows reach (`reached`) act.
     """
     if not missing:
         return []
@@ -218,6 +230,7 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
         [name for name in missing if ChannelName.parse(name).kind == kind]
         for kind in ("actuator", "constraint")
     )
+    acting = [*motors, *equalities, *(name for name in missing if name in reached)]
     number = "1 channel" if len(missing) == 1 else f"{len(missing)} channels"
     return [
         Finding(
@@ -227,8 +240,8 @@ def assumed_zero_finding(missing: Sequence[str]) -> list[Finding]:
             "If one of them acted, log its force"
             + ("; for a MuJoCo model, `replay` computes it from the controls" if motors else ""),
             "note",
-            next(iter([*motors, *equalities]), ""),
-            equals=tuple(("assumed-zero", name) for name in [*motors, *equalities][1:]),
+            next(iter(acting), ""),
+            equals=tuple(("assumed-zero", name) for name in acting[1:]),
         )
     ]
 

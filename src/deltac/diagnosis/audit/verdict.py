@@ -173,7 +173,9 @@ class Judgement:
             bar = self.ledger.error_bar[self.function]
             mistakes = self.attribution.equations.curve_error if self.causes else 0.0
             error = np.minimum(error, np.hypot(bar, mistakes))
-        return float(self._beyond(share.curve, error).max())
+        # Where it is largest: of many rows one is likely to be beyond by chance.
+        largest = int(np.argmax(np.abs(share.curve)))
+        return float(self._beyond(share.curve, error)[largest])
 
     @cached_property
     def hidden(self) -> float:

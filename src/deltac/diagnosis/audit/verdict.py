@@ -208,6 +208,8 @@ class Judgement:
         error, bar = self.energy_error
         if self.inference is None:
             return 1.0 if error > self.allowed else float(bar > self.allowed)
+        if self.inference.incomplete:  # what looks like a mistake is nobody's, nor is what is left
+            return max(self.mistake[1], float(self.inference.unexplained > self.allowed))
         # Forces that varied between the rows, which no row shows, did work that was taken in the loop.
         varying = set(map(str, self.run.forces)) - set(map(str, self.run.provenance.held or ()))
         if self.ledger.method == "in-loop" and varying and error <= self.allowed:
@@ -226,7 +228,8 @@ class Judgement:
             }
         wrong = max(self.mistake[1], 1.0 if self.certain else 0.0)
         unknown = max(self.unexplained, self.hidden)
-        if self.lacking and wrong > 0.0 and not self.certain:
+        incomplete = self.inference is not None and self.inference.incomplete
+        if (self.lacking or incomplete) and wrong > 0.0 and not self.certain:
             unknown, wrong = wrong, 0.0
         # A mistake that may be hidden acquits no integrator; what nothing explains may be anybody's.
         right = 1.0 - wrong
@@ -591,6 +594,13 @@ def _undecided(e: Judgement) -> Finding:
         )  # fmt: skip
     if e.impacts is not None and (e.mistake[1] > 0.0 or e.integrator > 0.5):
         return finding("impacts may be all that is wrong", e.impacts.evidence, e.impacts.remedy)
+    if e.mistake[1] > 0.5 and inference is not None and inference.incomplete:
+        return finding(
+            "the causes found explain less than is left, which is no noise of the rows",
+            f"{percent(inference.explained)} are explained; what is left has {inference.excess:.2g} times "
+            "the variance of the noise",
+            "Log every step with all forces, unfiltered",
+        )
     if inference is None:
         return finding(
             "the equations of motion were not tested",

@@ -128,6 +128,13 @@ HALF = 0.5
 """Standard deviation of what forces do between rows that a method does not see, in units of the difference
 between held and ramped ones: the latter are those of one in four."""
 
+STRUCTURED = 9.0
+"""Variance of what is left, in units of what noise explains, from which on it is something else: three
+standard deviations."""
+
+COLOURED = 0.1
+"""Share of what forces did between rows that goes with the motion as a cause does."""
+
 SQUARES = 1e-4
 """Share of what a method leaves that causes leave of it where that may be their squares: of a per cent."""
 
@@ -197,6 +204,7 @@ class Inference:
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
         unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
             by its name.
+        lost: whether forces between rows are not in the log.
         between: standard error (J) of the integrator's energy by forces that may be held over a step or not.
         residual: what is left of the rows (N, 2n), in the units of the state.
         acceleration: u̇ (N, n) of the model at the starts of the intervals.
@@ -226,6 +234,7 @@ class Inference:
     intermittent: tuple[float, NDArray[np.bool_]]
     unseen: dict[str, float]
     between: float
+    lost: bool
     residual: Array
     acceleration: Array
     w: Array
@@ -257,6 +266,22 @@ class Inference:
             if c.kind not in OF_THE_LOG
         ]
         return max([*named, generic.exchanged if generic.log_odds > CERTAIN else 0.0])
+
+    @property
+    def explained(self) -> float:
+        """Share of what the integrator leaves of the rows that the causes explain."""
+        block, best = self.blocks[0], self.posterior.best.coefficients
+        whole = block.projected.left(np.zeros_like(best))
+        return 1.0 - block.projected.left(best) / whole if whole > 0.0 else 0.0
+
+    @property
+    def incomplete(self) -> bool:
+        """Whether more is left than causes explain, of no noise of the rows, or far more of lost forces.
+
+        What forces did between rows that were left out is no white noise: it goes with the motion.
+        """
+        structured = self.excess > STRUCTURED and self.explained < 0.5
+        return structured or (self.lost and self.explained < COLOURED)
 
     @property
     def knows_stages(self) -> bool:
@@ -1358,6 +1383,7 @@ class _Inferring:
             intermittent=self._intermittent(rows, best, left),
             unseen=unseen,
             between=between,
+            lost=bool(self.thinned.any() and not all(self.declared)),
             residual=left,
             acceleration=self.model.at(self.nominal.nodes[0]),
             w=w,

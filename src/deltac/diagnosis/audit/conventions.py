@@ -21,7 +21,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import least_squares
 
 from deltac.arrays import Array
-from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference, infer
+from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference, infer, infer_alone
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding, Weight
@@ -151,11 +151,12 @@ def _best(
         return None
     residuals = [_left(model, reading.of(part)) for reading in readings]
     order = [int(k) for k in np.argsort(residuals) if residuals[int(k)] < LEFT * was]
-    for k in order[:3]:
-        other = infer(mechanism, readings[k].of(run))
-        if other is not None and _closes(other, inference):
-            alike = [readings[j] for j in order if j != k and residuals[j] < 2.0 * residuals[k]]
-            return _told(readings[k], alike, was, residuals[k])
+    for way in (infer_alone, infer):  # a log that has a mistake too closes beside it
+        for k in order[: 3 if way is infer_alone else 1]:
+            other = way(mechanism, readings[k].of(run))
+            if other is not None and _closes(other, inference):
+                alike = [readings[j] for j in order if j != k and residuals[j] < 2.0 * residuals[k]]
+                return _told(readings[k], alike, was, residuals[k])
     return None
 
 
@@ -189,7 +190,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
     if not trials:
         return None
     residual, joint, name, other = min(trials, key=lambda item: item[0])
-    test = infer(other, run) if residual < LEFT * was else None
+    test = infer_alone(other, run) if residual < LEFT * was else None
     if test is None or not _closes(test, inference):
         return None
     return Finding(

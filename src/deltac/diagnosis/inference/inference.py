@@ -332,6 +332,19 @@ def infer(
         return result
 
 
+def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:
+    """The inference without causes: what an integrator and noise leave; None as for `infer`."""
+    model = Model(mechanism, run)
+    log = observations(model, run, MOST_ROWS)
+    if log is None:
+        return None
+    try:
+        with np.errstate(all="ignore"), compiled():
+            return _Inferring(model, run, log, LogEquations(mechanism, run), 0.0).result()
+    except (FlowError, np.linalg.LinAlgError):
+        return None
+
+
 def _closed(
     model: Model,
     run: Trajectory,

@@ -186,7 +186,7 @@ def _told(audit: Any, names: Names) -> Row:
     if odds is not None:
         row["odds"] = {k: float(v) for k, v in dict(odds).items()}
     causes = getattr(audit, "causes", None)
-    if causes is None:
+    if not causes:
         causes = [f for f in audit.findings if f.weight == "cause"]
     listed = []
     for cause in causes:

@@ -39,6 +39,9 @@ MISTAKE = 0.01
 """Prior standard deviation of an error's energy, as a fraction of the energy exchanged: masses, lengths and
 dampers are rarely known to better than a per cent."""
 
+COASTING = 1e6
+"""Energy of what coasts, in units of what it exchanges."""
+
 MOST = 0.9
 """Share of what is left that terms of a model must explain to be a mistake without a name."""
 
@@ -79,6 +82,13 @@ class Judgement:
     def allowed_flow(self) -> float:
         """The energy that may flow through a mistake, J: it grows with what is exchanged."""
         return self.tolerance * max(self.ledger.energy_exchanged, self.ledger.reference_energy)
+
+    @property
+    def still(self) -> bool:
+        """Whether nothing moves. What coasts exchanges no energy either, but its rows tell."""
+        ledger = self.ledger
+        coasts = ledger.reference_energy > COASTING * ledger.energy_exchanged
+        return ledger.at_rest and not (coasts and self.inference is not None)
 
     @cached_property
     def energy_error(self) -> tuple[float, float]:
@@ -219,7 +229,7 @@ class Judgement:
     @cached_property
     def odds(self) -> dict[Kind, float]:
         """Probabilities of the four verdicts; they add up to one."""
-        if self.ledger.at_rest or self.doubts:
+        if self.still or self.doubts:
             return {
                 "consistent": 0.0,
                 "integration-error": 0.0,
@@ -493,7 +503,7 @@ def _evidence(e: Judgement) -> Iterator[str]:
         named = ", ".join(dict.fromkeys(f.kind for f in e.doubts))
         yield f"The log contradicts itself ({named}); correct it first"
         return
-    if e.ledger.at_rest:
+    if e.still:
         joules = e.ledger.energy_exchanged
         yield f"Almost nothing moves: the energy exchanged, {joules:.3g} J, is at rounding level"
         return
@@ -576,7 +586,7 @@ def _undecided(e: Judgement) -> Finding:
     if e.doubts:
         kinds = ", ".join(dict.fromkeys(f.kind for f in e.doubts))
         return finding("the log contradicts itself", kinds, "Correct the log as the doubts say")
-    if e.ledger.at_rest:
+    if e.still:
         joules = e.ledger.energy_exchanged
         return finding(
             "almost nothing moves", f"{joules:.3g} J exchanged", "Log a run in which energy flows"

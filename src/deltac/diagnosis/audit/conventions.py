@@ -276,9 +276,10 @@ def filtered(
     if not left < LEFT * was:
         return None
     before = _Filtered(mechanism, run.take(slice(a, b))).before(fit.x, forces)
-    other = infer(mechanism, before)
+    other = infer_alone(mechanism, before)
     if other is None or not _closes(other, inference):
         return None
+    other = infer(mechanism, before) or other
     # Splines restore what went in to some digits only: the rest may look like causes.
     exact = not other.finds_something
     delay = float(fit.x[0]) * part.h

@@ -10,9 +10,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from copy import copy
 from itertools import combinations
+from math import comb
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.linalg import qr
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
@@ -29,8 +31,8 @@ PROBES = 40
 WORST = 100.0
 """Condition number of the dependent coordinates' Jacobian up to which the others count as independent."""
 
-SETS = 3
-"""Sets of independent coordinates that are tried."""
+SETS, MOST_SETS = 3, 300
+"""Sets of independent coordinates that are tried, and of which these are chosen; of more there is one."""
 
 
 class Reduced(Model):
@@ -155,8 +157,13 @@ def reductions(model: Model, run: Trajectory) -> Iterator[Reduced]:
     count = model.n - G.shape[1]
     if not 0 < count < model.n:
         return
+    if comb(model.n, count) <= MOST_SETS:
+        choices = list(combinations(range(model.n), count))
+    else:  # the others are the columns that G has most of
+        _, _, order = qr(np.concatenate(G), mode="economic", pivoting=True)
+        choices = [tuple(sorted(int(k) for k in order[model.n - count :]))]
     sets: list[tuple[float, tuple[int, ...]]] = []
-    for own in combinations(range(model.n), count):
+    for own in choices:
         others = np.setdiff1d(np.arange(model.n), own)
         worst = float(np.linalg.cond(G[:, :, others]).max())
         sets.append((worst, own))

@@ -48,7 +48,6 @@ def test_mistakes_in_branches_loops_and_rates_are_repaired(name: str) -> None:
         pytest.param(
             "knife_edge_lstsq", 2, "factor", id="an entry of the speeds that nothing else uses"
         ),
-        pytest.param("spherical_args", 0, "term", id="a scalar product of vectors in scope"),
         pytest.param(
             "walker_namedtuple",
             0,

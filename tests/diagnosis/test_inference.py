@@ -557,7 +557,7 @@ def test_the_step_of_a_log_that_lacks_rows_and_does_not_say_its_step() -> None:
 
 
 def test_gaps_add_what_their_ends_do() -> None:
-    """Of a rate that is linear in time, all of it: the trapezoid is exact."""
+    """Of a rate that is linear in time, all of it: times as long on both sides of a gap have its mean."""
     run = log(rk4, 5e-3, duration=1.0)
     run = run.take(np.delete(np.arange(201), np.arange(60, 100)))
     observed = observations(Model(MECHANISM, run), run, 1000)
@@ -565,7 +565,6 @@ def test_gaps_add_what_their_ends_do() -> None:
     t, h = observed.intervals.start.t, observed.intervals.h[:, 0]
     rate = 2.0 + 3.0 * (t + 0.5 * h)
     whole = 2.0 + 1.5 * run.t[-1] ** 2 / run.t[-1]
-    # Rates are those of the middles of the intervals beside the gap: half an interval from its ends.
     assert observed.running(rate * h)[-1] == pytest.approx(whole * run.t[-1], rel=1e-12)
 
 

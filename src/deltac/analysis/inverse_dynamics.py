@@ -118,7 +118,13 @@ def inverse_dynamics(
         constraints=constraints,
         residual=needed - explained,
         singular=at.t[singular],
-        run=replace(run, forces={**applied, **forces, **constraints}, mechanism=mechanism),
+        run=replace(
+            run,
+            forces={**applied, **forces, **constraints},
+            mechanism=mechanism,
+            # They are functions of time, held over no step.
+            provenance=replace(run.provenance, held=()),
+        ),
     )
 
 

@@ -93,13 +93,20 @@ class Observations:
         return np.sqrt(variance)
 
     def _gaps(self, x: Array) -> Iterator[tuple[int, float, Array, Array]]:
-        """The first interval after each gap, its length (s), and mean rates of x in the stretches around."""
+        """The first interval after each gap, its length (s), and mean rates of x before and after it.
+
+        These are of times as long as the gap, or the shorter stretch: a rate linear in time is exact.
+        """
         start, end = self.intervals.start.t, self.intervals.end.t
         for (a, last), (first, b) in zip(self.pieces, self.pieces[1:], strict=False):
-            before, after = (
-                x[i:j].sum(axis=0) / (end[j - 1] - start[i]) for i, j in ((a, last), (first, b))
-            )
-            yield first, float(start[first] - end[last - 1]), before, after
+            left, right = float(end[last - 1]), float(start[first])
+            length = min(right - left, left - start[a], end[b - 1] - right) + 1e-9 * (right - left)
+            i = a + int(np.searchsorted(start[a:last], left - length))
+            j = first + int(np.searchsorted(end[first:b], right + length, "right"))
+            i, j = min(i, last - 1), max(j, first + 1)
+            before = x[i:last].sum(axis=0) / (left - start[i])
+            after = x[first:j].sum(axis=0) / (end[j - 1] - right)
+            yield first, right - left, before, after
 
     @property
     def rounding(self) -> float:

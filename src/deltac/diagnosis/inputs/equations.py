@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from deltac.calls.arguments import checked
 from deltac.diagnosis.inputs.fmu import load_fmu
 from deltac.errors import FileError, SourceError, WrongType
 from deltac.foreign.scripts import SUFFIXES, Script
@@ -24,6 +25,7 @@ LIBRARIES = (".so", ".dll", ".dylib")
 """How the names of shared libraries end."""
 
 
+@checked
 def load_equations(text: str, coordinates: Sequence[str] = ()) -> Equations | RightHandSide:
     """The function (t, q, u) -> u̇, or the `Equations`, that ``FILE.py:NAME`` means.
 

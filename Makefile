@@ -108,7 +108,7 @@ docs: $(TEST)  ## run the examples in documents and docstrings, follow the links
 	$(PYTEST) tests/test_docs.py $(ARGS)
 
 site: $(DEV)  ## the documentation site, into site/: strictly, without the network; opens from disk
-	NO_MKDOCS_2_WARNING=1 $(VENV)/bin/mkdocs build $(ARGS)
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build $(ARGS)
 	@echo "open site/index.html"
 
 site-quick: $(DEV)  ## the same without the pictures of the gallery: are all pages and links in order?

@@ -282,7 +282,7 @@ def _json_keys() -> Iterator[str]:
     from deltac.results import Report
 
     yield "# Keys of the JSON\n"
-    yield "What `--json` and `to_dict()` have of each result, under the head that [JSON](json.md) describes."
+    yield "What `--json` and `to_dict()` have of each result, under the head that [the contract](contract.md) describes."
     yield "Mappings are objects, tuples and arrays lists; what is not finite is null. The reference of Python"
     yield "says what each is. This page is made from the classes.\n"
     judged = dict.fromkeys(("verdict", "confidence", "meaning"), "str")

@@ -282,9 +282,10 @@ def _json_keys() -> Iterator[str]:
     from deltac.results import Report
 
     yield "# Keys of the JSON\n"
-    yield "What `--json` and `to_dict()` have of each result, under the head that [the contract](contract.md) describes."
-    yield "Mappings are objects, tuples and arrays lists; what is not finite is null. The reference of Python"
-    yield "says what each is. This page is made from the classes.\n"
+    yield "What `--json` and `to_dict()` have of each result, under the head that"
+    yield "[the contract](contract.md) describes. Mappings are objects, tuples and arrays lists;"
+    yield "what is not finite is null. The reference of Python says what each is. This page is made"
+    yield "from the classes.\n"
     judged = dict.fromkeys(("verdict", "confidence", "meaning"), "str")
     judged |= dict.fromkeys(("evidence", "limits"), "tuple[str, ...]")
     for name in deltac.__all__:

@@ -1,0 +1,85 @@
+"""States behind a filter, and limits that a log reaches: neither accuses the equations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import deltac as dc
+from deltac.diagnosis.audit.checks import limits_reached
+from deltac.importers.report import ImportReport, Remark
+from tests.systems.cart_pole import CartPole, log
+
+SYSTEM = CartPole(drive=0.0)
+STEP, LATE = 0.002, 20
+MASS, LENGTH, INERTIA, DAMPING, GRAVITY = 0.9, 0.35, 0.02, 0.06, 9.81
+
+
+def pendulum() -> dc.Mechanism:
+    return dc.Mechanism(
+        bodies=[
+            dc.body("bar", MASS, inertia=(INERTIA, INERTIA, INERTIA), mass_centre=(0, -LENGTH, 0))
+        ],
+        joints=[dc.revolute("pin", "ground", "bar", "z", damping=DAMPING)],
+        gravity=(0, -GRAVITY, 0),
+    )
+
+
+def swung() -> dc.Trajectory:
+    """By the classical Runge–Kutta method, from equations by hand."""
+
+    def rate(y: np.ndarray) -> np.ndarray:
+        torque = -MASS * GRAVITY * LENGTH * np.sin(y[0]) - DAMPING * y[1]
+        return np.array([y[1], torque / (INERTIA + MASS * LENGTH**2)])
+
+    rows, h = [np.array([2.2, 0.0])], STEP
+    for _ in range(1500):
+        y = rows[-1]
+        k1 = rate(y)
+        k2 = rate(y + 0.5 * h * k1)
+        k3 = rate(y + 0.5 * h * k2)
+        k4 = rate(y + h * k3)
+        rows.append(y + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4))
+    y = np.array(rows)
+    return dc.Trajectory(
+        t=h * np.arange(len(y)), q=y[:, :1], u=y[:, 1:], coordinates=("pin",), speeds=("pin",),
+        provenance=dc.Provenance("by hand"),
+    )  # fmt: skip
+
+
+def smoothed(run: dc.Trajectory) -> dc.Trajectory:
+    """Behind y_k = a y_{k−1} + (1 − a) x_k, which is late by h a/(1 − a)."""
+    a = np.exp(-1.0 / LATE)
+
+    def through(x: np.ndarray) -> np.ndarray:
+        return np.asarray(lfilter([1.0 - a], [1.0, -a], x - x[0], axis=0) + x[0])
+
+    return replace(run, q=through(run.q), u=through(run.u))
+
+
+def test_a_filter_of_all_states_is_told_with_its_delay() -> None:
+    audit = dc.audit(pendulum(), smoothed(swung()))
+    assert audit.verdict.kind != "equation-error", audit.verdict.explain()
+    [told] = [f for f in audit.findings if f.kind == "filtered"]
+    a = np.exp(-1.0 / LATE)
+    # What two numbers lack of the kernel is of third order of ω h.
+    assert told.factor == pytest.approx(STEP * a / (1.0 - a), rel=0.05)
+
+
+def test_the_log_itself_went_through_none() -> None:
+    audit = dc.audit(pendulum(), swung())
+    assert audit.verdict.kind == "consistent"
+    assert not [f for f in audit.findings if f.kind == "filtered"]
+
+
+@pytest.mark.parametrize(("high", "reached"), [(0.9, True), (1.1, False)])
+def test_limits_that_rows_reach(high: float, reached: bool) -> None:
+    run = log(SYSTEM, accelerations=False)
+    beyond = (float(run.q[:, 0].min()) - 1.0, high * float(run.q[:, 0].max()))
+    report = ImportReport(
+        "a file", ignored=(Remark.logged("slide", "limits", "limit slide", beyond),)
+    )
+    assert limits_reached(run, report) == (["limit slide"] if reached else [])

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from deltac.errors import InputError
-from deltac.trajectories import Provenance, Trajectory, from_columns, to_columns, to_metadata
+from deltac.trajectories import (
+    Provenance,
+    Trajectory,
+    from_columns,
+    read_trajectory,
+    to_columns,
+    to_metadata,
+)
 
 T = np.array([0.0, 0.5, 1.0])
 
@@ -211,6 +218,24 @@ def test_forces_at_stages_come_back(described: bool) -> None:
     again = from_columns(columns, to_metadata(run) if described else None)
     assert again.stages is not None
     assert np.array_equal(again.stages, stages)
+
+
+def test_a_table_with_forces_at_stages_is_read() -> None:
+    columns = to_columns(replace(pendulum(), stages=np.ones((3, 2, 1))))
+    run = read_trajectory(columns)
+    assert run.stages is not None and run.stages.shape == (3, 2, 1)
+
+
+@pytest.mark.parametrize(
+    ("column", "message"),
+    [
+        ("stage2.wrist", r"'stage2\.wrist': no speed 'u\.wrist'; known: elbow"),
+        ("stage3.elbow", r"there is none of 'stage2\.<speed>'"),
+    ],
+)
+def test_stages_that_do_not_fit(column: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_trajectory(to_columns(pendulum()) | {column: T})
 
 
 def test_to_frame_has_the_columns_of_the_schema() -> None:

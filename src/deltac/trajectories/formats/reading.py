@@ -158,15 +158,11 @@ class LogReading:
     def _sentences(self, basis: Basis) -> Iterator[str]:
         """What columns are, because of what, for each reason."""
         rows = [one for one in self.meanings.values() if one.basis == basis and one.certain]
-        kinds = sorted(rows, key=lambda one: _ORDER.index(one.target.partition(".")[0]))
-        reasons = dict.fromkeys((one.target.partition(".")[0], one.because) for one in kinds)
+        kinds = sorted(rows, key=lambda one: _ORDER.index(_kind(one.target)))
+        reasons = dict.fromkeys((_kind(one.target), one.because) for one in kinds)
         for because, pairs in groupby(reasons, key=lambda pair: pair[1]):
             of = {kind for kind, _ in pairs}
-            meanings = [
-                one
-                for one in kinds
-                if one.because == because and one.target.partition(".")[0] in of
-            ]
+            meanings = [one for one in kinds if one.because == because and _kind(one.target) in of]
             what = ", ".join(sorted(of, key=_ORDER.index))
             columns = ranges([one.column for one in meanings if one.column])
             yield f"{what}{f' from {columns}' if columns else ''} because {because}"
@@ -449,6 +445,14 @@ class LogReading:
 
 
 _ORDER = ("time", "q", "u", "udot", "force", "work", "integral")
+
+
+def _kind(target: str) -> str:
+    """What a column holds: those of stages hold forces."""
+    kind = target.partition(".")[0]
+    return "force" if kind.startswith("stage") else kind
+
+
 _OWN = "the names are those of the log schema"
 
 
@@ -538,7 +542,7 @@ def _declared(one: Meaning, raw: RawLog, si: str | None) -> str | None:
     """The unit of a column's kind that the file declares beside its columns; LogError if that is unclear."""
     target, of = one.target, f"column {one.column!r}, read as {one.target!r}"
     remedy = "say in a mapping file which unit the column has"
-    dimensions = [unit(u).dimension for u in ([si] if si else _ALLOWED[target.partition(".")[0]])]
+    dimensions = [unit(u).dimension for u in ([si] if si else _ALLOWED[_kind(target)])]
     fitting: dict[float, str] = {}
     rates: list[str] = []
     for where, text in raw.declared.items():
@@ -576,7 +580,7 @@ _NO_OTHERS = ("si", "mks", "", "-", "none", "dimensionless")
 
 def _factor(one: Meaning, text: str, si: str | None) -> float:
     place = one.where if not one.column or one.unit else f"column {one.column!r}"
-    allowed = [si] if si else _ALLOWED[one.target.partition(".")[0]]
+    allowed = [si] if si else _ALLOWED[_kind(one.target)]
     try:
         conversion = unit(text)
     except InputError as error:

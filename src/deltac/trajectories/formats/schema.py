@@ -240,6 +240,17 @@ def _derive_layout(columns: Mapping[str, Any]) -> _ColumnLayout:
             raise UnknownName(
                 f"column {f'udot.{name}'!r}: no speed 'u.{name}'{closest(name, speeds)}"
             )
+    stages = [prefix for prefix in _STAGES if any(name.startswith(prefix) for name in columns)]
+    for own, prefix in zip(stages, _STAGES):
+        if own != prefix:
+            raise LogError(
+                f"columns '{own}<speed>': there is none of '{prefix}<speed>'; stages are counted from 2 on"
+            )
+        for name in _strip(own, columns):
+            if name not in speed_names:
+                raise UnknownName(
+                    f"column {own + name!r}: no speed 'u.{name}'{closest(name, speeds)}"
+                )
     speed_order, lengths = dict.fromkeys(speeds), sorted({len(speed) for speed in speeds})
     channels = dict.fromkeys(_channel(n, speed_order, lengths) for n in _strip("force.", columns))
     return _ColumnLayout(
@@ -249,7 +260,7 @@ def _derive_layout(columns: Mapping[str, Any]) -> _ColumnLayout:
         tuple(channels),
         _strip("work.", columns),
         _strip("integral.", columns),
-        sum(any(name.startswith(prefix) for name in columns) for prefix in _STAGES),
+        len(stages),
     )
 
 

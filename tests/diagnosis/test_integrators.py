@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.inference.flow import Intervals, LoggedForce, predict
+from deltac.diagnosis.inference.flow import ForceBetween, Intervals, LoggedForce, predict
 from deltac.diagnosis.inference.integrators import (
     ON_GROUP,
     by_causes,
@@ -29,12 +29,18 @@ STEP = 0.004
 Off = dict[str, float]
 
 
-def off_by(run: dc.Trajectory, kind: str, step: float = STEP) -> Off:
-    """How far the rows of each method's map are from the next rows of a log, the largest."""
+def between_rows(run: dc.Trajectory, kind: str = "smooth") -> tuple[Model, Intervals, ForceBetween]:
+    """The intervals of a log, with all forces of a kind."""
     model = Model(MECHANISM, run)
     rows = model.rows(run)
     intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
-    force = LoggedForce.of(intervals, [(0, len(intervals))])((kind,) * rows.F.shape[1])
+    kinds = (kind,) * rows.F.shape[1]
+    return model, intervals, LoggedForce.of(intervals, [(0, len(intervals))])(kinds)
+
+
+def off_by(run: dc.Trajectory, kind: str, step: float = STEP) -> Off:
+    """How far the rows of each method's map are from the next rows of a log, the largest."""
+    model, intervals, force = between_rows(run, kind)
     gaps: Off = {}
     for of in maps(model, intervals, force, steps_between(intervals.h, step)):
         gap = float(np.abs(model.difference(of.end, intervals.end)).max())
@@ -81,10 +87,7 @@ def test_derivatives_of_a_map_are_those_of_steps_from_other_rows() -> None:
     """Semi-implicit Euler written by hand, from states that are moved by central differences."""
     system = CartPole(drive=0.0)
     run = log(system, "semi-implicit-euler", duration=0.2)
-    model = Model(MECHANISM, run)
-    rows = model.rows(run)
-    intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
-    force = LoggedForce.of(intervals, [(0, len(intervals))])(())
+    model, intervals, force = between_rows(run)
     counts = steps_between(intervals.h, STEP)
     assert counts is not None
     (of,) = (
@@ -112,10 +115,7 @@ def test_a_cause_moves_rows_as_steps_of_other_equations(scheme: str) -> None:
     """Steps by hand with the cart's damper a little off, against the map's derivative."""
     system, d = CartPole(drive=0.0), 1e-5
     run = log(system, scheme, duration=0.2)
-    model = Model(MECHANISM, run)
-    rows = model.rows(run)
-    intervals = Intervals(rows.take(slice(0, -1)), rows.take(slice(1, None)))
-    force = LoggedForce.of(intervals, [(0, len(intervals))])(())
+    model, intervals, force = between_rows(run)
     counts = steps_between(intervals.h, STEP)
     assert counts is not None
     (of,) = (

@@ -29,6 +29,9 @@ KINDS: tuple[str, ...] = (
 )
 """Every kind a channel can have."""
 
+PASSIVE = ("spring", "damper")
+"""Kinds whose force is a function of the state: a simulator takes it from its model alone."""
+
 
 class ChannelName(str):
     """The name of a channel: its `kind`, one of `KINDS`, and the `element` that it belongs to.

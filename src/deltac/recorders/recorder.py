@@ -13,7 +13,7 @@ import numpy as np
 from deltac.arrays import PHYSICAL, SUM_OF_FORCES, Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, LogError, PackageError, RecordingError, UnknownName, closest
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import PASSIVE, ChannelName
 from deltac.mechanism.joints import KINDS
 from deltac.models import ModelLike, load_model
 from deltac.trajectories import Provenance, Trajectory
@@ -72,7 +72,7 @@ class StepSums:
         """A stage, as `TrajectoryBuilder.stage` takes it."""
         self.book({channel: duration * float(f @ u) for channel, f in forces.items()})
         nothing = np.zeros(len(u))
-        others = (f for channel, f in forces.items() if not of_the_state(channel))
+        others = (f for channel, f in forces.items() if not _passive(channel))
         self.forces.append(np.asarray(sum(others, nothing)))
         first = self._first = forces if self._first is None else self._first
         for channel in (first.keys() | forces.keys()) - self.varying if first is not forces else ():
@@ -86,9 +86,8 @@ class StepSums:
             self.works[channel] = self.works.get(channel, 0.0) + float(work)
 
 
-def of_the_state(channel: str) -> bool:
-    """Whether the force of a channel is a function of the state: that of a spring or a damper."""
-    return channel.startswith(("spring ", "damper "))
+def _passive(channel: str) -> bool:
+    return channel.partition(" ")[0] in PASSIVE
 
 
 class TrajectoryBuilder:
@@ -270,7 +269,7 @@ class TrajectoryBuilder:
             return None
         first = np.zeros((rows, len(self._speeds)))
         for channel, of_rows in self._forces.items():
-            if of_rows and not of_the_state(channel):
+            if of_rows and not _passive(channel):
                 first[list(of_rows)] += list(of_rows.values())
         stages = np.array(steps)
         allowed = SUM_OF_FORCES * np.abs(first).max(initial=0.0)

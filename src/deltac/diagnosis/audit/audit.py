@@ -37,7 +37,7 @@ from deltac.diagnosis.verdict import (
 from deltac.energy import Ledger, balance
 from deltac.energy.accumulator import KEPT
 from deltac.errors import InputError, LogError, ModelError, SolverError
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import PASSIVE, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
@@ -336,9 +336,6 @@ _BEYOND_TOLERANCE = (
     "constraint-drift",
 )
 """Causes that set the exit code although the balance holds: their forces are those of the log."""
-
-PASSIVE = ("spring", "damper")
-"""Kinds of which the model's own forces are tested, where it is asked to explain a run by itself."""
 
 SIGNIFICANT = 3.0
 """Standard errors above which joules of the integrator can be extrapolated to other steps."""

@@ -24,7 +24,7 @@ from deltac.diagnosis.verdict import Finding, Weight, percent
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import Ledger
 from deltac.errors import InputError, listed
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import PASSIVE, ChannelName
 from deltac.mechanism.laws import at_times
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scene import Constraint
@@ -329,9 +329,6 @@ def with_conventions(
 
 
 # --- forces of the log against the model's -------------------------------------------------------
-
-PASSIVE = ("spring", "damper")
-"""Kinds that a simulator takes from its model alone: active there, they belong in ours."""
 
 
 def own_laws(

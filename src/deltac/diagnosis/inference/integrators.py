@@ -325,7 +325,7 @@ def by_causes(
     method, N = of.method, len(intervals)
     if np.ptp(of.counts) or "damping" in method.name or not G[0].shape[2]:
         return None
-    variation: Any = _Variation(J, G, intervals)
+    variation: Any = _Variation(J, G, intervals)  # has what of a model steps ask for
     P, n = variation.causes, variation.n
     start, end = (variation.rows(at.t) for at in (intervals.start, intervals.end))
     if method.step is not None:

@@ -16,6 +16,7 @@ from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.kernels.rows import Expression
+from deltac.mechanism.channels import PASSIVE
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import Kinematics
@@ -39,10 +40,6 @@ class Rows:
         """Rows of several, one after the other."""
         columns = zip(*((r.t, r.q, r.u, r.F) for r in parts), strict=True)
         return Rows(*(np.concatenate(x) for x in columns))
-
-
-PASSIVE = ("spring", "damper")
-"""Kinds of channels that are functions of the state."""
 
 
 class _Expressions:

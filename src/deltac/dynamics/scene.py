@@ -18,7 +18,7 @@ from deltac.dynamics.points import BodyPoint, rotation, wrenches
 from deltac.dynamics.recursions import gather, link_velocities
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.joints import JOINT_KINDS
 from deltac.mechanism.shapes import Shape
 
 
@@ -90,7 +90,7 @@ class Scene:
     def coordinates(self, joint: str) -> tuple[list[SX], SX | None]:
         """The plain coordinates of a joint, and its quaternion (4,; scalar first), if it has one."""
         q = self.system.q_all[self.system.mechanism.coordinates.of(joint)]
-        start = KINDS[self.system.mechanism.joint(joint).kind].quaternion
+        start = JOINT_KINDS[self.system.mechanism.joint(joint).kind].quaternion
         plain = q.shape[0] if start is None else start
         return [q[k] for k in range(plain)], None if start is None else q[start:]
 

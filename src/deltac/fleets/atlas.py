@@ -29,7 +29,7 @@ import deltac
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.diagnosis.verdict import RUN_TOLERANCE
+from deltac.diagnosis import RUN_TOLERANCE
 from deltac.errors import FileError, InputError, SpecificationError, UnknownName, closest
 from deltac.fleets.execution import local_crew
 from deltac.fleets.fleet import Plan
@@ -40,7 +40,7 @@ from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import appearing, read_text
 from deltac.foreign.isolation import Failure
 from deltac.foreign.limits import parse_json, parse_toml
-from deltac.kernels.cache import cache_folder, cache_wanted
+from deltac.kernels import cache_folder, cache_wanted
 from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
 
 OUTCOME: dict[str, str] = {
@@ -205,7 +205,7 @@ def _failed(failure: Failure) -> dict[str, Any]:
 
 def judged(setting: Setting, step: float) -> dict[str, Any]:
     """The row of one run, made and audited now."""
-    from deltac.diagnosis.audit.audit import audit
+    from deltac import audit
 
     assert setting.simulator and setting.solver and setting.motion and setting.duration
     experiment = _experiment(setting.path, setting.motion, setting.duration)
@@ -297,7 +297,7 @@ class AtlasPlan(Plan):
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one run, with the mechanism moving."""
-        from deltac.diagnosis.audit.audit import audit
+        from deltac import audit
 
         (run,) = self.piece_at(address).runs
         own, step = run.setting, run.step

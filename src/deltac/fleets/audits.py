@@ -19,7 +19,7 @@ import numpy as np
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.diagnosis.verdict import RUN_TOLERANCE, check_tolerance
+from deltac.diagnosis import RUN_TOLERANCE, check_tolerance
 from deltac.errors import FileError, InputError, UnknownName, closest, listed
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.fleet import Plan
@@ -31,12 +31,10 @@ from deltac.foreign.files import read_text
 from deltac.foreign.isolation import Failure
 from deltac.kernels.rows import compiled
 from deltac.models import Model, ModelLike, load_model
-from deltac.trajectories.formats.files import FORMATS, is_log_folder, read_raw
-from deltac.trajectories.formats.mapping import LogMapping, as_mapping
-from deltac.trajectories.trajectory import Trajectory
+from deltac.trajectories import FORMATS, LogMapping, Trajectory, as_mapping, is_log_folder, read_raw
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.audit.audit import Audit
+    from deltac.diagnosis import Audit
 
 OUTCOME: dict[str, str] = {
     "verdict": TEXT,
@@ -133,7 +131,7 @@ def verdicts(
 
 
 def _judged(task: AuditTask, runs: Sequence[Trajectory | InputError]) -> list[dict[str, Any]]:
-    from deltac.diagnosis.audit.audit import audit_together
+    from deltac.diagnosis import audit_together
 
     began = time.process_time()
     good = [run for run in runs if not isinstance(run, InputError)]
@@ -359,7 +357,7 @@ class AuditPlan(Plan):
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one log, or of one episode."""
-        from deltac.diagnosis.audit.audit import audit
+        from deltac import audit
 
         if address not in self.addresses:
             raise UnknownName(f"address {address}: there is no such log")

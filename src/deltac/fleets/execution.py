@@ -19,7 +19,7 @@ from typing import Any
 from deltac.errors import PackageError, ProcessLost
 from deltac.fleets.rows import Piece
 from deltac.foreign.isolation import Failure, Workers, isolated
-from deltac.kernels.parallel import cores
+from deltac.kernels import cores
 
 TICK = 0.5
 """Seconds between two looks at the cluster and the clock."""

@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from deltac.diagnosis.verdict import RUN_TOLERANCE
+from deltac.diagnosis import RUN_TOLERANCE
 from deltac.errors import InputError, SpecificationError, UnknownName, closest
 from deltac.foreign.files import read_text
 from deltac.foreign.limits import parse_toml

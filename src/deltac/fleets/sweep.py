@@ -24,7 +24,7 @@ from deltac.fleets.runs import Refused, RunPiece, Task
 from deltac.fleets.spec import SweepSpec, make_spec, read_spec
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.isolation import Failure
-from deltac.mechanism.state import State
+from deltac.mechanism import State
 from deltac.models import Model, ModelLike, load_model
 
 LARGEST = 16384
@@ -90,7 +90,7 @@ class SweepPlan(Plan):
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one run, with the mechanism moving."""
-        from deltac.diagnosis.audit.audit import audit
+        from deltac import audit
         from deltac.fleets.runs import motion
 
         piece = self.piece_at(address)
@@ -224,8 +224,7 @@ def _nested(vary: Mapping[str, Any]) -> dict[str, Any]:
 
 def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]) -> Task:
     """What the runs of a setting share, every default written out; InputError for unknown names."""
-    from deltac.simulation.arguments import whole_steps
-    from deltac.simulation.solvers import find_solver
+    from deltac.simulation import find_solver, whole_steps
 
     varied = [axis.partition(".")[2] for axis in axes if axis.startswith("parameter.")]
     mechanism = model.mechanism.opened(*varied, where="vary.parameter: ")

@@ -12,18 +12,13 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis import Convergence, order_text
 from deltac.results import Serialisable, number
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.audit.audit import Audit
-    from deltac.diagnosis.check.check import EquationCheck
-    from deltac.diagnosis.recommend.result import Recommendation
-    from deltac.diagnosis.study.runs import StudyRun
-    from deltac.diagnosis.study.study import Study
+    from deltac.diagnosis import Audit, EquationCheck, Recommendation, Study, StudyRun
     from deltac.energy import Ledger
-    from deltac.mechanism.coordinates import Entries
-    from deltac.mechanism.mechanism import Mechanism
+    from deltac.mechanism import Entries, Mechanism
     from deltac.trajectories import Trajectory
 
 
@@ -533,7 +528,7 @@ def fronts(report: Recommendation) -> Iterator[LogPlot]:
 
 
 def _front(report: Recommendation, what: str, title: str, says: str) -> LogPlot:
-    from deltac.diagnosis.recommend.result import setting_of
+    from deltac.diagnosis import setting_of
 
     clouds = []
     for k, solver in enumerate(dict.fromkeys(trial.solver for trial in report.trials)):

@@ -13,8 +13,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import ModelError
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.state import State
+from deltac.mechanism import Mechanism, State
 from deltac.report.page.geometry import Form, unit
 from deltac.report.page.scene import Scene, scene, turned
 from deltac.report.picture import blank

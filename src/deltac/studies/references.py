@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from deltac.arrays import ROUNDED
 from deltac.problems import Problem, Reference
 from deltac.simulation.solvers import solver_options
 from deltac.trajectories import Trajectory
@@ -12,9 +13,6 @@ from deltac.verbs import simulate
 
 MARGIN = 10.0
 """Halving the step removes the share 1 − 2⁻ᵖ of the error, so the difference underestimates it by little."""
-
-ROUNDING = 1e-12
-"""Relative error that rounding accumulates over a run."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ def compare(problem: Problem) -> tuple[Comparison, ...]:
     for reference in problem.reference:
         value = reference.measure(run)
         error = abs(value - reference.measure(finer))
-        rounding = ROUNDING * max(1.0, abs(reference.value))
+        rounding = ROUNDED * max(1.0, abs(reference.value))
         tolerance = reference.accuracy + MARGIN * error + rounding
         comparisons.append(Comparison(reference, value, error, tolerance))
     return tuple(comparisons)

@@ -21,14 +21,11 @@ from deltac.diagnosis.inference.hypotheses import Block, Fit, search
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import MOST_ORDERED, Caller
 from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.diagnosis.residuals.states import States
+from deltac.diagnosis.residuals.states import TRIAL_STATES, States
 from deltac.diagnosis.verdict import Finding
 from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
 from deltac.trajectories import Provenance, Trajectory
-
-STATES = 12
-"""States at which a hypothesis is tested."""
 
 MOST = 600
 """Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
@@ -372,7 +369,7 @@ def _simple(test: EquationTest) -> bool:
 
 
 def _some(states: States) -> States:
-    return states.take(np.arange(min(STATES, len(states))))
+    return states.take(np.arange(min(TRIAL_STATES, len(states))))
 
 
 def _called(caller: Caller, states: States) -> Array | None:

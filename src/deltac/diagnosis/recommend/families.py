@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, Piece
-from deltac.diagnosis.study.simulators import MUJOCO, SimulationOptions
+from deltac.diagnosis.study.simulators import MUJOCO, SAMPLES, SimulationOptions
 from deltac.energy.accumulator import KEPT
 from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
 from deltac.importers.files import with_base
@@ -32,9 +32,6 @@ FEWEST, MOST = 20, 5_000_000
 
 MOST_OF_MUJOCO = 200_000
 """Steps of the finest setting in MuJoCo, where each is recorded."""
-
-SAMPLES = 200
-"""A run is timed with at least so many rows, or all of its steps."""
 
 ROWS = KEPT
 """Longer runs are judged in the search on at least so many of their steps; verified on all of them."""

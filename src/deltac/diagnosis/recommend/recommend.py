@@ -20,7 +20,7 @@ from deltac.arrays import EPS
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
-from deltac.calls.progress import Progress
+from deltac.calls.progress import TIME_LIMIT, Progress
 from deltac.diagnosis.inputs.channels import not_simulated
 from deltac.diagnosis.recommend.families import families
 from deltac.diagnosis.recommend.result import (
@@ -31,6 +31,7 @@ from deltac.diagnosis.recommend.result import (
 )
 from deltac.diagnosis.recommend.work_precision import (
     ALIKE,
+    LEAST_BUDGET,
     ROUNDING,
     Deadline,
     Family,
@@ -50,14 +51,8 @@ from deltac.diagnosis.verdict import REFINED_TOLERANCE, check_tolerance
 from deltac.errors import NO_NUMBER, InputError, SolverError
 from deltac.models import ModelLike, StateLike, load_model
 
-TIME_LIMIT = 60.0
-"""A search ends after so many seconds with the best that it has, and says what it left out."""
-
 TOO_DEAR = 8.0
 """A run may take this many times as long as the best prediction, then its solver is given up."""
-
-LEAST_BUDGET = 0.1
-"""Seconds that every run may take: the search itself takes longer."""
 
 STEPS = 50
 """Of the first run of a solver with fixed steps."""

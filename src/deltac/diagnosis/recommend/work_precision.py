@@ -14,7 +14,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
 from deltac.diagnosis.verdict import NOTHING
 from deltac.dynamics.equations_of_motion import equations_of_motion
@@ -32,7 +32,10 @@ Made = TypeVar("Made")
 REPEATS = 3
 """Times a run is timed, in seconds of the processor; the least counts, because other work only adds."""
 
-BRIEF = 0.05
+LEAST_BUDGET = 0.1
+"""Seconds that every run may take: the search itself takes longer."""
+
+BRIEF = 0.5 * LEAST_BUDGET
 """Seconds after which a run is not timed once more."""
 
 ALIKE = 1.2
@@ -47,7 +50,7 @@ SURE = 0.05
 ORDERLY = 0.75
 """Runs have the order if they gain at least this power of what it promises: at a kink less remains."""
 
-ROUNDING = 1e-13
+ROUNDING = 512 * EPS
 """No run in double precision keeps the energy better than this, as a share of the energy that the system has.
 What moves with less than this share of it does not move: its range is rounding."""
 

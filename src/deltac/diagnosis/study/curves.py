@@ -21,7 +21,7 @@ Rows: TypeAlias = NDArray[np.intp]
 PARTED = 0.1
 """Scaled difference of two motions from which on they are two motions."""
 
-CLOSE = 0.01
+CLOSE = 0.1 * PARTED
 """Scaled difference up to which two motions are close: what parts them grows in proportion."""
 
 FEWEST = 8

@@ -11,7 +11,7 @@ from deltac.diagnosis.audit.checks import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import FEWEST, Comparison, by_unit, growth
 from deltac.diagnosis.study.rules import BELOW
-from deltac.diagnosis.study.runs import BalancedRun, corrections
+from deltac.diagnosis.study.runs import LASTING, BalancedRun, corrections
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
@@ -25,9 +25,6 @@ JUMP = 10.0
 
 NOTICEABLE = 0.01
 """Share of the largest speed of its unit that a jump must reach."""
-
-STAYS = 0.8
-"""A violation that is no smaller than this share of that at coarser steps does not fall with the step."""
 
 STILL = 1e-3
 """Share of the energy exchanged below which works that are no potential count as none."""
@@ -180,7 +177,7 @@ def of_constraints(
         stays = (
             len(together) > 1
             and compared.within >= FEWEST
-            and together[-1] > max(STAYS * max(together), 1e-6, tolerance * span)
+            and together[-1] > max(LASTING * max(together), 1e-6, tolerance * span)
         )
         blamed = stays and not trusted and what != "quaternion"
         yield Finding(

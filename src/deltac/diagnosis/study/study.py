@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
@@ -184,10 +184,6 @@ class Study(
 # --- from the runs of a study to what it found ---------------------------------------------------
 
 
-NOISE = 1e-10
-"""Share of the energy exchanged below which a ΔC that does not fall is what an iterative solution leaves."""
-
-
 def studied(
     loaded: Model,
     runs: tuple[StudyRun, ...],
@@ -233,11 +229,6 @@ def studied(
     trusted = maker.trusted and maker.equations is None
     if trusted and finest.blown_up:  # what is left before that is no motion to have an order
         energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
-    if nominal is not None:
-        energy, state = (
-            {n: _possible(c, nominal) for n, c in energy.items()},
-            _possible(state, nominal),
-        )
     residuals = None
     if not trusted:
         by_step = [(entry.step, entry.run) for entry in comparable]
@@ -352,31 +343,14 @@ def _within(
 
 def _kept(convergence: Convergence, scale: float) -> Convergence:
     """Without an order where energy is kept at every step: what is left is the noise of the solver."""
-    if convergence.trend == "does not settle" and max(convergence.sizes) <= NOISE * scale:
-        return replace(
-            convergence, trend="at its floor", order=None, order_error=None, end_order=None
-        )
+    if convergence.trend == "does not settle" and max(convergence.sizes) <= SAME * scale:
+        return replace(convergence, trend="at its floor", order=None, order_error=None)
     return convergence
-
-
-def _possible(convergence: Convergence, nominal: int) -> Convergence:
-    """Without an order that no method of that nominal one has: the coarse run was no approximation.
-
-    Errors that cancel over a period, or by symmetry, double an order at most.
-    """
-    if (
-        convergence.order is None
-        or convergence.order - (convergence.order_error or 0.0) <= 2 * nominal + 1
-    ):
-        return convergence
-    return replace(convergence, order=None, order_error=None, end_order=None)
 
 
 def _none(convergence: Convergence) -> Convergence:
     """The same without an order."""
-    return replace(
-        convergence, trend="does not settle", order=None, order_error=None, end_order=None, steps=()
-    )
+    return replace(convergence, trend="does not settle", order=None, order_error=None, steps=())
 
 
 def _state(compared: Comparison, first: int, steps: Array, rows: Sequence[int]) -> Convergence:

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import Impulses, impulse_terms
 from deltac.dynamics.momentum import momentum_balances
@@ -27,7 +27,7 @@ from deltac.mechanism.channels import ByChannel
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
-INWARD = 1e-9
+INWARD = SAME
 """Rows at which a law switches are evaluated this fraction of an interval within their piece: there the law
 is that of the piece.
 """

@@ -12,19 +12,23 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit.audit import Audit
-from deltac.diagnosis.check.check import EquationCheck
-from deltac.diagnosis.explain.result import Explanation
-from deltac.diagnosis.recommend.result import Recommendation, setting_of
-from deltac.diagnosis.recommend.work_precision import Trial
-from deltac.diagnosis.study.convergence import order_text
-from deltac.diagnosis.study.runs import before_blow_up
-from deltac.diagnosis.study.study import Study
-from deltac.diagnosis.verdict import MEANINGS, Judged, Verdict
+from deltac.diagnosis import (
+    MEANINGS,
+    Audit,
+    EquationCheck,
+    Explanation,
+    Judged,
+    Recommendation,
+    Study,
+    Trial,
+    Verdict,
+    before_blow_up,
+    order_text,
+    setting_of,
+)
 from deltac.energy import Ledger
 from deltac.errors import DeltacError
-from deltac.mechanism.channels import KINDS
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import CHANNEL_KINDS, Mechanism
 from deltac.models import Model
 from deltac.procedure import TITLES, Examination
 from deltac.repair.outcome import Fix, Repair
@@ -57,7 +61,7 @@ from deltac.report.panels import (
     study_errors,
 )
 from deltac.results import Finding, Report, Section, Table, Verbatim, fraction, number, percent
-from deltac.simulation.equations import Equations
+from deltac.simulation import Equations
 from deltac.trajectories import Trajectory
 from deltac.verbs import simulate
 
@@ -553,7 +557,7 @@ def _instant(finding: Finding, ledger: Ledger | None, run: Trajectory | None) ->
 def _element(finding: Finding) -> str:
     """The joint, body or element of a finding: of a channel, its element."""
     kind, _, element = finding.element.partition(" ")
-    return element if element and kind in KINDS else finding.element
+    return element if element and kind in CHANNEL_KINDS else finding.element
 
 
 def _motion(run: Trajectory | None, mechanism: Mechanism | None) -> Iterator[Chapter]:

@@ -9,12 +9,22 @@ from typing import Any, Literal
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import Body
-from deltac.mechanism.constraints import Distance, Loop, PointOn
-from deltac.mechanism.forces import SpringDamper, Tendon
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.scope import GROUND
-from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere, Visual
+from deltac.mechanism import (
+    GROUND,
+    Body,
+    Box,
+    Capsule,
+    Distance,
+    HalfSpace,
+    Loop,
+    Mechanism,
+    PointOn,
+    Shape,
+    Sphere,
+    SpringDamper,
+    Tendon,
+    Visual,
+)
 from deltac.report.page.parts import Numbers
 
 FACES = 1500

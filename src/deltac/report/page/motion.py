@@ -11,11 +11,10 @@ import numpy as np
 
 from deltac import problems
 from deltac.calls.progress import Progress
-from deltac.diagnosis.inputs.logs import read_log
-from deltac.diagnosis.study.runs import before_blow_up
+from deltac.diagnosis import before_blow_up, read_log
 from deltac.energy import Ledger
 from deltac.errors import InputError
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.report.files import output_folder
 from deltac.report.page.content import ROWS, made, moving
@@ -25,9 +24,8 @@ from deltac.report.page.scene import Scene
 from deltac.report.panels import by_name, energy_plots, motions
 from deltac.report.still import sketch
 from deltac.results import number
-from deltac.simulation.arguments import positive
-from deltac.trajectories import Trajectory
-from deltac.trajectories.formats.mapping import MappingLike
+from deltac.simulation import positive
+from deltac.trajectories import MappingLike, Trajectory
 from deltac.verbs import balance, read_trajectory, simulate
 
 STEP, SOLVER, DURATION = 1e-3, "ode5", 5.0

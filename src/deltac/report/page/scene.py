@@ -15,9 +15,7 @@ import numpy as np
 from deltac.analysis.kinematics import Kinematics
 from deltac.analysis.model import Instants, instants
 from deltac.arrays import Array
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.scope import GROUND
-from deltac.mechanism.shapes import HalfSpace
+from deltac.mechanism import GROUND, HalfSpace, Mechanism
 from deltac.report.page.forces import ARROWS, Arrow, arrows
 from deltac.report.page.geometry import (
     Drawn,

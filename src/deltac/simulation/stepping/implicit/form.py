@@ -16,7 +16,7 @@ from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.errors import SolverError
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.joints import JOINT_KINDS
 from deltac.simulation.flow import Flow
 
 
@@ -150,7 +150,7 @@ def _slots(flow: Flow) -> list[Slots]:
             Slots(
                 [q[k] for k in range(in_q.start, in_q.stop)],
                 [u[k] for k in range(in_u.start, in_u.stop)],
-                KINDS[joint.kind].quaternion,
+                JOINT_KINDS[joint.kind].quaternion,
             )
         )
     return slots

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, ROOT_EPS, Array
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 
@@ -17,13 +17,13 @@ MOST_ITERATIONS = 400
 FREE, MOST_HALVED = 8, 40
 """Iterations whose steps are not questioned; how often one step is halved at most."""
 
-TOLERANCE = 1e-13
+TOLERANCE = 512 * EPS
 """Of the speeds, relative to the largest of the run: some rounding errors above the best there is."""
 
 SLOW = 0.01
 """A contraction worse than this calls for a new Jacobian: of small mechanisms it costs next to nothing."""
 
-ROUNDING = 1e-8
+ROUNDING = ROOT_EPS
 """Updates below this (relative) that will not shrink any more are rounding of stiff forces."""
 
 SLOWEST = 1e-3

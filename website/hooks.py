@@ -19,7 +19,7 @@ import json
 import posixpath
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -95,7 +95,7 @@ def _outside(name: str) -> str:
     text = (ROOT / name).read_text("utf-8")
     if name == "LICENSE":
         return f"# Licence\n\n```text\n{text}```\n"
-    made = {
+    made: dict[str, Callable[[], Iterator[str]]] = {
         "CITATION.cff": lambda: _citing(text),
         "src/deltac/codes.py": _codes,
         "tests/natural_logs/cases.py": _natural_logs,

@@ -17,7 +17,7 @@ from inspect import Parameter, isfunction, signature
 from numbers import Real
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol, TypeAlias, TypeGuard, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeGuard, TypeVar, cast
 
 from numpy.typing import ArrayLike
 
@@ -39,6 +39,9 @@ from deltac.foreign.scripts import SUFFIXES, Script
 from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+
+if TYPE_CHECKING:
+    from deltac.importers.report import ImportReport
 
 T = TypeVar("T")
 
@@ -126,7 +129,7 @@ class Model:
     mechanism: Mechanism
     starts: Mapping[str, State]
     problem: ProblemLike | None = None
-    import_report: Any = None
+    import_report: ImportReport | None = None
 
     @property
     def first(self) -> State | None:

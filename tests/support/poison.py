@@ -35,10 +35,9 @@ class Poisoning(ThreadPoolExecutor):
         super().__init__(1)
         self.fates = fates
 
-    def submit(
-        self, call: Callable[..., Any], /, work: Any, *more: Any, **named: Any
-    ) -> Future[Any]:
-        return super().submit(call, Poisoned(work, self.fates), *more, **named)
+    def submit(self, call: Callable[..., Any], /, *work: Any, **named: Any) -> Future[Any]:
+        piece, *more = work
+        return super().submit(call, Poisoned(piece, self.fates), *more, **named)
 
 
 def poisoned(

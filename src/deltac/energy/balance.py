@@ -504,14 +504,10 @@ def _recorded(run: Trajectory) -> frozenset[ChannelName]:
 def _require_same_division(run: Trajectory, coordinates: CoordinateMap | None) -> None:
     """Kane–Levinson's E = K2 − K0 + V and its P must be divided by the same generalized speeds."""
     noted = run.provenance.coordinates
-    digest, _, names = run.provenance.notes.get("coordinates", "").partition(
-        " "
-    )  # schema 3, before 0.3
-    if noted:
-        division = CoordinateMap(**noted)
-        digest, names = division.digest, ", ".join(division.speeds)
-    if digest != ("" if coordinates is None else coordinates.digest):
-        of = f"in the own speeds {names}" if digest else "in the mechanism's speeds"
+    taken = CoordinateMap(**noted) if noted else None
+    if (taken and taken.digest) != (coordinates and coordinates.digest):
+        own = f"in the own speeds {', '.join(taken.speeds)}" if taken else ""
+        of = own or "in the mechanism's speeds"
         raise ModelError(
             f"coordinates: the integrals of Kane–Levinson's functions in this run were taken {of}; give "
             "balance none, so that it takes the same, or work='samples'"

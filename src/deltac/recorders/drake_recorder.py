@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from deltac.recorders.recorder import (
     simulator,
 )
 from deltac.trajectories import Provenance, Trajectory
+
+if TYPE_CHECKING:
+    from pydrake.systems.analysis import Simulator
 
 Plant: TypeAlias = Any
 Context: TypeAlias = Any
@@ -109,7 +112,7 @@ class DrakeRecorder(Recorder):
 
     def __init__(
         self,
-        simulation: Any,
+        simulation: Simulator,
         plant: Plant,
         model: ModelLike | None = None,
         *,

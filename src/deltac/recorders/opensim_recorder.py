@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from deltac.recorders.recorder import (
     Recorder,
 )
 from deltac.trajectories import Provenance, Trajectory
+
+if TYPE_CHECKING:
+    from opensim import TimeSeriesTable
 
 Model: TypeAlias = Any
 State: TypeAlias = Any
@@ -154,7 +157,7 @@ class OpensimRecorder(Recorder):
         q, u, udot = (np.concatenate(parts) for parts in zip(*rows))
         self._instant(state.getTime(), q, u, udot, ours)
 
-    def states(self, table: Any) -> None:
+    def states(self, table: TimeSeriesTable) -> None:
         """Record all states of a table; `manager.getStatesTable()` has the integrator's own steps."""
         trajectory = self._opensim.StatesTrajectory.createFromStatesTable(self._model, table)
         for k in range(trajectory.getSize()):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from deltac.recorders.recorder import (
     sized,
 )
 from deltac.trajectories import Provenance, Trajectory
+
+if TYPE_CHECKING:
+    from pinocchio import Force
 
 Model: TypeAlias = Any
 
@@ -103,7 +106,7 @@ class PinocchioRecorder(Recorder):
         v: Array,
         a: Array | None = None,
         tau: Array | None = None,
-        fext: Sequence[Any] | None = None,
+        fext: Sequence[Force] | None = None,
         forces: Mapping[str, Array] | None = None,
     ) -> None:
         """Record a state of the loop and what acted there.
@@ -138,7 +141,7 @@ class PinocchioRecorder(Recorder):
         q: Array,
         v: Array,
         tau: Array | None = None,
-        fext: Sequence[Any] | None = None,
+        fext: Sequence[Force] | None = None,
         forces: Mapping[str, Array] | None = None,
     ) -> None:
         """Record a stage of the step from the last sample, for the works of all channels.

@@ -51,6 +51,8 @@ from deltac.simulation.solvers import Options, solver_options
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
+    from mujoco import MjData
+
     from deltac.diagnosis.explain.result import Explanation
     from deltac.importers.report import ImportReport
 
@@ -403,7 +405,7 @@ def _function(runs: Sequence[BalancedRun]) -> str:
 @interruptible()
 def study(
     model: ModelLike,
-    state: StateLike | Any = None,
+    state: StateLike | MjData = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
     solver: str | Options | Sequence[Options] | None = None,

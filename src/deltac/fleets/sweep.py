@@ -340,13 +340,13 @@ def sweep(
     Results that are already in `out` are not computed again: a sweep that was stopped or killed continues,
     and one whose plan was changed computes only what is new. The keys of a plan:
 
-    - `model`, `state`, `solver`, `step`, `solver_tolerance`, `duration`, `name`: common to all runs; by default
-      the problem's own. `solver_tolerance` applies to adaptive solvers (1e-9)
+    - `model`, `state`, `solver`, `step`, `solver_tolerance`, `duration`, `name`: common to all runs; by
+      default the problem's own. `solver_tolerance` applies to adaptive solvers (1e-9)
     - `verb`: "simulate", one run per point, or "study", a study at three steps per point
     - `tolerance`: accepted energy error (1e-3)
     - ``parameter.NAME``, ``q.NAME``, ``u.NAME``: parameters, initial coordinates and speeds; SI, or "30deg"
-    - ``vary.model``, ``vary.solver``, ``vary.step``, ``vary.solver_tolerance``, ``vary.duration``: lists; every
-      run is made with every setting
+    - ``vary.model``, ``vary.solver``, ``vary.step``, ``vary.solver_tolerance``, ``vary.duration``: lists;
+      every run is made with every setting
     - ``vary.parameter.NAME``, ``vary.q.NAME``, ``vary.u.NAME``: a list, or a range {from, to, count, scale};
       NAME may be a number of the model in quotes, ``"body.shank.mass"``
     - ``design.kind``: "grid"; "list", the k-th value of everything; "latin-hypercube" or "sobol",

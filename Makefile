@@ -81,7 +81,7 @@ bench-foreign: $(BENCH)  ## logs of other simulators and habits, judged blind: f
 bench-judge: $(BENCH)  ## integrator, equations and log told apart: logs with true joules, beside an oracle
 	$(PY) benchmarks/judge/bench.py $(ARGS)
 
-bench-correction: $(TEST)  ## what extrapolation and restoring the energy buy, against exact motions
+bench-correction: $(TEST)  ## what restoring the energy buys, against exact motions
 	$(PY) benchmarks/correction.py $(ARGS)
 
 bench-blackbox: $(TEST)  ## what is told of mistakes in code that cannot be read: is it so?
@@ -155,7 +155,7 @@ $(PY):
 
 # A larger set includes the smaller ones.
 $(CORE): pyproject.toml | $(PY)
-	$(call install,.,$(CORE))
+	$(call install,.[figures],$(CORE))
 
 $(TEST): pyproject.toml | $(PY)
 	$(call install,.[test],$(CORE) $(TEST))

@@ -1,8 +1,5 @@
 """What corrections buy: `make bench-correction`. Prints tables and writes JSON.
 
-The motion: the smooth problems of the library by runs of a study that are extrapolated, beside the plain
-solver and ode8 at the same number of evaluations of ẋ.
-
 The energy: the thesis's 50 s run (fig. 4.8, no dampers: chaotic) and a long run of the heavy top, by plain
 solvers, by the same with the energy restored, and by solvers that keep the energy by themselves; all against
 Taylor's method in quadruple precision.
@@ -12,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import time
 import warnings
 from dataclasses import dataclass
@@ -66,152 +62,19 @@ METHODS: tuple[tuple[str, str | None], ...] = (
 )
 
 
-# --- the motion, on the problem library -----------------------------------------------------------
-
-SMOOTH = (
-    "andrews-squeezer", "ball-on-rising-table", "ball-on-table", "bead-on-hoop", "bicycle", "bricard",
-    "chaotic-double-body", "chaplygin-sleigh", "disc-on-moving-plane", "double-pendulum", "driven-pendulum",
-    "driven-triple-pendulum", "elastic-pendulum", "heavy-top", "knife-edge", "rolling-disc",
-    "simple-pendulum", "spherical-pendulum", "torque-free-box", "triple-pendulum",
-)  # fmt: skip
-"""Problems without impacts, contacts and friction that are not stiff, nor right at any step.
-
-Without n-four-bar, which goes through singular configurations.
-"""
-
-ROWS = 25
-"""Samples at which motions are compared."""
-
-LONGEST = 2.0
-"""Motions are followed for so long (s), or for their own duration if that is shorter."""
-
-RESOLVED = 1e-2
-"""The coarsest run of a study is off by less than this (m, rad)."""
-
-LEVELS = (1, 2, 4)
-"""Studies: their coarsest step, as parts of the one that resolves the motion."""
-
-STAGES = {"ode4": 4, "ode5": 6, "ode8": 12}
-"""Evaluations of ẋ in a step."""
-
-
-def library(names: list[str]) -> list[dict[str, Any]]:
-    """Each problem, extrapolated, against the plain solver and ode8 at the same cost."""
-    found = []
-    for name in names:
-        begun = time.process_time()
-        problem = dc.problems.load(name)
-        duration = min(problem.duration, LONGEST)
-        for solver in ("ode4", "ode5"):
-            rows = _followed(problem, duration, solver)
-            found += [{"problem": name, "solver": solver, **row} for row in rows]
-        print(f"  {name}: {time.process_time() - begun:.0f} s of CPU", flush=True)
-    return found
-
-
-def _plain(problem: dc.Problem, duration: float, solver: str, count: int) -> dc.Trajectory:
-    record = dc.Record(testing=("wang",), every=count // ROWS)
-    return dc.simulate(problem, None, duration, duration / count, solver, record)
-
-
-def _off(run: dc.Trajectory, exact: dc.Trajectory) -> float:
-    if len(run) < len(exact):
-        return math.inf
-    every = (len(run) - 1) // (len(exact) - 1)
-    return float(np.abs(run.q[::every] - exact.q).max())
-
-
-def _followed(problem: dc.Problem, duration: float, solver: str) -> list[dict[str, Any]]:
-    count = ROWS
-    fine = _plain(problem, duration, solver, 2 * count)
-    while count < 200_000:  # the first doubling at which runs hardly differ
-        coarse, fine = fine, _plain(problem, duration, solver, 4 * count)
-        if len(coarse) == len(fine) and _off(coarse, fine) < RESOLVED:
-            break
-        count *= 2
-    count *= 2
-    if problem.mechanism.constraints:  # Taylor's method takes long to compile there
-        exact = _plain(problem, duration, "ode5", 64 * count * LEVELS[-1])
-    else:
-        exact = dc.simulate(problem, None, duration, duration / ROWS, dc.solvers.Taylor())
-    stages, rows = STAGES[solver], []
-    for level in LEVELS:
-        n = count * level
-        study = dc.study(
-            problem,
-            duration=duration,
-            steps=[duration / (n * k) for k in (1, 2, 4)],
-            solver=solver,
-            record=("wang",),
-        )
-        eighth = max(1, round(7 * n * stages / STAGES["ode8"] / ROWS)) * ROWS
-        row = {
-            "evaluations": 7 * n * stages,
-            "plain": _off(_plain(problem, duration, solver, 7 * n), exact),
-            "ode8": _off(_plain(problem, duration, "ode8", eighth), exact),
-        }
-        try:
-            better = study.extrapolate()
-        except dc.InputError as error:
-            rows.append(row | {"corrected": None, "refused": str(error)})
-            continue
-        whole = better.run.t[-1] >= problem.state.t + duration * (1 - 1e-9)
-        error = _off(better.run, exact) if whole else None
-        told = {} if whole else {"refused": "the runs part"}
-        rows.append(row | {"corrected": error, "estimate": float(better.error.max()), **told})
-    return rows
-
-
-ROUNDING = 1e-12
-"""Motions that are both so near (m, rad) are at rounding, and none is the better one."""
-
-
-def _library_table(rows: list[dict[str, Any]]) -> str:
-    lines = []
-    for solver in ("ode4", "ode5"):
-        own = [r for r in rows if r["solver"] == solver]
-        offered = [r for r in own if r["corrected"] is not None]
-        told = [r for r in offered if max(r["plain"], r["corrected"]) > ROUNDING]
-        better = [r for r in told if r["corrected"] < r["plain"]]
-        gains = sorted(r["plain"] / max(r["corrected"], 1e-16) for r in told)
-        inside = sum(r["corrected"] <= r["estimate"] for r in told)
-        eighth = sum(r["ode8"] < r["corrected"] for r in told)
-        lines.append(
-            f"extrapolated, {solver}: better in {len(better)} of {len(told)} at equal cost "
-            f"({len(own) - len(offered)} refused, {len(offered) - len(told)} at rounding); error of plain / "
-            f"corrected: median {gains[len(gains) // 2]:.3g}, tenth {gains[len(gains) // 10]:.3g}; the "
-            f"estimate holds in {inside}; ode8 is better still in {eighth}"
-        )
-        lines += [
-            f"    {r['problem']:<24}{r['evaluations']:>9}  plain {r['plain']:.1e}  corrected "
-            f"{r['corrected']:.1e}"
-            for r in told
-            if r not in better
-        ]
-    return "\n".join(lines)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("results/correction.json"))
-    parser.add_argument("--only", choices=("motion", "energy"), help="one of the two parts")
-    parser.add_argument("--problems", help="of the library, separated by commas")
     options = parser.parse_args()
-    found: dict[str, Any] = {"machine": machine(("deltac", "numpy", "casadi", "heyoka"))}
-    if options.only != "energy":
-        names = options.problems.split(",") if options.problems else list(SMOOTH)
-        found["library"] = library(names)
-        print(_library_table(found["library"]))
-    if options.only != "motion":
-        found["cases"] = [compared(case) for case in cases()]
-        for case in found["cases"]:
-            print(_table(case))
+    found: dict[str, Any] = {
+        "machine": machine(("deltac", "numpy", "casadi", "heyoka")),
+        "cases": [compared(case) for case in cases()],
+    }
+    for case in found["cases"]:
+        print(_table(case))
     options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(json.dumps(found, indent=2, ensure_ascii=False) + "\n", "utf-8")
     print(f"written to {options.out}")
-
-
-# --- the energy, on two motions ---------------------------------------------------------------------
 
 
 def compared(case: Case) -> dict[str, Any]:

@@ -557,9 +557,24 @@ def atlas(
     """Run the models of installed packages in every simulator, and judge every run.
 
     Results that are already in `out` are not computed again: an atlas that was stopped or killed continues.
+    The keys of the plan:
+
+    - `models`: file patterns by installed package; patterns after ``!`` are left out; ``"."`` means paths
+      relative to the plan
+    - `simulators`: integrators by simulator: "mujoco", "drake", "pybullet", "pinocchio", "exudyn", "deltac"
+    - `motions`: some of "fall", "sway", "hold"
+    - `duration`, `rows`: of a motion, s, and the least number of own steps that it lasts
+    - `step`, `steps`: the step of models that name none, s; the steps of the runs as multiples of the model's
+      own
+    - `speeds`: the most speeds of a model that is run
+    - `tolerance`, `audit_seconds`: of the audit
+    - `execution`: as for `sweep`
+
+    Columns beside those of `audit_many`: `motion`, `exchanged`, and of `integrator`, `equations` and `log`
+    the joules at the end, their ``_error``, and the ``_largest`` along the run.
 
     Args:
-        plan: a ``.toml`` file that names models, simulators, motions and steps (see docs/atlas.md).
+        plan: a ``.toml`` file that names models, simulators, motions and steps.
         out: folder of the results; by default the plan's name with ``.atlas``.
         workers: number of processes; by default one per core.
         executor: does the work instead; any executor of the `concurrent.futures` interface.

@@ -104,6 +104,24 @@ class MujocoRecorder(Recorder):
     all the same. For environments of Gymnasium and dm_control see `deltac.recorders.gymnasium` and
     `deltac.recorders.dm_control`.
 
+    In every row all channels add up to M q̈ + c; gravity and inertial forces are not logged. If there is a
+    remainder, the recorder stops and names the joint. The channels:
+
+    - ``actuator <actuator>``: moment × actuator force, with its share where the joint limits the sum
+    - ``spring <joint or tendon>``, ``damper <joint or tendon>``: passive forces, with an actuator's viscosity
+    - ``applied gravcomp``, ``applied fluid``, ``applied passive``: gravity compensation, fluid; plugins and
+      callbacks
+    - ``applied qfrc``, ``applied <body>``: `qfrc_applied`, `xfrc_applied`
+    - ``contact <geom>:<geom>``: a pair of geoms; all in ``contact all`` with ``channels="grouped"``
+    - ``contact adhesion``: the passive part of adhesive contacts
+    - ``limit <joint or tendon>``, ``friction <joint or tendon>``: joint and tendon limits, friction loss
+    - ``constraint <equality>``: equality constraints
+    - ``correction implicit``: what an implicit integrator adds, M(q)(u̇ − q̈), since it evaluates damping at
+      the end of the step: part of the integrator's error
+    - ``correction solver``: the residual of the constraint solver, above rounding
+
+    The cost is some tenths of a millisecond per step; with RK4 four times that.
+
     >>> with record_mujoco(model, data) as rec:  # doctest: +SKIP
     ...     for _ in range(1000):
     ...         mujoco.mj_step(model, data)

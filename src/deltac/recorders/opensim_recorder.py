@@ -56,9 +56,15 @@ KINDS = {
 class OpensimRecorder(Recorder):
     """Record a simulation of OpenSim: call `sample` with its states, or `states` with a table of them.
 
-    Channels: ``actuator <name>`` (muscles too), ``contact <name>``, ``limit <name>`` (coordinate limit
-    forces), ``applied <name>`` (prescribed and external forces), ``spring <name>`` (all other elements of the
-    force set), and ``constraint all``, what constraints add.
+    OpenSim's states hold everything that its forces depend on, so a run is recorded after it has ended. Each
+    force of the force set is determined by inverse dynamics with all others switched off. Channels:
+    ``actuator <name>`` (muscles too), ``contact <name>``, ``limit <name>`` (coordinate limit forces),
+    ``applied <name>`` (prescribed and external forces), ``spring <name>`` (all other elements of the force
+    set), and ``constraint all``, what constraints add. Joints of one angle or one length, and FreeJoint to
+    ground, are recorded; others are refused.
+
+    OpenSim's package contains a CasADi of its own, which cannot be loaded together with another one: record
+    in one process, and audit in another.
 
     >>> with record_opensim(opensim_model) as rec:  # doctest: +SKIP
     ...     manager.integrate(2.0)

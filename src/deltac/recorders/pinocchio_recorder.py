@@ -42,6 +42,11 @@ KINDS = {
 class PinocchioRecorder(Recorder):
     """Record a loop of your own around Pinocchio.
 
+    Accelerations are those that you pass, or those of ``pinocchio.aba``. Then the rows close by construction,
+    and only the integrator is tested. `tau` becomes ``actuator <joint>``, `fext` becomes
+    ``applied external``. For works, call ``rec.stage(weight * h, q, v, tau=…, fext=…, forces=…)`` at each
+    stage of your integrator. Free flyers and continuous joints are converted.
+
     >>> with record_pinocchio(pin_model, mechanism) as rec:  # doctest: +SKIP
     ...     for k in range(1000):
     ...         rec.sample(k * h, q, v, tau=tau)

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.special import expit, ndtr
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.causes import PREFERENCE, Candidate
 from deltac.diagnosis.explain.explain import explanation_of
 from deltac.diagnosis.explain.result import Explanation, Outcome
@@ -204,7 +204,11 @@ class Judgement:
         A spike-and-slab posterior: an error is absent or present with equal prior probability, and its energy
         is N(0, S²) J if it is present.
         """
-        size = np.maximum(MISTAKE * self.ledger.energy_exchanged, np.abs(joules)) + 1e-300
+        ledger = self.ledger
+        exchanged = max(
+            ledger.energy_exchanged, EPS * ledger.reference_energy
+        )  # rounding, if it coasts
+        size = np.maximum(MISTAKE * exchanged, np.abs(joules)) + 1e-300
         error = np.clip(error, 1e-12 * size, 1e6 * size)
         share = 1.0 / (1.0 + (error / size) ** 2)
         mean, deviation = share * joules, np.sqrt(share) * error

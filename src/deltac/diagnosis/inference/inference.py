@@ -1444,16 +1444,25 @@ class _Inferring:
         """Log odds that something acts from time to time, and when; none where logged forces may be that.
 
         Forces that were not declared to be held may do otherwise between two rows, as those of contacts at
-        the stages of a step: by as much as they change, at most.
+        the stages of a step: by as much as they change, at most. Where steps are lost, those that come and go
+        may have been anything.
         """
         odds, active = _intermittent(rows, best, self.thinned)
         if odds > CERTAIN:
             h, speeds = self.log.intervals.h, self.gradient[:, self.model.n :]
-            change, possible = self.force.change, np.zeros(len(left))
+            force, possible, lost = self.force, np.zeros(len(left)), list[Array]()
+            acts = force.first != 0.0
+            comes_and_goes = acts.any(axis=0) & ~acts.all(axis=0)
             for k, response in enumerate(self._force_responses):
-                if not self.declared[k]:
-                    moved = response * h * change[:, k : k + 1]
-                    possible += np.abs(speeds * moved).sum(axis=1)
+                free = self.thinned | (not self.declared[k])
+                moved = response * h * force.change[:, k : k + 1]
+                possible += free * np.abs(speeds * moved).sum(axis=1)
+                if comes_and_goes[k]:
+                    unit = response * self.thinned[:, None]
+                    none = np.zeros_like(unit)
+                    lost += [np.hstack([none, unit]), np.hstack([unit, none])]
+            if lost:
+                left = _without(left, np.stack(lost, axis=2))
             if possible[active].sum() > np.abs(self.gradient * left)[active].sum():
                 odds = -np.inf
         return odds, active
@@ -1669,6 +1678,11 @@ def _intermittent(
 ACTIVE = 100.0
 """Variance of an interval beside that of quiet ones from which on something acts in it that does not in
 those."""
+
+
+def _without(x: Array, columns: Array) -> Array:
+    """What columns (N, m, k) cannot make of x (N, m)."""
+    return np.asarray(x - (columns @ (np.linalg.pinv(columns) @ x[:, :, None]))[:, :, 0])
 
 
 def _impulse(response: Array, force: Array, log: Observations) -> Array:

@@ -22,7 +22,6 @@ from deltac.diagnosis.inputs.omissions import (
 from deltac.diagnosis.study import findings as noticed
 from deltac.diagnosis.study.convergence import Convergence, between_runs, order_text, towards_zero
 from deltac.diagnosis.study.curves import FEWEST, Comparison, compare, disagreements
-from deltac.diagnosis.study.extrapolation import Extrapolation, extrapolated
 from deltac.diagnosis.study.measures import Residuals, StudyMeasures, residuals_of
 from deltac.diagnosis.study.rules import judge_study
 from deltac.diagnosis.study.runs import (
@@ -123,27 +122,6 @@ class Study(
     def reference_energy(self) -> float:
         """The energy that the error is compared with, J: largest K plus range of V, at the finest step."""
         return self.measures.reference_energy
-
-    def extrapolate(self) -> Extrapolation:
-        """The motion that the runs tend to, by the observed order, with an error estimate at every sample.
-
-        Raises InputError (E-SOLVER) where the runs do not converge, are fewer than three, or have impacts,
-        and where ΔC shows that the solver would be as good at the cost of all runs.
-        """
-        runs = [
-            entry
-            for entry in self.runs
-            if isinstance(entry, BalancedRun) and entry.step in self.measures.steps
-        ]
-        return extrapolated(
-            self.mechanism,
-            self.solver,
-            runs,
-            self.comparison,
-            self.observed_order["state"],
-            self.nominal,
-            self.function,
-        )
 
     def explanation(self) -> Explanation:
         """What is wrong with the equations of the runs: the causes that all steps share, with their odds.

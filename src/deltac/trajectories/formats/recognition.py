@@ -8,7 +8,6 @@ of a floating body, and which column is the rate of which.
 
 from __future__ import annotations
 
-import difflib
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -79,9 +78,6 @@ _OF_MUJOCO = ("qpos", "qvel", "qacc")
 
 _COMMANDS = frozenset("ctrl control controls action actions act u input inputs command".split())
 """Names of arrays of what motors were told."""
-
-CLOSE, ALMOST = 0.75, 0.85
-"""Similarity of two names, and of whole columns, from which on one may be a slip of the other."""
 
 
 @dataclass
@@ -353,15 +349,7 @@ def force_channel(speed: str, names: MechanismNames) -> str:
     return names.motors.get(speed, f"actuator {speed}")
 
 
-def _of_bodies(s: _Search) -> list[_Joint]:
-    """Coordinates by the names of the bodies that their joints carry."""
-    bodies = ((s.names.bodies.get(one.targets["q"][2:]), one.targets) for one in s.joints)
-    return [_Joint(words_of(body), targets) for body, targets in bodies if body]
-
-
-def _by_words(
-    named: Named, joints: Sequence[_Joint], basis: Basis = "declared"
-) -> Iterator[Meaning]:
+def _by_words(named: Named, joints: Sequence[_Joint]) -> Iterator[Meaning]:
     """Columns that name a coordinate and what of it, with how many words of them agree."""
     for column, readings in named.items():
         matches = [
@@ -374,9 +362,7 @@ def _by_words(
         most = max((count for count, _ in matches), default=0)
         targets = {target for count, target in matches if count == most}
         if len(targets) == 1:
-            declared = basis == "declared"
-            why = "their names say so" if declared else "the name is that of the joint's body"
-            yield Meaning(targets.pop(), column, why, basis)
+            yield Meaning(targets.pop(), column, "their names say so")
 
 
 _ACTUATION = frozenset("force forces actuation actuator motor".split())
@@ -586,51 +572,22 @@ def arrays_named(
     return []
 
 
-# --- guesses -------------------------------------------------------------------------------------
+# --- units of names ------------------------------------------------------------------------------
 
 
-def _by_unit(s: _Search, joints: Sequence[_Joint], basis: Basis = "declared") -> Iterator[Meaning]:
-    """Columns called as a joint in a unit that says what of it: ``elbow_rad_s``; guesses have other words."""
+def _by_unit(s: _Search) -> Iterator[Meaning]:
+    """Columns called as a joint in a unit that says what of it: ``elbow_rad_s``."""
     units = {"rad": ("rad", "rad/s", "rad/s^2", "N*m"), "m": ("m", "m/s", "m/s^2", "N")}
-    for joint in joints:
+    for joint in s.joints:
         si = units.get(si_unit(joint.targets["q"], s.names) or "", ("",) * 4)
         for column, readings in s.named.items():
             rest = without(readings[0], joint.words)
-            if rest is None or (set(rest) - NEUTRAL and basis == "declared"):
+            if rest is None or set(rest) - NEUTRAL:
                 continue
             for kind, of_kind in zip(("q", "u", "udot", "force"), si):
                 if kind in joint.targets and (text := s.unit(column, of_kind)):
-                    yield Meaning(
-                        joint.targets[kind], column, f"its name and its unit {text} say so", basis
-                    )
-
-
-def _slips(s: _Search) -> Iterator[Meaning]:
-    """Columns whose names almost fit what is missing."""
-    free = [column for column in s.named if column not in s.taken]
-    for kind in ("q", "u"):
-        for target in s.targets[kind]:
-            if target not in s.found:
-                name = target.partition(".")[2]
-                scores = [
-                    (_likeness(column, s.named[column][0], target, name, kind), column)
-                    for column in free
-                ]
-                best = max(scores, default=(0.0, ""))
-                if best[0] >= CLOSE:
-                    yield Meaning(target, best[1], "its name is close", "guess")
-
-
-def _likeness(column: str, words: Sequence[str], target: str, name: str, kind: str) -> float:
-    """How much a column's name is like that of a coordinate or speed, 0 to 1."""
-    whole = difflib.SequenceMatcher(None, column.lower(), target.lower()).ratio()
-    best = whole if whole > ALMOST else 0.0
-    telling = [word for word in words if word not in NEUTRAL]
-    for k, word in enumerate(telling):
-        if kind_of((*telling[:k], *telling[k + 1 :])) == kind:
-            ratio = difflib.SequenceMatcher(None, "".join(words_of(name)), word).ratio()
-            best = max(best, ratio)
-    return best
+                    why = f"its name and its unit {text} say so"
+                    yield Meaning(joint.targets[kind], column, why)
 
 
 # --- the body that floats ------------------------------------------------------------------------
@@ -677,29 +634,6 @@ def _floating(s: _Search) -> Iterator[Meaning]:
                     f"q.{joint}.{part}", column, "this is the one pose that moves", "motion"
                 )
             return
-
-
-def _floating_by_names(s: _Search) -> Iterator[Meaning]:
-    """The one vector of each kind that names the floating body, whose conventions nothing tells."""
-    for joint in s.floating if len(s.floating) == 1 else ():
-        free = [column for column in s.raw.columns if column not in s.taken]
-        arrays = {n: c for n, c in s.arrays.items() if set(c) <= set(free)}
-        vectors = vectors_of(arrays, free, [joint, s.names.bodies.get(joint, joint)])
-        for kind, parts in _PARTS.items():
-            own = [one for one in vectors if one.kind == kind and one.own]
-            for target, column in zip(parts, own[0].columns if len(own) == 1 else ()):
-                why = "its name says so; the motion does not tell the floating body's convention"
-                kind_of_target, part = target.split(".")
-                yield Meaning(f"{kind_of_target}.{joint}.{part}", column, why, "guess")
-
-
-_PARTS = {
-    "position": ("q.x", "q.y", "q.z"),
-    "quaternion": ("q.qw", "q.qx", "q.qy", "q.qz"),
-    "linear": ("u.vx", "u.vy", "u.vz"),
-    "angular": ("u.wx", "u.wy", "u.wz"),
-}
-"""The columns of a floating body by the kind of their vector."""
 
 
 def _packed(s: _Search, clock: str) -> Iterator[Layout]:
@@ -912,18 +846,10 @@ def _moving(s: _Search) -> Iterator[Meaning]:
             yield Meaning(u, b, why, "guess")
 
 
-def _of_joints(s: _Search) -> list[_Joint]:
-    """What columns may be of, but for the body that floats, whose conventions names do not tell."""
-    floating = tuple(f"{kind}.{joint}." for joint in s.floating for kind in ("q", "u"))
-    return [one for one in s.joints if not one.targets["q"].startswith(floating)]
-
-
 _RULES: Sequence[Callable[[_Search], Iterator[Meaning]]] = (
     lambda s: iter(s.times if len(s.times) == 1 else ()),
-    lambda s: _unique(s, _by_unit(s, _of_joints(s))),
-    lambda s: _unique(s, _by_words(s.named, _of_joints(s))),
     _floating,
-    lambda s: _unique(s, _by_unit(s, s.joints)),
+    lambda s: _unique(s, _by_unit(s)),
     lambda s: _unique(s, _by_words(s.named, s.joints)),
     lambda s: _unique(s, _of_motors(s)),
     _by_width,
@@ -931,10 +857,6 @@ _RULES: Sequence[Callable[[_Search], Iterator[Meaning]]] = (
     lambda s: _unique(s, _sole(s)),
     _state_vectors,
     _clock,
-    lambda s: _unique(s, _by_unit(s, s.joints, "guess")),
-    _floating_by_names,
-    lambda s: _unique(s, _by_words(s.named, _of_bodies(s), "guess")),
-    _slips,
     _moving,
     _commands,
 )

@@ -35,7 +35,6 @@ from deltac.errors import (
 )
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import parse_json, parse_toml
-from deltac.foreign.scripts import SUFFIXES, Script
 from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -264,12 +263,18 @@ def load_callable(text: str) -> Callable[..., Any]:
     Raises InputError if it is not written so, or if there is none.
     """
     file, colon, name = text.rpartition(":")
-    if not (colon and file.endswith(SUFFIXES) and name):
+    if not (colon and _is_script(file) and name):
         raise InputError(f"{text!r}: expected FILE.py:FUNCTION")
     function = from_file(Path(file), name, "function")
     if not callable(function):
         raise WrongType(f"{text!r} is {type(function).__name__}; expected a function")
     return cast(Callable[..., Any], function)
+
+
+def _is_script(file: str) -> bool:
+    from deltac.foreign.scripts import SUFFIXES
+
+    return file.endswith(SUFFIXES)
 
 
 def _described(source: object) -> str:
@@ -292,7 +297,7 @@ def _named(text: str) -> Model:
     from deltac import problems
 
     file, colon, name = text.rpartition(":")
-    if colon and file.endswith(SUFFIXES):
+    if colon and _is_script(file):
         return _made(from_file(Path(file), name), Path(file), name)
     if text in problems.names():
         return load_model(problems.load(text))
@@ -400,6 +405,8 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
 
 
 def _run(path: Path, what: str, *names: str) -> ModuleType:
+    from deltac.foreign.scripts import Script
+
     if not os.path.isfile(path):
         raise FileError(f"{what} {path}: no such file")
     folder = str(path.resolve().parent)

@@ -20,7 +20,7 @@ class Poisoned:
     piece: RunPiece
     fates: Mapping[float, str]
 
-    def __call__(self) -> bytes:
+    def __call__(self) -> Mapping[str, Any]:
         for value in self.piece.values[:, 0].tolist():
             fate = self.fates.get(round(value, 9))
             if fate == "die":

@@ -143,7 +143,7 @@ class Run:
 class AtlasPiece(Piece):
     """Runs of one model, which is read once, as its equations are compiled once."""
 
-    needs = ("polars", "deltac.diagnosis.audit.audit", "deltac.recorders.experiments")
+    needs = ("deltac.diagnosis.audit.audit", "deltac.recorders.experiments", "llvmlite.binding")
     kinds = OUTCOME
     per_row = "runs"
 

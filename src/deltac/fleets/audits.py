@@ -93,7 +93,7 @@ class AuditTask:
 class AuditPiece(Piece):
     """Some logs, or some episodes of one log."""
 
-    needs = ("polars", "deltac.diagnosis.audit.audit")
+    needs = ("deltac.diagnosis.audit.audit", "llvmlite.binding")
     kinds = OUTCOME
     per_row = "logs"
 

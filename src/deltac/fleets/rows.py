@@ -1,4 +1,4 @@
-"""Rows of the table: what whoever does the work hands back, as a small Parquet file."""
+"""Rows of the table: what each is of, and what came of it."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MEASURED = ("seconds",)
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A piece of work: a picklable call that makes some rows of the table, as a small Parquet file.
+    """A piece of work: a picklable call that finds what some rows of the table hold.
 
     needs    modules that a worker loads when it starts
     kinds    columns of the outcome, in order, and their kinds
@@ -66,13 +66,9 @@ class Piece:
         """How many rows it makes."""
         return len(self.addresses)
 
-    def __call__(self) -> bytes:
-        """Make them."""
-        return self._table(self.outcome())
-
-    def failed(self, failure: Failure) -> bytes:
-        """The row of a piece of one row that failed for good."""
-        return self._table(failed_outcome(failure))
+    def __call__(self) -> Mapping[str, Any]:
+        """Their outcome. Its table is made where it is written, so that workers need no Polars."""
+        return self.outcome()
 
     def halves(self) -> tuple[Self, Self]:
         """Two pieces that make the same rows, to find the one that fails."""
@@ -83,18 +79,18 @@ class Piece:
         )
         return first, second
 
-    def _table(self, outcome: Mapping[str, Any]) -> bytes:
+    def table(self, outcome: Mapping[str, Any]) -> polars.DataFrame:
+        """The rows with what came of them."""
         import polars
 
         types = {TEXT: polars.String, NUMBER: polars.Float64}
         nothing = [None] * self.rows
         columns = {"address": (TEXT, self.addresses), **self.point()}
         columns |= {name: (kind, outcome.get(name, nothing)) for name, kind in self.kinds.items()}
-        frame = polars.DataFrame(
+        return polars.DataFrame(
             polars.Series(name, values, types[kind], strict=False)
             for name, (kind, values) in columns.items()
         ).with_columns(polars.col(polars.Float64).fill_nan(None))
-        return parquet(frame)
 
 
 def parquet(frame: polars.DataFrame) -> bytes:

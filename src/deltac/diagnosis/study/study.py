@@ -13,8 +13,12 @@ from deltac.arrays import EPS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.inputs.channels import not_simulated, told
+from deltac.diagnosis.inputs.omissions import (
+    assumed_zero,
+    assumed_zero_finding,
+    unresolved_works,
+)
 from deltac.diagnosis.study import findings as noticed
 from deltac.diagnosis.study.convergence import Convergence, between_runs, order_text, towards_zero
 from deltac.diagnosis.study.curves import FEWEST, Comparison, compare, disagreements

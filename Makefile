@@ -155,7 +155,7 @@ $(PY):
 
 # A larger set includes the smaller ones.
 $(CORE): pyproject.toml | $(PY)
-	$(call install,.,$(CORE))
+	$(call install,.[figures],$(CORE))
 
 $(TEST): pyproject.toml | $(PY)
 	$(call install,.[test],$(CORE) $(TEST))

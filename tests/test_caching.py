@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import pickle
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from threading import Barrier
 
@@ -71,13 +72,14 @@ class Owner(Once):
 
 def test_a_frozen_dict_is_a_dict_that_refuses_to_change() -> None:
     frozen = FrozenDict({"a": 1.0})
-    for change in (
+    changes: list[Callable[[], object]] = [
         lambda: frozen.__setitem__("a", 2.0),
         lambda: frozen.update(a=2.0),
         lambda: frozen.pop("a"),
         lambda: frozen.setdefault("b", 2.0),
         frozen.clear,
-    ):
+    ]
+    for change in changes:
         with pytest.raises(TypeError, match="with_parameters"):
             change()
     assert frozen == {"a": 1.0} and repr(frozen) == "{'a': 1.0}"

@@ -12,6 +12,7 @@ import deltac as dc
 from deltac.errors import InputError
 
 P = dc.problems.load("simple-pendulum")
+NOTHING: Callable[..., Any] = lambda t, q, u: None  # noqa: E731
 
 
 def simulate(**options: Any) -> Any:
@@ -55,7 +56,7 @@ BAD: dict[str, tuple[Callable[[], Any], str, str]] = {
         "E-SOURCE",
         "IndexError",
     ),
-    "check: nothing": (lambda: dc.check_equations(P, lambda t, q, u: None), "E-SOURCE", "return"),
+    "check: nothing": (lambda: dc.check_equations(P, NOTHING), "E-SOURCE", "return"),
     "no solvers": (lambda: dc.recommend(P, solvers=[]), "E-VALUE", "leave it out"),
     "solver of the search": (lambda: dc.recommend(P, solvers="ode4,od5"), "E-NAME", "ode5"),
 }

@@ -51,9 +51,9 @@ def test_the_recipe_has_our_requirements() -> None:
     requirements = parsed("recipe/recipe.yaml")["requirements"]
     recipe = dict(map(split, requirements["run"] + requirements["run_constraints"]))
     assert recipe.pop("python").startswith(">=")
-    optional = PROJECT["optional-dependencies"][
-        "taylor"
-    ]  # a constraint of conda's, an extra of pip's
+    extras = PROJECT["optional-dependencies"]
+    # Of conda's requirements, matplotlib is an extra of pip's, and so is heyoka, a constraint of conda's.
+    optional = extras["figures"] + extras["taylor"]
     assert recipe == dict(map(split, PROJECT["dependencies"] + optional))
 
 

@@ -19,7 +19,7 @@ import json
 import posixpath
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -95,7 +95,7 @@ def _outside(name: str) -> str:
     text = (ROOT / name).read_text("utf-8")
     if name == "LICENSE":
         return f"# Licence\n\n```text\n{text}```\n"
-    made = {
+    made: dict[str, Callable[[], Iterator[str]]] = {
         "CITATION.cff": lambda: _citing(text),
         "src/deltac/codes.py": _codes,
         "tests/natural_logs/cases.py": _natural_logs,
@@ -105,6 +105,9 @@ def _outside(name: str) -> str:
 
 
 # --- links ---------------------------------------------------------------------------------------
+
+REFERENCE = re.compile(r"^src/deltac/(\w+)(?:/[\w/]+)?\.pyi?$")
+"""Code that a document links to: the page of the reference with its docstrings."""
 
 LINK = re.compile(r"(\]\(|<img [^>]*?src=\")(?!\w+:|#|//)([^)#\s\"]+)")
 
@@ -118,7 +121,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
     def moved(match: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(source), match[2]))
-        target = OUTSIDE.get(target, target.removeprefix("docs/"))
+        target = OUTSIDE.get(target) or REFERENCE.sub(r"api/\1.md", target.removeprefix("docs/"))
         target = re.sub(r"^notebooks/(.*)\.ipynb$", r"tutorials/\1.md", target)
         return match[1] + posixpath.relpath(target, posixpath.dirname(here) or ".")
 

@@ -79,7 +79,8 @@ class Definitions:
             self.classes[name] = kind
         if name not in self.entries:
             self.entries[name] = {}
-            subclasses = [self.of(k) for k in kind.__subclasses__() if is_dataclass(k)]
+            of_kind: list[type] = kind.__subclasses__()
+            subclasses = [self.of(k) for k in of_kind if is_dataclass(k)]
             own = [_object(self.keys(kind))] if is_dataclass(kind) else []
             self.entries[name] = {"anyOf": [*own, *subclasses]} if subclasses else own[0]
         return {"$ref": f"#/$defs/{name}"}

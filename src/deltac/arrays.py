@@ -45,3 +45,16 @@ HALF_DIGITS = 1e-7
 Numbers that a small linear problem, a square or a difference quotient gave have lost the other half; that
 measured or fitted numbers agree so well is no coincidence.
 """
+
+
+def medians(values: Array) -> Array:
+    """Medians along the last axis, many times as fast as by `np.median`.
+
+    That looks for NaN by sorting, and loads `numpy.ma`.
+    """
+    middle = values.shape[-1] // 2
+    ordered = np.partition(values, middle, axis=-1)
+    median = ordered[..., middle]
+    if values.shape[-1] % 2 == 0:
+        median = 0.5 * (ordered[..., :middle].max(axis=-1) + median)
+    return np.where(np.isnan(values).any(axis=-1), np.nan, median)

@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 
 class DeltacError(Exception):
@@ -175,7 +175,7 @@ NO_NUMBER = (TypeError, ValueError, OverflowError)
 """What `float` and NumPy raise for what is no number, or larger than any."""
 
 
-def shown(value: Any) -> str:
+def shown(value: object) -> str:
     """`repr` of a value from a file, short however large or deep it is.
 
     >>> shown([1, [2, [3, [4, [5]]]]]), shown("x" * 1000)[:5]
@@ -184,7 +184,9 @@ def shown(value: Any) -> str:
     try:
         return _short.repr(value)
     except ValueError:  # an integer of too many digits to be written
-        return f"an integer of {value.bit_length()} bits"
+        return (
+            f"an integer of {int.bit_length(value)} bits" if isinstance(value, int) else "a value"
+        )
 
 
 _MANY, _LONG = 5000, 200

@@ -17,7 +17,7 @@ from inspect import Parameter, isfunction, signature
 from numbers import Real
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol, TypeAlias, TypeGuard, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeGuard, TypeVar, cast
 
 from numpy.typing import ArrayLike
 
@@ -35,10 +35,12 @@ from deltac.errors import (
 )
 from deltac.foreign.files import read_bytes
 from deltac.foreign.limits import parse_json, parse_toml
-from deltac.foreign.scripts import SUFFIXES, Script
 from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+
+if TYPE_CHECKING:
+    from deltac.importers.report import ImportReport
 
 T = TypeVar("T")
 
@@ -126,7 +128,7 @@ class Model:
     mechanism: Mechanism
     starts: Mapping[str, State]
     problem: ProblemLike | None = None
-    import_report: Any = None
+    import_report: ImportReport | None = None
 
     @property
     def first(self) -> State | None:
@@ -261,12 +263,18 @@ def load_callable(text: str) -> Callable[..., Any]:
     Raises InputError if it is not written so, or if there is none.
     """
     file, colon, name = text.rpartition(":")
-    if not (colon and file.endswith(SUFFIXES) and name):
+    if not (colon and _is_script(file) and name):
         raise InputError(f"{text!r}: expected FILE.py:FUNCTION")
     function = from_file(Path(file), name, "function")
     if not callable(function):
         raise WrongType(f"{text!r} is {type(function).__name__}; expected a function")
     return cast(Callable[..., Any], function)
+
+
+def _is_script(file: str) -> bool:
+    from deltac.foreign.scripts import SUFFIXES
+
+    return file.endswith(SUFFIXES)
 
 
 def _described(source: object) -> str:
@@ -289,7 +297,7 @@ def _named(text: str) -> Model:
     from deltac import problems
 
     file, colon, name = text.rpartition(":")
-    if colon and file.endswith(SUFFIXES):
+    if colon and _is_script(file):
         return _made(from_file(Path(file), name), Path(file), name)
     if text in problems.names():
         return load_model(problems.load(text))
@@ -397,6 +405,8 @@ def from_file(path: Path, name: str, what: str = "model") -> Any:
 
 
 def _run(path: Path, what: str, *names: str) -> ModuleType:
+    from deltac.foreign.scripts import Script
+
     if not os.path.isfile(path):
         raise FileError(f"{what} {path}: no such file")
     folder = str(path.resolve().parent)

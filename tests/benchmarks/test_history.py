@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 history = pytest.importorskip("history", reason="the benchmarks are no part of a package")
 
 
-def measured(ratio: float, verdict: float, processor: str = "one", day: int = 23) -> dict:
+def measured(ratio: float, verdict: float, processor: str = "one", day: int = 23) -> dict[str, Any]:
     return {
         "machine": {"date": f"2026-11-{day}", "processor": processor, "cores": 2},
         "contests": [{"name": "a / b", "ratio": ratio}, {"name": "c", "skipped": "not here"}],

@@ -121,7 +121,7 @@ def test_the_mistake_of_the_thesis_is_found() -> None:
     assert blame.degrees == (0,)
     assert blame.depends_on == ("q.theta2",)
     (term,) = blame.terms
-    assert (term.part, term.factor) == ("gravity", pytest.approx(-1.0, abs=1e-9))
+    assert term.part == "gravity" and term.factor == pytest.approx(-1.0, abs=1e-9)
     # The residual is twice the term: 2 (m2 r2 + m3 l2) g sin θ2, of root mean square √2 times the moment.
     moment = (30 / 9.8 * 0.125 + 20 / 9.8 * 0.25) * 9.8
     assert blame.residual == pytest.approx(np.sqrt(2.0) * moment, rel=0.15)

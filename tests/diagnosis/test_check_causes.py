@@ -132,6 +132,12 @@ def test_terms_are_named_in_accelerations_that_were_solved_for_by_hand() -> None
     assert match.part == "what drives equation 1 (a)" and match.factor == pytest.approx(-1.0)
 
 
+STIFF = np.linalg.solve(
+    parts(np.zeros(2), np.zeros(2), P)[0],
+    np.array([[P["m1"] * P["c1"] * P["g"] + G1 + G2, G2], [G2, G2]]),
+)
+
+
 @pytest.mark.parametrize(
     ("rhs", "kind", "words"),
     [
@@ -187,12 +193,6 @@ def test_causes_of_a_function_as_a_whole(rhs: Callable[..., Any], kind: str, wor
 def unsummed(q: Any, u: Any) -> tuple[Any, Any]:
     """Relative angles and rates from absolute ones."""
     return np.diff(q, prepend=0.0), np.diff(u, prepend=0.0)
-
-
-STIFF = np.linalg.solve(
-    parts(np.zeros(2), np.zeros(2), P)[0],
-    np.array([[P["m1"] * P["c1"] * P["g"] + G1 + G2, G2], [G2, G2]]),
-)
 
 
 UNNAMED = dc.Mechanism(

@@ -80,7 +80,7 @@ def rk4(damping: float, force: Force, h: float = 4e-3, rows: int = 500) -> dict[
 
 
 def table(h: float, made: list[tuple[Array, Array]]) -> dict[str, Array]:
-    columns: dict[str, Array] = {"time": h * np.arange(len(made))}
+    columns: dict[str, Array] = {"time": h * np.arange(len(made), dtype=float)}
     for k, letter in enumerate("qu"):
         columns |= {f"{letter}.s{i}": np.array([row[k][i] for row in made]) for i in range(N)}
     return columns

@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import deltac as dc
-from deltac.diagnosis.audit.checks import limits_reached
+from deltac.diagnosis.inputs.omissions import limits_reached
 from deltac.importers.report import ImportReport, Remark
 from tests.systems.cart_pole import CartPole, log
 

@@ -81,7 +81,7 @@ def pendulum_logs() -> dict[str, tuple[Any, Any, dict[str, Any]]]:
     rng = np.random.default_rng(5)
     noise = [rng.normal(0.0, 1e-3, x.shape) for x in (run.q, run.u)]
     rounded = replace(run, q=np.round(run.q, 2), u=np.round(run.u, 2), udot=None, integrals={})
-    plain = {"udot": None, "integrals": {}, "works": {}}
+    plain: dict[str, Any] = {"udot": None, "integrals": {}, "works": {}}
     lighter = replace(PENDULUM, parameters={**PENDULUM.parameters, "g": 9.0})
     nearly = replace(PENDULUM, parameters={**PENDULUM.parameters, "m2": 1.0001})
     noisy = replace(run, q=run.q + noise[0], u=run.u + noise[1], **plain)

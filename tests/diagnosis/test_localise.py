@@ -30,7 +30,7 @@ def test_the_mistake_of_the_thesis_in_its_motion(
     (departure,) = found.departures
     assert (departure.number, departure.speed) == (2, "theta2")
     (term,) = departure.terms
-    assert (term.part, term.factor) == ("gravity", pytest.approx(-1.0, abs=1e-9))
+    assert term.part == "gravity" and term.factor == pytest.approx(-1.0, abs=1e-9)
     # 2 (m2 r2 + m3 l2) g sin θ2 by hand
     moment = 2 * (30 * 0.125 + 20 * 0.25)
     expected = -moment * np.sin(np.cumsum(run.q, axis=1)[:, 1])

@@ -293,7 +293,7 @@ def test_a_transient_at_the_start_counts(solver: str) -> None:
 def test_a_run_is_verified_at_all_of_its_rows() -> None:
     """The reference has a row wherever the run has one; an adaptive run's rows are dense at the start."""
     mechanism, state = kicked()
-    options = (mechanism, state, 1.0, ("ode4", "DOP853"), {}, Deadline())
+    options: Any = (mechanism, state, 1.0, ("ode4", "DOP853"), {}, Deadline())
     (fixed, adaptive), _ = settings_of_solvers.families(mechanism, *options)
     (whole,) = fixed.pieces(1 / 40_000)
     assert len(whole.run()) == 40_001
@@ -491,7 +491,7 @@ def test_the_error_told_at_kinks_bounds_that_of_the_closed_form(solver: str, ste
     """A ball that bounces on a spring: every touch is a kink, met by each run in its own way."""
     problem = dc.problems.load("ball-on-compliant-floor")
     state, duration = problem.state, problem.duration
-    options = (problem.mechanism, state, duration, (solver,), {}, Deadline())
+    options: Any = (problem.mechanism, state, duration, (solver,), {}, Deadline())
     (family,), _ = settings_of_solvers.families(problem, *options)
     setting = duration / steps if family.knob == "step" else 10.0 ** -(6 + steps / 4_000)
     whole = replace(family, pieces=lambda setting: family.pieces(setting)[:1])

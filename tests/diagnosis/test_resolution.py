@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from deltac.diagnosis.measurements.digits import Digits, medians, resolution
+from deltac.arrays import medians
+from deltac.diagnosis.measurements.digits import Digits, resolution
 
 RNG = np.random.default_rng(1)
 VALUES = RNG.normal(size=1000) * 10.0 ** RNG.integers(-3, 3, size=1000)

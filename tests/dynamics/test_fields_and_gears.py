@@ -7,6 +7,7 @@ import pytest
 
 import deltac as dc
 from deltac.errors import InputError
+from deltac.mechanism.scene import Constraint
 
 GM = 3.986004418e14
 
@@ -90,7 +91,7 @@ def test_fields_that_are_none() -> None:
 INERTIA = {"a": 0.3, "b": 0.7, "c": 0.2}
 
 
-def shafts(constraint: object, torque: str) -> dc.Mechanism:
+def shafts(constraint: Constraint, torque: str) -> dc.Mechanism:
     """Three shafts about z with inertias of 0.3, 0.7, 0.2 kg·m²; 1 N·m on one of them."""
     return dc.Mechanism(
         [dc.body(n, 1.0, inertia=(1.0, 1.0, i)) for n, i in INERTIA.items()],

@@ -46,7 +46,7 @@ def test_every_element_has_an_example() -> None:
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 @given(bare=samples(Options(forces=False, bodies=4)), seed=st.integers(0, 2**32 - 1))
-def test_power_is_the_loss_of_potential(kind: type, bare: Sample, seed: int) -> None:
+def test_power_is_the_loss_of_potential(kind: type[Element], bare: Sample, seed: int) -> None:
     rng = np.random.default_rng(seed)
     what = str(rng.choice(ELEMENTS[kind]))
     element = random_force(rng, bare.mechanism, what, "tested")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import product
 from typing import Any
 
@@ -27,7 +28,7 @@ MACHINE = Mechanism(
 SYSTEM = trace(MACHINE)
 
 #: one shape of every kind, off its body's origin and turned
-MAKERS = {
+MAKERS: dict[type[Shape], Callable[[str], Shape]] = {
     Sphere: lambda body: shapes.sphere(body, "r", (0.1, 0, 0)),
     Capsule: lambda body: shapes.capsule(body, 0.15, 0.8, (1, 2, 3), (0, 0.1, 0)),
     Box: lambda body: shapes.box(

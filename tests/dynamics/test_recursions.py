@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -110,7 +112,7 @@ def test_terms(sample: Sample) -> None:
     parts = channels(system)
     k = terms(system, system.udot_all, parts)
     udot = sample.udot
-    expected = {
+    expected: dict[str, Any] = {
         "K2": book.K2,
         "K1": book.K1,
         "K0": book.K0,

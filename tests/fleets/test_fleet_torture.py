@@ -59,7 +59,7 @@ def start(*arguments: object) -> subprocess.Popen[str]:
 
 
 def workers_of(pid: int) -> list[int]:
-    """Of all threads of a process."""
+    """Of all threads of a process: the server that forks them, and those that it has forked."""
     tasks = Path(f"/proc/{pid}/task")
     found = []
     for task in tasks.iterdir() if tasks.exists() else ():
@@ -67,7 +67,7 @@ def workers_of(pid: int) -> list[int]:
             found += [int(n) for n in (task / "children").read_text().split()]
         except OSError:
             continue
-    return found
+    return found + [worker for child in found for worker in workers_of(child)]
 
 
 @pytest.mark.parametrize("kills", [6, 50])
@@ -107,7 +107,7 @@ def test_killed_at_any_moment(
 def test_workers_end_with_the_process_that_started_them(plan: Path, tmp_path: Path) -> None:
     process = start(plan, "--out", tmp_path / "out", "--chunk", 1, "--workers", 2)
     until = time.monotonic() + 60.0
-    while len(workers := workers_of(process.pid)) < 2 and time.monotonic() < until:
+    while len(workers := workers_of(process.pid)) < 3 and time.monotonic() < until:
         time.sleep(0.05)
     process.kill()
     process.communicate(timeout=30)

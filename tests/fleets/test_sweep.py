@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import os
 import shutil
@@ -332,7 +331,8 @@ def test_a_motion_that_turns_where_it_is_looked_at(step: float, duration: float)
         duration=duration,
         tolerance=1e-4,
     )
-    frame = pl.read_parquet(io.BytesIO(plan.piece([0, 1])()))
+    piece = plan.piece([0, 1])
+    frame = piece.table(piece())
     problem = dc.problems.load("double-pendulum")
     mechanism = problem.mechanism.with_parameters(m1=point["m1"])
     q = problem.state.q.copy()

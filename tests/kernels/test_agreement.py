@@ -6,6 +6,8 @@ equations magnify: by their condition, which is why the bound is relative to the
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -27,7 +29,7 @@ AGREE = 1e-9
 QUICK = ("simple-pendulum", "chaotic-double-body", "andrews-squeezer")
 
 
-def assert_agree(outputs: dict, inputs: dict, x: np.ndarray) -> None:
+def assert_agree(outputs: dict[str, Any], inputs: dict[str, Any], x: np.ndarray) -> None:
     pytest.importorskip("llvmlite")
     found = []
     for evaluator in ("llvm", "casadi"):

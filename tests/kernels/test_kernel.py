@@ -7,6 +7,7 @@ import importlib.util
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import casadi
 import numpy as np
@@ -226,7 +227,7 @@ def test_outputs_may_be_empty(evaluator: str) -> None:
         ({"t": [0, 1, 2], "q": np.zeros((4, 2)), "u": [0, 0]}, "'t': 3, 'q': 4"),
     ],
 )
-def test_wrong_arrays_are_named(arrays: dict, message: str) -> None:
+def test_wrong_arrays_are_named(arrays: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError, match=f"pendulum: .*{message}"):
         pendulum()(**arrays)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import casadi
 import numpy as np
@@ -20,7 +21,9 @@ from deltac.kernels.lowering import Algebra, lower
 EPS = np.finfo(float).eps
 
 # (CasADi, NumPy, lower and upper end of the domain); x is the operand.
-UNARY: dict[str, tuple[Callable, Callable, float, float]] = {
+Operation = Callable[..., Any]
+
+UNARY: dict[str, tuple[Operation, Operation, float, float]] = {
     "neg": (lambda x: -x, np.negative, -3, 3),
     "exp": (casadi.exp, np.exp, -3, 3),
     "log": (casadi.log, np.log, 0, 3),
@@ -64,7 +67,7 @@ UNARY: dict[str, tuple[Callable, Callable, float, float]] = {
     ),
 }
 
-BINARY: dict[str, tuple[Callable, Callable]] = {
+BINARY: dict[str, tuple[Operation, Operation]] = {
     "add": (lambda x, y: x + y, np.add),
     "sub": (lambda x, y: x - y, np.subtract),
     "mul": (lambda x, y: x * y, np.multiply),
@@ -164,7 +167,7 @@ def test_branch_not_taken_does_not_spread_its_nan(evaluator: str) -> None:
 @pytest.mark.heyoka
 @pytest.mark.parametrize("operation", [casadi.fmin, casadi.fmax])
 def test_minimum_and_maximum_hand_a_nan_on(
-    operation: Callable, monkeypatch: pytest.MonkeyPatch
+    operation: Operation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("llvmlite")
     monkeypatch.setenv("DELTAC_EVALUATOR", "llvm")
@@ -207,7 +210,7 @@ def test_arguments_must_fit() -> None:
 
 # Random expressions. Each operation maps [-2, 2] into itself and at most doubles the errors of its
 # operands, so that n of them in a row are off by at most 2^n times a few ulp of 2.
-NODES: list[Callable] = [
+NODES: list[Operation] = [
     lambda a, b, c: (a + b) / 2,
     lambda a, b, c: (a - b) / 2,
     lambda a, b, c: a * b / 2,
@@ -244,7 +247,7 @@ DEPTH = 10
     ),
     points=st.lists(st.lists(st.floats(-2, 2), min_size=3, max_size=3), min_size=1, max_size=9),
 )
-def test_random_expressions_agree_with_casadi(steps: list, points: list) -> None:
+def test_random_expressions_agree_with_casadi(steps: list[Any], points: list[Any]) -> None:
     pytest.importorskip("llvmlite")
     x = casadi.SX.sym("x", 3)
     nodes = [x[0], x[1], x[2]]

@@ -22,7 +22,8 @@ from deltac.kernels import Kernel
 llvm = pytest.importorskip("llvmlite.binding")
 from deltac.kernels import llvm_evaluator as ours  # noqa: E402
 from deltac.kernels import native  # noqa: E402
-from deltac.kernels.llvm_ir import LIBRARY, PREFIX, llvm_ir  # noqa: E402
+from deltac.kernels.llvm_ir import llvm_ir  # noqa: E402
+from deltac.kernels.lowering import LIBRARY, PREFIX  # noqa: E402
 
 pytestmark = [
     pytest.mark.heyoka,

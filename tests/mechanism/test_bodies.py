@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,6 +16,7 @@ from deltac.mechanism.bodies import Body, body, box, disc, frame, point_mass, ro
 Array = NDArray[np.float64]
 EXACT = 1e-13  # a few products and sums
 sizes = st.floats(0.05, 5.0)
+SYMBOLIC: Any = ["l", 0, 1]
 
 
 def inertia(part: Body) -> Array:
@@ -122,7 +125,7 @@ NAN, INF = float("nan"), float("inf")
         (lambda: rod("crank", 1, 0), ["length of rod 'crank'", "0", "positive"]),
         (lambda: rod("crank", 1, 1, along="w"), ["'crank'", "'w'", "known: x, y, z"]),
         (lambda: rod("crank", 1, 1, along=[0, 0, 0]), ["'crank'", "no direction"]),
-        (lambda: rod("crank", 1, 1, along=["l", 0, 1]), ["'crank'", "plain numbers"]),
+        (lambda: rod("crank", 1, 1, along=SYMBOLIC), ["'crank'", "plain numbers"]),
         (lambda: box("crank", 1, [1, 0, 1]), ["size of box 'crank'", "0"]),
         (lambda: disc("crank", 1, 1, thickness=-1), ["thickness of disc 'crank'", "-1"]),
         (lambda: sphere("crank", 1, -1), ["radius of sphere 'crank'", "-1"]),

@@ -16,6 +16,7 @@ from deltac.mechanism.quantities import unit_vector
 def test_a_copy_is_the_part_to_the_last_bit(name: str) -> None:
     """Parts are read again when they are copied, as by `with_parameters`; axes are normalised once."""
     mechanism = dc.problems.load(name).mechanism
+    part: Any  # a dataclass, as all of them are
     for part in mechanism.parts:
         assert repr(replace(part)) == repr(part)
 

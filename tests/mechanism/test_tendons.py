@@ -32,7 +32,7 @@ def evaluated(element: Any, x: float, u: float) -> dict[str, tuple[float, float]
     mechanism = slider(element)
     system = trace(mechanism)
     sample = Sample(mechanism, 0.0, np.array([x]), np.array([u]), np.zeros(1))
-    found = {}
+    found: dict[str, tuple[float, float]] = {}
     for part in channels(system):
         V = 0 if part.potential is None else part.potential
         force, V = sample.evaluate(system, part.force, V)

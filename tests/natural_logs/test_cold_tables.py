@@ -48,7 +48,10 @@ def arrays(**columns: np.ndarray | float) -> Writer:
 
 
 def records(value: object) -> Writer:
-    return lambda path: path.write_text(json.dumps(value), "utf-8") and None
+    def written(path: Path) -> None:
+        path.write_text(json.dumps(value), "utf-8")
+
+    return written
 
 
 def stamp(t: float) -> dict[str, dict[str, int]]:

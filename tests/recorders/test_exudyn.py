@@ -147,7 +147,7 @@ def test_without_exudyn(monkeypatch: pytest.MonkeyPatch) -> None:
         record_exudyn(None, 0, ())
 
 
-def geared(step: float, solver: str, **options: Any) -> tuple[Any, Trajectory]:
+def geared(step: float, solver: str, **options: Any) -> tuple[Any, Any]:
     """The elbow geared to the shoulder by a coordinate constraint: θ₂ = −½ (θ₁ − 0.2)."""
     from exudyn.itemInterface import CoordinateConstraint, MarkerNodeCoordinate
 

@@ -107,7 +107,7 @@ def driven_arm(step: float, stages: bool = False) -> Trajectory:
             1.0,
             torque,
             lambda t, q, v: rec.sample(
-                t, q, v, tau=drive(t), forces={"damper shoulder": [-DAMPING * v[0], 0.0]}
+                t, q, v, tau=drive(t), forces={"damper shoulder": np.array([-DAMPING * v[0], 0.0])}
             ),
             stage,
         )
@@ -229,7 +229,7 @@ def test_a_monitor_takes_the_rows() -> None:
     with record_pinocchio(model, monitor=monitor) as rec:
         for k, t in enumerate(run.t):
             q = np.array([run.q[k, 0], np.cos(run.q[k, 1]), np.sin(run.q[k, 1])])
-            damper = [-DAMPING * run.u[k, 0], 0.0]
+            damper = np.array([-DAMPING * run.u[k, 0], 0.0])
             rec.sample(t, q, run.u[k], tau=drive(t), forces={"damper shoulder": damper})
     ledger = dc.balance(mechanism, run, work="samples", testing=("wang",))
     assert abs(monitor.delta_c - ledger.delta_c["wang"][-1]) <= monitor.error_bar + 1e-9

@@ -33,13 +33,14 @@ class Opened:
         self.page = page
         self.complaints: list[str] = []
         self.requests: list[str] = []
-        page.on("console", lambda m: m.type in ("error", "warning") and self._heard(m.text))
+        page.on("console", self._heard)
         page.on("pageerror", lambda error: self.complaints.append(str(error)))
         page.on("request", lambda request: self.requests.append(request.url))
 
-    def _heard(self, text: str) -> None:
-        if "GPU stall" not in text:  # of the software renderer that reads its picture back
-            self.complaints.append(text)
+    def _heard(self, message: Any) -> None:
+        stall = "GPU stall" in message.text  # of the software renderer that reads its picture back
+        if message.type in ("error", "warning") and not stall:
+            self.complaints.append(message.text)
 
     def __call__(self, script: str, argument: Any = None) -> Any:
         return self.page.evaluate(script, argument)

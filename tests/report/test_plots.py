@@ -92,9 +92,10 @@ def test_nothing_is_cut_or_covered(results: dict[str, Shown], name: str) -> None
         if legend is not None:
             box = legend.get_window_extent(renderer)
             assert not any(box.overlaps(other.get_window_extent()) for other in figure.axes)
-        box = axes.get_tightbbox(renderer)
-        assert box.x0 >= page.x0 and box.x1 <= page.x1 + 1
-        assert box.y0 >= page.y0 and box.y1 <= page.y1 + 1
+        tight = axes.get_tightbbox(renderer)
+        assert tight is not None
+        assert tight.x0 >= page.x0 and tight.x1 <= page.x1 + 1
+        assert tight.y0 >= page.y0 and tight.y1 <= page.y1 + 1
         assert axes.lines or axes.patches or axes.images or axes.collections
     if name not in ("MutationReport", "Mechanism"):
         assert figure.axes[-1].get_xlabel()

@@ -96,7 +96,8 @@ def test_order_with_projection(name: str, make: Make, T: float) -> None:
     mechanism, state = make()
     order = SOLVERS[name].order
     assert order is not None
-    steps, errors = (4 if order > 3 else 64), []
+    steps = 4 if order > 3 else 64
+    errors: list[float] = []
     while not errors or (errors[-1] > 1e-13 and steps <= 1024):
         run = dc.simulate(mechanism, state, T, T / steps, name, ())
         found = np.concatenate([run.q[-1], run.u[-1]])
@@ -124,7 +125,7 @@ def test_delta_c_falls_with_the_order(name: str, first: int, constraints: Any) -
         run = dc.simulate(mechanism, state, 0.4, 0.4 / steps, name, ALL, constraints=constraints)
         delta = balance(mechanism, run).delta_c
         found.append([np.abs(delta[function]).max() for function in ALL])
-    slopes = np.log2(np.divide(*found))
+    slopes = np.log2(np.divide(found[0], found[1]))
     assert (slopes > order - 0.2).all() and (slopes < order + 1.2).all(), slopes
 
 
@@ -302,7 +303,7 @@ def test_the_1988_form_is_refused_on_constrained_mechanisms() -> None:
 def test_redundant_constraints_run_and_agree() -> None:
     """The closure told twice: the same motion, the second set of rows left to follow."""
     mechanism, state = linkage()
-    (closure,) = mechanism.constraints
+    closure: Any = mechanism.constraints[0]
     twice = replace(mechanism, constraints=[closure, replace(closure, name="again")])
     once = dc.simulate(mechanism, state, 0.5, 0.005, "ode4")
     again = dc.simulate(twice, state, 0.5, 0.005, "ode4")

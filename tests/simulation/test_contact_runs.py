@@ -152,10 +152,11 @@ def test_fixed_steps_keep_their_order_if_none_goes_across_a_touch() -> None:
 def test_implicit_solvers_take_contact_with_stiff_friction(solver: str) -> None:
     """Steps are not held down by the width, and the balance closes to the tolerance."""
     machine = ball_at_a_wall(dissipation=0.4)
+    wall: Any = machine.forces[0]
     rough = Mechanism(
         machine.bodies,
         [prismatic("x", "ground", "ball", (1, 1, 0), position=(0.1, 0, 0))],
-        [replace(machine.forces[0], friction=friction_law(0.4, static=0.6, stribeck=0.01))],
+        [replace(wall, friction=friction_law(0.4, static=0.6, stribeck=0.01))],
     )
     run = simulate(rough, rough.state({"x": 0.01}, {"x": -1.0}), 0.2, 1e-3, by_name(solver, 1e-9))
     ledger = balance(rough, run)

@@ -179,7 +179,7 @@ def test_sensitivity_needs_no_vary() -> None:
         ({"states": (np.zeros((3, 2)), np.zeros((2, 2)))}, "Q has 3 members, U has 2"),
     ],
 )
-def test_bad_input_is_named(change: dict, message: str) -> None:
+def test_bad_input_is_named(change: dict[str, Any], message: str) -> None:
     given = {"states": starts(3), "duration": 1.0, "step": 0.1, **change}
     with pytest.raises(dc.InputError, match=message):
         dc.simulate_ensemble(double_pendulum(), **given)

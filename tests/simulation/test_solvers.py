@@ -174,7 +174,12 @@ def test_taylor_integrator_is_made_once_and_runs_in_threads(
 
     made: list[Any] = []
     make = heyoka.taylor_adaptive
-    monkeypatch.setattr(heyoka, "taylor_adaptive", lambda *a, **k: made.append(1) or make(*a, **k))
+
+    def counted(*args: Any, **named: Any) -> Any:
+        made.append(1)
+        return make(*args, **named)
+
+    monkeypatch.setattr(heyoka, "taylor_adaptive", counted)
     monkeypatch.setenv("DELTAC_CACHE", "off")
     mechanism = pendulum(damping=0.037)  # no other test's
 

@@ -183,7 +183,7 @@ def test_many_unknowns_are_solved_sparse() -> None:
     K[-1, -1] = k
     q, u = state.q.copy(), state.u.copy()
     for _ in range(20):
-        u = np.linalg.solve(np.eye(n) + h**2 * K, u - h * K @ q)
+        u = np.asarray(np.linalg.solve(np.eye(n) + h**2 * K, u - h * K @ q), dtype=np.float64)
         q = q + h * u
     np.testing.assert_allclose(run.q[-1], q, atol=1e-12)
     np.testing.assert_allclose(run.u[-1], u, atol=1e-11)

@@ -20,7 +20,7 @@ class Poisoned:
     piece: RunPiece
     fates: Mapping[float, str]
 
-    def __call__(self) -> bytes:
+    def __call__(self) -> Mapping[str, Any]:
         for value in self.piece.values[:, 0].tolist():
             fate = self.fates.get(round(value, 9))
             if fate == "die":
@@ -35,10 +35,9 @@ class Poisoning(ThreadPoolExecutor):
         super().__init__(1)
         self.fates = fates
 
-    def submit(
-        self, call: Callable[..., Any], /, work: Any, *more: Any, **named: Any
-    ) -> Future[Any]:
-        return super().submit(call, Poisoned(work, self.fates), *more, **named)
+    def submit(self, call: Callable[..., Any], /, *work: Any, **named: Any) -> Future[Any]:
+        piece, *more = work
+        return super().submit(call, Poisoned(piece, self.fates), *more, **named)
 
 
 def poisoned(

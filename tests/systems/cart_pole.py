@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 import deltac as dc
 
 Array: TypeAlias = NDArray[np.float64]
+Rate: TypeAlias = Callable[[float, Array, Array], Array]
 NAMES = ("slide", "hinge")
 
 
@@ -91,7 +92,7 @@ def heun(f, t, q, u, h):  # type: ignore[no-untyped-def]
     return q + h / 2 * (u + v), u + h / 2 * (a + f(t + h, q + h * u, v))
 
 
-def rk4(f, t, q, u, h):  # type: ignore[no-untyped-def]
+def rk4(f: Rate, t: float, q: Array, u: Array, h: float) -> tuple[Array, Array]:
     a1 = f(t, q, u)
     a2 = f(t + h / 2, q + h / 2 * u, u + h / 2 * a1)
     a3 = f(t + h / 2, q + h / 2 * u + h**2 / 4 * a1, u + h / 2 * a2)

@@ -39,6 +39,7 @@ from deltac.mechanism.friction import (
 from deltac.mechanism.joints import JOINT_KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
+from deltac.mechanism.shapes import Shape
 from tests.oracles.textbook.forces import STATED
 from tests.systems.random_geometry import random_direction, random_rotation
 
@@ -183,6 +184,7 @@ def random_contact(rng: np.random.Generator, what: str, name: str, one: str, oth
     def at() -> Array:
         return rng.normal(0, 0.4, 3)
 
+    pair: tuple[Shape, Shape]
     match what:
         case "ball on plane":
             pair = (

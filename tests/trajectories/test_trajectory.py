@@ -45,7 +45,7 @@ def test_arrays_are_copied_converted_and_read_only() -> None:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
     with pytest.raises(dataclasses.FrozenInstanceError):
-        run.t = t  # type: ignore[misc]
+        run.t = run.q  # type: ignore[misc]
     with pytest.raises(TypeError):
         make().forces["gravity"] = q  # type: ignore[index]
     assert run.provenance.simulator == "unknown"

@@ -188,7 +188,7 @@ def classify(model: ModelLike, state: StateLike = None) -> Classification:
     if not large:
         constant = _constant(motion, t, q, u, bool(nonpotential), acatastatic)
         at = evaluate(mechanism, state)
-        energies = {"K": at.kinetic, "V": float(sum(at.potential.values()))}
+        energies = {"K": float(at.kinetic), "V": float(sum(at.potential.values()))}
     with_potential = [n for n in functions if n != "liu-huston"]
     return Classification(
         mechanism=mechanism.name,

@@ -48,7 +48,7 @@ class Evaluation(Serialisable):
         driving: forces (nu,) that drive the prescribed joints, zero at free ones.
     """
 
-    t: Any
+    t: float | Array
     speeds: tuple[str, ...]
     all_speeds: tuple[str, ...]
     rows: tuple[str, ...]
@@ -56,8 +56,8 @@ class Evaluation(Serialisable):
     M: Array
     bias: Array
     forces: dict[str, Array]
-    potential: dict[str, Any]
-    kinetic: Any
+    potential: dict[str, float | Array]
+    kinetic: float | Array
     phi: Array
     psi: Array
     gamma: Array

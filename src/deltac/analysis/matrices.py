@@ -80,7 +80,7 @@ class Matrices(Serialisable):
             are active forces and not part of it.
     """
 
-    t: Any
+    t: float | Array
     bodies: tuple[str, ...]
     rows: tuple[str, ...]
     joints: tuple[str, ...]

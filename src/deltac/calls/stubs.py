@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable
 from importlib import import_module
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,8 @@ def listed(package: str) -> dict[str, str]:
 
 def registered(group: str, name: str) -> Any:
     """What another package registers under a name, by an entry point of that group; None where none does."""
+    from importlib.metadata import entry_points
+
     points = entry_points(group=group, name=name)
     return next(iter(points)).load() if points else None
 

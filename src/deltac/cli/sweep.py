@@ -129,13 +129,10 @@ def deliver(
         raise FileError(f"{path}: expected a .toml file that says what is run; see docs/fleets.md")
     plan = make(path)
     if only is not None:
-        import io
-
-        import polars
-
         if page is not None:
             plan.write_case(only, page)
-        (row,) = polars.read_parquet(io.BytesIO(plan.piece_at(only)())).to_dicts()
+        piece = plan.piece_at(only)
+        (row,) = piece.table(piece()).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
     run(plan, out, plan.spec.execution, keywords, form, page)

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,6 @@ from deltac.dynamics.testing_functions import (
     applicable,
     testing_functions,
 )
-from deltac.energy.discrete import DiscreteWork, discrete_work
 from deltac.energy.ledger import Ledger
 from deltac.energy.one_pass import OnePass, in_one_pass
 from deltac.energy.prepare import checked_samples
@@ -56,6 +56,9 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.expressions import Law
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.energy.discrete import DiscreteWork
 
 WORK = ("in-loop", "samples", "discrete")
 DIVISIONS = 64
@@ -117,7 +120,11 @@ def balance_of_rows(
         columns = _Columns.of_all_rows(samples, rows, log, kernels)
     else:
         columns = _Columns.of_pass(one_pass, kernels)
-    discrete = discrete_work(symbols, rows, samples, log) if method == "discrete" else None
+    discrete = None
+    if method == "discrete":
+        from deltac.energy.discrete import discrete_work
+
+        discrete = discrete_work(symbols, rows, samples, log)
     return Piece(
         mechanism,
         run,
@@ -504,14 +511,10 @@ def _recorded(run: Trajectory) -> frozenset[ChannelName]:
 def _require_same_division(run: Trajectory, coordinates: CoordinateMap | None) -> None:
     """Kane–Levinson's E = K2 − K0 + V and its P must be divided by the same generalized speeds."""
     noted = run.provenance.coordinates
-    digest, _, names = run.provenance.notes.get("coordinates", "").partition(
-        " "
-    )  # schema 3, before 0.3
-    if noted:
-        division = CoordinateMap(**noted)
-        digest, names = division.digest, ", ".join(division.speeds)
-    if digest != ("" if coordinates is None else coordinates.digest):
-        of = f"in the own speeds {names}" if digest else "in the mechanism's speeds"
+    taken = CoordinateMap(**noted) if noted else None
+    if (taken and taken.digest) != (coordinates and coordinates.digest):
+        own = f"in the own speeds {', '.join(taken.speeds)}" if taken else ""
+        of = own or "in the mechanism's speeds"
         raise ModelError(
             f"coordinates: the integrals of Kane–Levinson's functions in this run were taken {of}; give "
             "balance none, so that it takes the same, or work='samples'"

@@ -12,7 +12,7 @@ import math
 import random
 import time
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -22,7 +22,6 @@ from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import deltac
@@ -34,7 +33,7 @@ from deltac.errors import FileError, InputError, SpecificationError, UnknownName
 from deltac.fleets.execution import local_crew
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
+from deltac.fleets.rows import AUDITED, NUMBER, TEXT, Piece, audited_row, failed_row
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import appearing, read_text
@@ -43,32 +42,20 @@ from deltac.foreign.limits import parse_json, parse_toml
 from deltac.kernels import cache_folder, cache_wanted
 from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
 
-OUTCOME: dict[str, str] = {
-    "verdict": TEXT,
-    "confidence": TEXT,
-    "relative": NUMBER,
-    "energy_error": NUMBER,
-    "energy": NUMBER,
+OUTCOME: Mapping[str, str] = {
+    **AUDITED,
     "exchanged": NUMBER,
-    "error_bar": NUMBER,
     **{
         f"{share}{kind}": NUMBER
         for share in ("integrator", "equations", "log")
         for kind in ("", "_error", "_largest")
     },
     "speeds": NUMBER,
-    "samples": NUMBER,
     "lasted": NUMBER,
-    "exit_code": NUMBER,
     "integrator_name": TEXT,
     "causes": TEXT,
-    "findings": TEXT,
     "run_seconds": NUMBER,
-    "seconds": NUMBER,
     "build": TEXT,
-    "code": TEXT,
-    "message": TEXT,
-    "details": TEXT,
 }
 """What the table says of every run; energies in J, see docs/atlas.md."""
 
@@ -143,7 +130,7 @@ class Run:
 class AtlasPiece(Piece):
     """Runs of one model, which is read once, as its equations are compiled once."""
 
-    needs = ("polars", "deltac.diagnosis.audit.audit", "deltac.recorders.experiments")
+    needs = ("deltac.diagnosis.audit.audit", "deltac.recorders.experiments", "llvmlite.binding")
     kinds = OUTCOME
     per_row = "runs"
 
@@ -180,16 +167,16 @@ class AtlasPiece(Piece):
 def _row(run: Run) -> dict[str, Any]:
     own = run.setting
     if own.failure is not None or run.step is None:
-        return _failed(own.failure or Failure("E-MODEL", "not run"))
+        return failed_row(own.failure or Failure("E-MODEL", "not run"))
     try:
         return judged(own, run.step)
     except InputError as error:
-        return _failed(Failure(error.code, str(error)))
+        return failed_row(Failure(error.code, str(error)))
     except (RuntimeError, ValueError, ArithmeticError, LookupError, TypeError) as error:
         # What simulators written in C++ say of a model that they do not take.
-        return _failed(Failure("E-RECORDING", f"{type(error).__name__}: {error}"[:500]))
+        return failed_row(Failure("E-RECORDING", f"{type(error).__name__}: {error}"[:500]))
     except SystemExit:
-        return _failed(
+        return failed_row(
             Failure("E-RECORDING", "the simulator ends the process; its output says why")
         )
 
@@ -197,10 +184,6 @@ def _row(run: Run) -> dict[str, Any]:
 def solver_label(setting: Setting) -> str | None:
     """As "mujoco:rk4"."""
     return None if setting.simulator is None else f"{setting.simulator}:{setting.solver}"
-
-
-def _failed(failure: Failure) -> dict[str, Any]:
-    return {name: value for name, (value,) in failed_outcome(failure).items()}
 
 
 def judged(setting: Setting, step: float) -> dict[str, Any]:
@@ -222,27 +205,17 @@ def judged(setting: Setting, step: float) -> dict[str, Any]:
             shares |= {name: share.energy, f"{name}_error": share.error}
             shares[f"{name}_largest"] = share.largest[0]
     return {
-        "verdict": report.verdict.kind,
-        "confidence": report.verdict.confidence,
-        "relative": report.relative,
-        "energy_error": float(np.abs(report.energy_error).max()),
-        "energy": report.reference_energy,
+        **audited_row(report, time.process_time() - ran),
         "exchanged": report.energy_exchanged,
-        "error_bar": float(report.ledger.error_bar[report.function].max()),
         **shares,
         "speeds": float(len(experiment.model.mechanism.speeds.names)),
-        "samples": float(report.samples),
         "lasted": float(run.t[-1] - run.t[0]) + step,
-        "exit_code": float(report.exit_code),
         "integrator_name": None
         if report.integrator is None
         else " or ".join(report.integrator.names) or None,
         "causes": "; ".join(map(str, report.causes)) or None,
-        "findings": " ".join(f.code for f in report.findings) or None,
         "run_seconds": ran - began,
-        "seconds": time.process_time() - ran,
         "message": run.provenance.message or report.summary(),
-        "details": report.explain() if report.exit_code else None,
     }
 
 
@@ -557,9 +530,24 @@ def atlas(
     """Run the models of installed packages in every simulator, and judge every run.
 
     Results that are already in `out` are not computed again: an atlas that was stopped or killed continues.
+    The keys of the plan:
+
+    - `models`: file patterns by installed package; patterns after ``!`` are left out; ``"."`` means paths
+      relative to the plan
+    - `simulators`: integrators by simulator: "mujoco", "drake", "pybullet", "pinocchio", "exudyn", "deltac"
+    - `motions`: some of "fall", "sway", "hold"
+    - `duration`, `rows`: of a motion, s, and the least number of own steps that it lasts
+    - `step`, `steps`: the step of models that name none, s; the steps of the runs as multiples of the model's
+      own
+    - `speeds`: the most speeds of a model that is run
+    - `tolerance`, `audit_seconds`: of the audit
+    - `execution`: as for `sweep`
+
+    Columns beside those of `audit_many`: `motion`, `exchanged`, and of `integrator`, `equations` and `log`
+    the joules at the end, their ``_error``, and the ``_largest`` along the run.
 
     Args:
-        plan: a ``.toml`` file that names models, simulators, motions and steps (see docs/atlas.md).
+        plan: a ``.toml`` file that names models, simulators, motions and steps.
         out: folder of the results; by default the plan's name with ``.atlas``.
         workers: number of processes; by default one per core.
         executor: does the work instead; any executor of the `concurrent.futures` interface.

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
@@ -24,7 +22,7 @@ from deltac.errors import FileError, InputError, UnknownName, closest, listed
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
+from deltac.fleets.rows import AUDITED, NUMBER, TEXT, Piece, audited_row, failed_row
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import read_text
@@ -34,24 +32,9 @@ from deltac.models import Model, ModelLike, load_model
 from deltac.trajectories import FORMATS, LogMapping, Trajectory, as_mapping, is_log_folder, read_raw
 
 if TYPE_CHECKING:
-    from deltac.diagnosis import Audit
+    pass
 
-OUTCOME: dict[str, str] = {
-    "verdict": TEXT,
-    "confidence": TEXT,
-    "relative": NUMBER,
-    "energy_error": NUMBER,
-    "energy": NUMBER,
-    "error_bar": NUMBER,
-    "samples": NUMBER,
-    "duration": NUMBER,
-    "exit_code": NUMBER,
-    "findings": TEXT,
-    "seconds": NUMBER,
-    "code": TEXT,
-    "message": TEXT,
-    "details": TEXT,
-}
+OUTCOME: Mapping[str, str] = {**AUDITED, "duration": NUMBER}
 """What the table says of every log or episode; see docs/fleets.md."""
 
 AMBIGUOUS = (".txt", ".dat", ".tab", ".asc", ".json", ".jsonl", ".ndjson")
@@ -91,7 +74,7 @@ class AuditTask:
 class AuditPiece(Piece):
     """Some logs, or some episodes of one log."""
 
-    needs = ("polars", "deltac.diagnosis.audit.audit")
+    needs = ("deltac.diagnosis.audit.audit", "llvmlite.binding")
     kinds = OUTCOME
     per_row = "logs"
 
@@ -142,31 +125,12 @@ def _judged(task: AuditTask, runs: Sequence[Trajectory | InputError]) -> list[di
     )
     results = [run if isinstance(run, InputError) else next(audits) for run in runs]
     seconds = (time.process_time() - began) / max(len(good), 1)
-    return [_failed(one) if isinstance(one, InputError) else _told(one, seconds) for one in results]
-
-
-def _failed(error: InputError) -> dict[str, Any]:
-    outcome = failed_outcome(Failure(error.code, str(error)))
-    return {name: value for name, (value,) in outcome.items()}
-
-
-def _told(audit: Audit, seconds: float) -> dict[str, Any]:
-    """The row of an audit that took so many seconds."""
-    return {
-        "verdict": audit.verdict.kind,
-        "confidence": audit.verdict.confidence,
-        "relative": audit.relative,
-        "energy_error": float(np.abs(audit.energy_error).max()),
-        "energy": audit.reference_energy,
-        "error_bar": float(audit.ledger.error_bar[audit.function].max()),
-        "samples": float(audit.samples),
-        "duration": audit.run.duration,
-        "exit_code": float(audit.exit_code),
-        "findings": " ".join(f.code for f in audit.findings) or None,
-        "seconds": seconds,
-        "message": audit.summary(),
-        "details": audit.explain() if audit.exit_code else None,
-    }
+    return [
+        failed_row(Failure(one.code, str(one)))
+        if isinstance(one, InputError)
+        else {**audited_row(one, seconds), "duration": one.run.duration}
+        for one in results
+    ]
 
 
 # --- which logs -----------------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from deltac.calls.progress import Progress
 from deltac.errors import ArgumentsError, ProcessLost, UnknownName
 from deltac.fleets.execution import Crew, SchedulerLost, dask_crew, execute, local_crew
 from deltac.fleets.result import OUTSIDE, Fleet, summarise
-from deltac.fleets.rows import Piece
+from deltac.fleets.rows import Piece, failed_outcome, parquet
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import RESULTS, Store
 from deltac.foreign.isolation import Failure
@@ -119,15 +119,15 @@ class Plan:
                 if progress is not None:
                     progress(count / total)
 
-            def keep(work: Piece, content: bytes) -> None:
-                store.keep(content, work.addresses)
+            def keep(work: Piece, outcome: Mapping[str, Any]) -> None:
+                store.keep(parquet(work.table(outcome)), work.addresses)
 
             def set_aside(work: Piece, failure: Failure) -> None:
                 (address,) = work.addresses
                 store.set_aside(
                     address, {"of": work.about(), "reproduce": self.command(work)}, failure
                 )
-                store.keep(work.failed(failure), work.addresses)
+                keep(work, failed_outcome(failure))
 
             advance(0)
             if missing:

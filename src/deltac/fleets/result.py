@@ -35,6 +35,21 @@ SHOWN = 10
 class Fleet(Report):
     """The results of a sweep, or of the audits of many logs.
 
+    `frame` has a row for every run, log or episode. Its columns:
+
+    - `address`: hash of everything that determines the result, versions of deltac, NumPy, SciPy, CasADi,
+      llvmlite and heyoka included
+    - `model`, `solver`, `step`, `solver_tolerance`, `duration`, ``parameter.…``, ``q.…``, ``u.…``: the point
+      of a sweep; `log`, `episode` of an audit
+    - `verdict`: "consistent"; "integration-error": |ΔC| exceeds the tolerance, or the run blew up;
+      "unresolved": no energy to compare with; "failed": the run could not be made. For studies and audits
+      theirs, with `order`, `confidence`, `findings`
+    - `energy_error`, `relative`, `energy`: largest |ΔC| of Wang's function, projections counted as error, in
+      J and as a fraction; the energy of comparison (J). ``delta_c.…``: |ΔC| of each function (J)
+    - `stopped`: when the state ceased to be finite (s); `evaluations` of ẋ; `seconds`: processor time without
+      compilation, the only column that differs when the work is repeated
+    - `code`, `message`, `details`: why a row failed; the report of a log that is not in order
+
     Attributes:
         kind: "sweep", "audit" or "atlas".
         name: what it is called.

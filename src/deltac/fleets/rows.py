@@ -1,4 +1,4 @@
-"""Rows of the table: what whoever does the work hands back, as a small Parquet file."""
+"""Rows of the table: what each is of, and what came of it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+import numpy as np
+
 from deltac.foreign.isolation import Failure
 
 if TYPE_CHECKING:
     import polars
+
+    from deltac.diagnosis import Audit
 
 TEXT, NUMBER = "text", "number"
 """Kinds of columns."""
@@ -36,7 +40,7 @@ MEASURED = ("seconds",)
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A piece of work: a picklable call that makes some rows of the table, as a small Parquet file.
+    """A piece of work: a picklable call that finds what some rows of the table hold.
 
     needs    modules that a worker loads when it starts
     kinds    columns of the outcome, in order, and their kinds
@@ -66,13 +70,9 @@ class Piece:
         """How many rows it makes."""
         return len(self.addresses)
 
-    def __call__(self) -> bytes:
-        """Make them."""
-        return self._table(self.outcome())
-
-    def failed(self, failure: Failure) -> bytes:
-        """The row of a piece of one row that failed for good."""
-        return self._table(failed_outcome(failure))
+    def __call__(self) -> Mapping[str, Any]:
+        """Their outcome. Its table is made where it is written, so that workers need no Polars."""
+        return self.outcome()
 
     def halves(self) -> tuple[Self, Self]:
         """Two pieces that make the same rows, to find the one that fails."""
@@ -83,18 +83,18 @@ class Piece:
         )
         return first, second
 
-    def _table(self, outcome: Mapping[str, Any]) -> bytes:
+    def table(self, outcome: Mapping[str, Any]) -> polars.DataFrame:
+        """The rows with what came of them."""
         import polars
 
         types = {TEXT: polars.String, NUMBER: polars.Float64}
         nothing = [None] * self.rows
         columns = {"address": (TEXT, self.addresses), **self.point()}
         columns |= {name: (kind, outcome.get(name, nothing)) for name, kind in self.kinds.items()}
-        frame = polars.DataFrame(
+        return polars.DataFrame(
             polars.Series(name, values, types[kind], strict=False)
             for name, (kind, values) in columns.items()
         ).with_columns(polars.col(polars.Float64).fill_nan(None))
-        return parquet(frame)
 
 
 def parquet(frame: polars.DataFrame) -> bytes:
@@ -104,12 +104,53 @@ def parquet(frame: polars.DataFrame) -> bytes:
     return target.getvalue()
 
 
+AUDITED: Mapping[str, str] = {
+    "verdict": TEXT,
+    "confidence": TEXT,
+    "relative": NUMBER,
+    "energy_error": NUMBER,
+    "energy": NUMBER,
+    "error_bar": NUMBER,
+    "samples": NUMBER,
+    "exit_code": NUMBER,
+    "findings": TEXT,
+    "seconds": NUMBER,
+    "code": TEXT,
+    "message": TEXT,
+    "details": TEXT,
+}
+"""What a table says of every audit; energies in J."""
+
+
+def audited_row(audit: Audit, seconds: float) -> dict[str, Any]:
+    """The row of an audit that took so many seconds."""
+    return {
+        "verdict": audit.verdict.kind,
+        "confidence": audit.verdict.confidence,
+        "relative": audit.relative,
+        "energy_error": float(np.abs(audit.energy_error).max()),
+        "energy": audit.reference_energy,
+        "error_bar": float(audit.ledger.error_bar[audit.function].max()),
+        "samples": float(audit.samples),
+        "exit_code": float(audit.exit_code),
+        "findings": " ".join(f.code for f in audit.findings) or None,
+        "seconds": seconds,
+        "message": audit.summary(),
+        "details": audit.explain() if audit.exit_code else None,
+    }
+
+
+def failed_row(failure: Failure) -> dict[str, Any]:
+    """The row of what could not be made."""
+    return {
+        "verdict": FAILED,
+        "code": failure.code,
+        "message": failure.message,
+        "details": failure.details or None,
+        "exit_code": 2.0,
+    }
+
+
 def failed_outcome(failure: Failure) -> dict[str, list[Any]]:
     """The outcome of a single row that could not be made."""
-    return {
-        "verdict": [FAILED],
-        "code": [failure.code],
-        "message": [failure.message],
-        "details": [failure.details or None],
-        "exit_code": [2.0],
-    }
+    return {name: [value] for name, value in failed_row(failure).items()}

@@ -89,7 +89,11 @@ class Refused:
 class RunPiece(Piece):
     """Some runs of a setting: the values of their axes (N, axes)."""
 
-    needs = ("polars", "deltac.simulation.simulate")
+    needs = (
+        "deltac.simulation.simulate",
+        "deltac.simulation.ensemble.ensemble",
+        "llvmlite.binding",
+    )
     kinds = OUTCOME
     per_row = "values"
 

@@ -319,11 +319,11 @@ def _addresses(design: Design, tasks: Sequence[Task | Refused]) -> Iterator[str]
 @checked
 @interruptible()
 def sweep(
-    source: ModelLike | Mapping[str, Any],
+    source: ModelLike | Mapping[str, object],
     out: str | Path | None = None,
     *,
-    vary: Mapping[str, Any] | None = None,
-    design: Mapping[str, Any] | None = None,
+    vary: Mapping[str, object] | None = None,
+    design: Mapping[str, object] | None = None,
     workers: int | None = None,
     executor: Executor | None = None,
     scheduler: str | None = None,
@@ -337,11 +337,26 @@ def sweep(
     """Run a grid, a list or a random design over models, parameters, initial states, solvers and steps.
 
     Results that are already in `out` are not computed again: a sweep that was stopped or killed continues,
-    and one whose plan was changed computes only what is new.
+    and one whose plan was changed computes only what is new. The keys of a plan:
+
+    - `model`, `state`, `solver`, `step`, `solver_tolerance`, `duration`, `name`: common to all runs; by
+      default the problem's own. `solver_tolerance` applies to adaptive solvers (1e-9)
+    - `verb`: "simulate", one run per point, or "study", a study at three steps per point
+    - `tolerance`: accepted energy error (1e-3)
+    - ``parameter.NAME``, ``q.NAME``, ``u.NAME``: parameters, initial coordinates and speeds; SI, or "30deg"
+    - ``vary.model``, ``vary.solver``, ``vary.step``, ``vary.solver_tolerance``, ``vary.duration``: lists;
+      every run is made with every setting
+    - ``vary.parameter.NAME``, ``vary.q.NAME``, ``vary.u.NAME``: a list, or a range {from, to, count, scale};
+      NAME may be a number of the model in quotes, ``"body.shank.mass"``
+    - ``design.kind``: "grid"; "list", the k-th value of everything; "latin-hypercube" or "sobol",
+      ``design.points`` points with ``design.seed``
+    - ``design.file``: the points of a list as CSV or Parquet, columns named after the axes (`solver`, `step`,
+      ``parameter.m1``, ``q.hip``)
+    - ``execution.workers``, ``.time_limit``, ``.retries``, ``.chunk``, ``.scheduler``: as the arguments
 
     Args:
-        source: a ``.toml`` file that describes the sweep (see docs/fleets.md), the same as a mapping, or a
-            model, or a list of models; `vary`, `design` and `options` then say the rest.
+        source: a ``.toml`` file with such a plan, the same as a mapping, or a model, or a list of models;
+            `vary`, `design` and `options` then say the rest.
         out: folder of the results; by default the sweep's name with ``.sweep``, in the working directory.
         vary: axes by name: "model", "solver", "step", "solver_tolerance", "duration", "parameter.m", "q.hip",
             "u.hip"; values, an array, or {"from": …, "to": …, "count": …, "scale": "log"}.

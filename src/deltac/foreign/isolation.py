@@ -6,6 +6,7 @@ bags of ROS are decoded by libraries in C, C++ and Rust, which a damaged file ca
 
 A worker process is started at the first call and used again; calls at the same time have one each. Work and
 answers go through pipes; a worker ends by itself when the process that started it is gone, killed or not.
+Those of fleets are forked, on Linux, from a process that has loaded what they need (`forking`).
 Since a call is an ordinary function of picklable arguments, any executor can make it: threads of this
 process, processes, workers of a cluster.
 """
@@ -23,11 +24,11 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import IO, Any, Concatenate, ParamSpec, TypeVar
 
 from deltac.errors import FileError, InputError
+from deltac.foreign.forking import PROGRAM, ForkedWorker, forked_worker, load
 from deltac.foreign.limits import SMALL, Limits, free_memory
 
 try:
@@ -80,9 +81,11 @@ class Workers:
         try:
             worker = self._idle.pop()
         except IndexError:
-            worker = _Worker(self._quiet)
+            modules = getattr(work, "needs", ())
+            forked = None if self._quiet else forked_worker(modules, worker_environment())
+            worker = _Worker(_spawned(self._quiet) if forked is None else forked)
             self._busy.add(worker)
-            worker.ask(functools.partial(_started, getattr(work, "needs", ())), STARTING)
+            worker.ask(functools.partial(load, modules), STARTING)
         else:
             self._busy.add(worker)
         try:
@@ -107,11 +110,6 @@ class Workers:
 
 STARTING = 300.0
 """Seconds that a worker process may take to start, on a machine that is busy."""
-
-
-def _started(modules: Sequence[str]) -> None:
-    for name in modules:
-        import_module(name)
 
 
 _of_fleets, _of_readers = Workers(), Workers(quiet=True)
@@ -261,24 +259,29 @@ def _taken(file: IO[bytes], size: int) -> bytearray | None:
     return content
 
 
+def worker_environment() -> dict[str, str]:
+    """Environment variables of workers: one thread each, and the modules that this process finds."""
+    threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "POLARS_MAX_THREADS"), "1")
+    path = os.pathsep.join(p for p in sys.path if p)
+    return {**threads, **os.environ, "DELTAC_THREADS": "1", "PYTHONPATH": path}
+
+
+def _spawned(quiet: bool) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [*PROGRAM],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL if quiet else None,
+        env=worker_environment(),
+        start_new_session=True,
+    )
+
+
 class _Worker:
     """A worker process. In a session of its own, so that Ctrl-C in a terminal is the parent's alone."""
 
-    def __init__(self, quiet: bool) -> None:
-        threads = dict.fromkeys(
-            ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "POLARS_MAX_THREADS"), "1"
-        )
-        path = os.pathsep.join(p for p in sys.path if p)
-        self._process = subprocess.Popen(
-            # -P: what lies in the folder where deltac is called is not imported.
-            [sys.executable, "-P", "-m", "deltac.foreign.worker"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL if quiet else None,
-            env={**threads, **os.environ, "DELTAC_THREADS": "1", "PYTHONPATH": path},
-            start_new_session=True,
-        )
-        self.ended = False
+    def __init__(self, process: subprocess.Popen[bytes] | ForkedWorker) -> None:
+        self._process, self.ended = process, False
 
     def ask(self, work: Callable[[], Any], time_limit: float) -> Any:
         assert self._process.stdin is not None and self._process.stdout is not None

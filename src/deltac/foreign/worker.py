@@ -10,6 +10,7 @@ import threading
 import warnings
 from typing import Any
 
+from deltac.foreign.forking import SERVER, serve
 from deltac.foreign.isolation import INSIDE, Failure, answered, loaded, receive, send
 
 
@@ -42,4 +43,6 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    if SERVER in sys.argv:
+        serve(main)
     main()

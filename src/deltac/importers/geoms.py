@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from deltac import shapes
 from deltac.calls.arguments import checked
@@ -11,12 +11,19 @@ from deltac.importers.names import body_names, geom_names
 from deltac.importers.report import Remark
 from deltac.mechanism import Shape, as_rotation
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from mujoco import MjModel, MjSpec
+
 PLANE, SPHERE, CAPSULE, BOX = 0, 2, 3, 6
 """Values of `mjtGeom`."""
 
 
 @checked
-def read_shapes(source: Any, *, base: str = "fixed") -> tuple[dict[str, Shape], tuple[Remark, ...]]:
+def read_shapes(
+    source: MjModel | MjSpec | str | Path, *, base: str = "fixed"
+) -> tuple[dict[str, Shape], tuple[Remark, ...]]:
     """The shapes of a model's geoms by their names, for contacts, and remarks on those left out.
 
     The bodies are those of `read_mechanism`. MuJoCo's own contact, a soft constraint, is not taken over:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -47,6 +47,9 @@ from deltac.mechanism import (
     vector,
 )
 from deltac.shapes import Visual
+
+if TYPE_CHECKING:
+    from mujoco import MjModel, MjSpec
 
 
 def require_mujoco() -> Any:
@@ -315,7 +318,7 @@ def _contacts(model: Any, findings: Findings) -> None:
 
 @checked
 def read_mechanism(
-    source: Any, *, equality: str = "log", base: str = "fixed"
+    source: MjModel | MjSpec | str | Path, *, equality: str = "log", base: str = "fixed"
 ) -> tuple[Mechanism, ImportReport]:
     """The mechanism of an MJCF or URDF file, a `mujoco.MjModel` or a `mujoco.MjSpec`, and a report.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -17,6 +17,7 @@ from deltac.mechanism import (
     JOINT_KINDS,
     CoordinateMap,
     Law,
+    LawLike,
     Mechanism,
     as_law,
     symbol_names,
@@ -24,15 +25,19 @@ from deltac.mechanism import (
 )
 from deltac.simulation import Equations
 
+if TYPE_CHECKING:
+    from sympy import Expr, Matrix
+    from sympy.physics.mechanics import KanesMethod, LagrangesMethod
+
 
 @checked
 def equations_from_sympy(
-    method: Any,
-    coordinates: Mapping[str, Any] | None = None,
+    method: KanesMethod | LagrangesMethod,
+    coordinates: Mapping[str, Expr] | None = None,
     *,
-    speeds: Mapping[str, Any] | None = None,
-    inverse: Mapping[str, Any] | None = None,
-    parameters: Mapping[Any, Any] | None = None,
+    speeds: Mapping[str, Expr] | None = None,
+    inverse: Mapping[str, LawLike] | None = None,
+    parameters: Mapping[Expr | str, LawLike] | None = None,
     name: str = "equations from SymPy",
 ) -> Equations:
     """The equations of a `KanesMethod` or `LagrangesMethod`, compiled, in the method's own q and u.
@@ -203,10 +208,10 @@ class SymbolicEquations:
 
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
-    M: Any
-    h: Any
-    G: Any
-    gamma: Any
+    M: Matrix
+    h: Matrix
+    G: Matrix
+    gamma: Matrix
     rates: frozenset[str]
 
     def latex(self) -> str:

@@ -15,7 +15,7 @@ import llvmlite.binding as llvm
 
 from deltac.calls.interrupts import waiting
 from deltac.kernels.cache import compiled, our_code
-from deltac.kernels.llvm_ir import LIBRARY, PREFIX, llvm_ir
+from deltac.kernels.lowering import LIBRARY, PREFIX
 from deltac.kernels.native import FUNCTIONS, NativeEvaluator
 from deltac.kernels.simd import AVX512_WIDTH, simd_width
 
@@ -102,6 +102,8 @@ def llvm_function(name: str, text: str) -> Any:
 
 def _made(function: Any, width: int, strided: bool) -> bytes:
     """The object code of a function."""
+    from deltac.kernels.llvm_ir import llvm_ir
+
     return _assembled(llvm_ir(function, width, strided))
 
 

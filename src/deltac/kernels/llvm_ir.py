@@ -18,7 +18,16 @@ from typing import Any, TypeAlias
 
 import casadi
 
-from deltac.kernels.lowering import Algebra, arithmetic, choices, cosine, lower, sine
+from deltac.kernels.lowering import (
+    LIBRARY,
+    PREFIX,
+    Algebra,
+    arithmetic,
+    choices,
+    cosine,
+    lower,
+    sine,
+)
 from deltac.kernels.simd import AVX512_WIDTH
 
 Function: TypeAlias = Any  # casadi.Function
@@ -39,16 +48,6 @@ BLOCK = 4
 
 LARGEST_POWER = 16
 """Whole powers up to this one are products."""
-
-LIBRARY = {
-    **dict.fromkeys("exp log tan asin acos atan sinh cosh tanh asinh acosh atanh".split(), 1),
-    **dict.fromkeys("log1p expm1 erf".split(), 1),
-    **dict.fromkeys("atan2 pow".split(), 2),
-}
-"""Functions of the C library that code may call, as `PREFIX` + name -> how many arguments they take."""
-
-PREFIX = "deltac_"
-"""Before the names of the C library's functions: which ones they are, is told when code is loaded."""
 
 ALIGN = 8 * AVX512_WIDTH
 """Bytes: as wide as the widest vector of doubles."""

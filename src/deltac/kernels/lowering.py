@@ -56,6 +56,17 @@ LARGEST = 1e14
 """Angle (rad) up to which the quadrant is found; next to it, neighbouring numbers are a degree apart."""
 
 
+LIBRARY = {
+    **dict.fromkeys("exp log tan asin acos atan sinh cosh tanh asinh acosh atanh".split(), 1),
+    **dict.fromkeys("log1p expm1 erf".split(), 1),
+    **dict.fromkeys("atan2 pow".split(), 2),
+}
+"""Functions of the C library that code may call, as `PREFIX` + name -> how many arguments they take."""
+
+PREFIX = "deltac_"
+"""Before the names of the C library's functions: which ones they are, is told when code is loaded."""
+
+
 def sine(x: Scalar, select: Any, below: Any) -> Scalar:
     """The sine of x; `select(condition, a, b)` and `below(a, b)` are the algebra's own."""
     s, c, a, b = _turned(x, select, below)

@@ -26,11 +26,9 @@ def processor() -> tuple[tuple[str, str], ...]:
     first = text.partition("\n\n")[0]  # processors of a machine are told one after the other
     pairs = (line.partition(":") for line in first.splitlines())
     versions = tuple((what.strip(), which.strip()) for what, _, which in pairs)
-    return (
-        ("machine", platform.machine()),
-        ("processor", platform.processor()),
-        *(pair for pair in versions if pair[0] in _TELLING),
-    )
+    telling = tuple(pair for pair in versions if pair[0] in _TELLING)
+    # Where there is no such file, Python asks the system, on some by a process of its own.
+    return (("machine", platform.machine()), *(telling or [("processor", platform.processor())]))
 
 
 # --- how many states go side by side through one instruction: the width of the SIMD code ---------

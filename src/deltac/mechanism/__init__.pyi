@@ -20,6 +20,7 @@ from deltac.mechanism.forces import SpringDamper as SpringDamper
 from deltac.mechanism.forces import Tendon as Tendon
 from deltac.mechanism.joints import JOINT_KINDS as JOINT_KINDS
 from deltac.mechanism.joints import JointOptions as JointOptions
+from deltac.mechanism.laws import LawLike as LawLike
 from deltac.mechanism.laws import as_law as as_law
 from deltac.mechanism.laws import symbol_names as symbol_names
 from deltac.mechanism.mechanism import NO_GRAVITY as NO_GRAVITY

@@ -31,7 +31,12 @@ class BatchRecorder:
     A row is the state before a step with the forces of the step, in groups: ``actuator all``,
     ``constraint all`` (contacts, limits, friction loss, equalities) and ``applied all`` (applied forces,
     fluid, compensation of gravity). Springs and dampers are the mechanism's own. What an implicit
-    integrator adds is ``correction implicit``, as for `record_mujoco`.
+    integrator adds is ``correction implicit``, as for `record_mujoco`. Each reset begins a new trajectory.
+    Batches are in single precision by default, which shows as noise of 1e-6
+    (``jax.config.update("jax_enable_x64", True)``).
+
+    Newton's SolverMuJoCo holds such a batch: record ``solver.mj_model, solver.mjw_data`` before the first
+    step and after each. Its other solvers do not keep forces.
 
     >>> rec = record_batch(model, batch, worlds=range(8))  # doctest: +SKIP
     >>> for _ in range(500):  # doctest: +SKIP

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from deltac.recorders.recorder import (
     simulator,
 )
 from deltac.trajectories import Provenance, Trajectory
+
+if TYPE_CHECKING:
+    from pydrake.systems.analysis import Simulator
 
 Plant: TypeAlias = Any
 Context: TypeAlias = Any
@@ -74,6 +77,22 @@ SOLVED = 1e-4
 class DrakeRecorder(Recorder):
     """Record a MultibodyPlant, after every step of the simulator.
 
+    A continuous plant gives states, v̇ and forces of the same instant. For a discrete plant (TAMSI, SAP,
+    similar, lagged) a row is the state before a step, with the forces held over it and
+    `udot` = (u_{k+1} − u_k)/h: balance it with ``work="discrete"``. Floating bases are converted; joints
+    with Euler angles are refused. The channels add up to M v̇ + C v − τ_g, by the plant's own inverse
+    dynamics:
+
+    - ``actuator <actuator>``: its column of the actuation matrix times the net actuation, limits and PD
+      controllers included
+    - ``damper <joint>``, ``spring elements``: joint damping; all other force elements together
+    - ``contact all``: generalized contact forces
+    - ``limit <joint>``: the remainder of a discrete step on joints with position limits
+    - ``applied external``: the port of applied generalized forces, and the remainder of other input ports
+    - ``constraint all``: the remainder of couplers, balls and welds
+    - ``correction implicit``: dampers evaluated at the end of the step (SAP and similar)
+    - ``correction solver``: the residual of the contact solver, up to 1e-4 of the forces
+
     >>> with record_drake(simulator, plant, mechanism) as rec:  # doctest: +SKIP
     ...     simulator.AdvanceTo(2.0)
     >>> run = rec.trajectory()  # doctest: +SKIP
@@ -93,7 +112,7 @@ class DrakeRecorder(Recorder):
 
     def __init__(
         self,
-        simulation: Any,
+        simulation: Simulator,
         plant: Plant,
         model: ModelLike | None = None,
         *,

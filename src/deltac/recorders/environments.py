@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from deltac.errors import RecordingError, WrongType
 from deltac.recorders.mujoco_recorder import MujocoRecorder, record_mujoco
 from deltac.trajectories import Trajectory
 
+if TYPE_CHECKING:
+    from dm_control.rl.control import Environment
 
-class _Recording:
+
+class RecordedEnvironment:
     """An environment that records what MuJoCo does in it; all else is that of the environment.
 
     `episodes` are the recorded ones that have ended; `trajectory()` is the present one.
@@ -50,7 +53,7 @@ class _Recording:
         return self._recorder.trajectory()
 
 
-def gymnasium(env: Any, channels: str = "all") -> Any:
+def gymnasium(env: object, channels: str = "all") -> RecordedEnvironment:
     """An environment of Gymnasium on MuJoCo that records every step of the physics, frame_skip or not.
 
     >>> env = deltac.recorders.gymnasium(gymnasium.make("HalfCheetah-v5"))  # doctest: +SKIP
@@ -66,16 +69,16 @@ def gymnasium(env: Any, channels: str = "all") -> Any:
     Raises:
         InputError: the environment is not one of MuJoCo.
     """
-    bare = getattr(env, "unwrapped", env)
+    bare: Any = getattr(env, "unwrapped", env)
     if not (hasattr(bare, "model") and hasattr(bare, "data")):
         raise WrongType(
             f"gymnasium: found {type(bare).__name__}, expected an environment on MuJoCo, with .model and "
             f".data"
         )
-    return _Recording(env, channels, lambda: (bare.model, bare.data))
+    return RecordedEnvironment(env, channels, lambda: (bare.model, bare.data))
 
 
-def dm_control(env: Any, channels: str = "all") -> Any:
+def dm_control(env: Environment, channels: str = "all") -> RecordedEnvironment:
     """An environment of dm_control that records every step of the physics.
 
     Args:
@@ -93,4 +96,4 @@ def dm_control(env: Any, channels: str = "all") -> Any:
     def simulation() -> tuple[Any, Any]:
         return env.physics.model.ptr, env.physics.data.ptr
 
-    return _Recording(env, channels, simulation)
+    return RecordedEnvironment(env, channels, simulation)

@@ -23,6 +23,9 @@ Force: TypeAlias = Callable[[float, Array, Array], Sequence[float] | Array]
 class ExudynRecorder(Recorder):
     """Record the coordinates of an Exudyn node through the system's post-step function.
 
+    Kinematic trees are recorded. With an implicit solver, set `accelerations` and name the objects whose
+    multipliers are to be logged.
+
     >>> with record_exudyn(mbs, node, ("shoulder", "elbow")) as rec:  # doctest: +SKIP
     ...     mbs.SolveDynamic(settings)
     >>> run = rec.trajectory()  # doctest: +SKIP

@@ -6,7 +6,7 @@ import ctypes
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -38,6 +38,8 @@ from deltac.models import ModelLike, load_model
 from deltac.recorders.recorder import simulator, sized
 
 if TYPE_CHECKING:
+    from mujoco import MjData, MjModel
+
     from deltac.recorders.gymnasium_monitor import MonitoredEnv
     from deltac.recorders.mujoco_monitor import MujocoMonitor
 
@@ -306,7 +308,7 @@ class Monitor:
                     works[name] += works[ChannelName("prescribed", name.element)]
         return works
 
-    def mujoco(self, model: Any, data: Any) -> MujocoMonitor:
+    def mujoco(self, model: MjModel, data: MjData) -> MujocoMonitor:
         """This monitor beside a MuJoCo simulation, from its present state on.
 
         >>> watch = dc.Monitor(model, bound=1e-3).mujoco(model, data)  # doctest: +SKIP
@@ -317,7 +319,7 @@ class Monitor:
         watched: MujocoMonitor = service("MujocoMonitor")(self, model, data)
         return watched
 
-    def gymnasium(self, env: Any) -> MonitoredEnv:
+    def gymnasium(self, env: object) -> MonitoredEnv:
         """This monitor in a Gymnasium environment of MuJoCo: ΔC in the info of each step.
 
         >>> env = gymnasium.make("HalfCheetah-v5")  # doctest: +SKIP

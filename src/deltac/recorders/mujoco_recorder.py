@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -43,8 +43,17 @@ from deltac.recorders.mujoco_forces import (
 from deltac.recorders.recorder import OCCASIONAL, Recorder, StepSums, TrajectoryBuilder, simulator
 from deltac.trajectories import Provenance, Trajectory
 
-Model: TypeAlias = Any
-Data: TypeAlias = Any
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from mujoco import MjData, MjModel, MjSpec, mjtIntegrator
+
+Model: TypeAlias = "MjModel"
+Data: TypeAlias = "MjData"
+ModelSource: TypeAlias = "MjModel | MjSpec | str | Path"
+"""Of what MuJoCo compiles a model."""
+Control: TypeAlias = "Callable[[MjModel, MjData], object]"
+"""Sets the inputs before each step."""
 
 CHANNELS = ("all", "grouped")
 INPUTS = (
@@ -86,7 +95,7 @@ RK4 = ((0.5, 1.0 / 3.0), (0.5, 1.0 / 3.0), (1.0, 1.0 / 6.0))
 """Of the second to fourth stage: how far it goes along the rates of the stage before, and its weight."""
 
 
-def integrator_names() -> dict[str, Any]:
+def integrator_names() -> dict[str, mjtIntegrator]:
     """Name -> value of every integrator of the installed MuJoCo: euler, rk4, implicit, …."""
     values = simulator("mujoco", "mujoco").mjtIntegrator.__members__
     return {name.removeprefix("mjINT_").lower(): value for name, value in values.items()}
@@ -103,6 +112,24 @@ class MujocoRecorder(Recorder):
     Steps that are taken with the same inputs, ``mj_step(model, data, nstep=5)``, are recorded one by one
     all the same. For environments of Gymnasium and dm_control see `deltac.recorders.gymnasium` and
     `deltac.recorders.dm_control`.
+
+    In every row all channels add up to M q̈ + c; gravity and inertial forces are not logged. If there is a
+    remainder, the recorder stops and names the joint. The channels:
+
+    - ``actuator <actuator>``: moment × actuator force, with its share where the joint limits the sum
+    - ``spring <joint or tendon>``, ``damper <joint or tendon>``: passive forces, with an actuator's viscosity
+    - ``applied gravcomp``, ``applied fluid``, ``applied passive``: gravity compensation, fluid; plugins and
+      callbacks
+    - ``applied qfrc``, ``applied <body>``: `qfrc_applied`, `xfrc_applied`
+    - ``contact <geom>:<geom>``: a pair of geoms; all in ``contact all`` with ``channels="grouped"``
+    - ``contact adhesion``: the passive part of adhesive contacts
+    - ``limit <joint or tendon>``, ``friction <joint or tendon>``: joint and tendon limits, friction loss
+    - ``constraint <equality>``: equality constraints
+    - ``correction implicit``: what an implicit integrator adds, M(q)(u̇ − q̈), since it evaluates damping at
+      the end of the step: part of the integrator's error
+    - ``correction solver``: the residual of the constraint solver, above rounding
+
+    The cost is some tenths of a millisecond per step; with RK4 four times that.
 
     >>> with record_mujoco(model, data) as rec:  # doctest: +SKIP
     ...     for _ in range(1000):
@@ -384,8 +411,6 @@ class _Row:
 
 # --- A whole run of MuJoCo, recorded -------------------------------------------------------------
 
-Control = Callable[[Model, Data], object]
-
 
 @checked
 def run_mujoco(
@@ -498,11 +523,11 @@ class MujocoSimulator:
     `solver` and `order` name the integrator and its nominal order.
     """
 
-    model: Any
+    model: Model
     duration: float
     integrator: str
-    controller: Callable[[Any, Any], object] | None
-    data: Any
+    controller: Control | None
+    data: Data
 
     @property
     def solver(self) -> str:
@@ -534,12 +559,12 @@ class MujocoSimulator:
 
 @checked
 def mujoco_simulator(
-    model: Any,
+    model: ModelSource,
     duration: float,
     *,
     integrator: str = "rk4",
-    controller: Callable[[Any, Any], object] | None = None,
-    state: State | Any = None,
+    controller: Control | None = None,
+    state: State | Data | None = None,
 ) -> MujocoSimulator:
     """A MuJoCo model as the `simulator` of a study.
 

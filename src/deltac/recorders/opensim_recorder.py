@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -30,6 +30,9 @@ from deltac.recorders.recorder import (
     Recorder,
 )
 from deltac.trajectories import Provenance, Trajectory
+
+if TYPE_CHECKING:
+    from opensim import TimeSeriesTable
 
 Model: TypeAlias = Any
 State: TypeAlias = Any
@@ -56,9 +59,15 @@ KINDS = {
 class OpensimRecorder(Recorder):
     """Record a simulation of OpenSim: call `sample` with its states, or `states` with a table of them.
 
-    Channels: ``actuator <name>`` (muscles too), ``contact <name>``, ``limit <name>`` (coordinate limit
-    forces), ``applied <name>`` (prescribed and external forces), ``spring <name>`` (all other elements of the
-    force set), and ``constraint all``, what constraints add.
+    OpenSim's states hold everything that its forces depend on, so a run is recorded after it has ended. Each
+    force of the force set is determined by inverse dynamics with all others switched off. Channels:
+    ``actuator <name>`` (muscles too), ``contact <name>``, ``limit <name>`` (coordinate limit forces),
+    ``applied <name>`` (prescribed and external forces), ``spring <name>`` (all other elements of the force
+    set), and ``constraint all``, what constraints add. Joints of one angle or one length, and FreeJoint to
+    ground, are recorded; others are refused.
+
+    OpenSim's package contains a CasADi of its own, which cannot be loaded together with another one: record
+    in one process, and audit in another.
 
     >>> with record_opensim(opensim_model) as rec:  # doctest: +SKIP
     ...     manager.integrate(2.0)
@@ -148,7 +157,7 @@ class OpensimRecorder(Recorder):
         q, u, udot = (np.concatenate(parts) for parts in zip(*rows))
         self._instant(state.getTime(), q, u, udot, ours)
 
-    def states(self, table: Any) -> None:
+    def states(self, table: TimeSeriesTable) -> None:
         """Record all states of a table; `manager.getStatesTable()` has the integrator's own steps."""
         trajectory = self._opensim.StatesTrajectory.createFromStatesTable(self._model, table)
         for k in range(trajectory.getSize()):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from deltac.recorders.recorder import (
 )
 from deltac.trajectories import Provenance, Trajectory
 
+if TYPE_CHECKING:
+    from pinocchio import Force
+
 Model: TypeAlias = Any
 
 KINDS = {
@@ -41,6 +44,11 @@ KINDS = {
 
 class PinocchioRecorder(Recorder):
     """Record a loop of your own around Pinocchio.
+
+    Accelerations are those that you pass, or those of ``pinocchio.aba``. Then the rows close by construction,
+    and only the integrator is tested. `tau` becomes ``actuator <joint>``, `fext` becomes
+    ``applied external``. For works, call ``rec.stage(weight * h, q, v, tau=…, fext=…, forces=…)`` at each
+    stage of your integrator. Free flyers and continuous joints are converted.
 
     >>> with record_pinocchio(pin_model, mechanism) as rec:  # doctest: +SKIP
     ...     for k in range(1000):
@@ -98,7 +106,7 @@ class PinocchioRecorder(Recorder):
         v: Array,
         a: Array | None = None,
         tau: Array | None = None,
-        fext: Sequence[Any] | None = None,
+        fext: Sequence[Force] | None = None,
         forces: Mapping[str, Array] | None = None,
     ) -> None:
         """Record a state of the loop and what acted there.
@@ -133,7 +141,7 @@ class PinocchioRecorder(Recorder):
         q: Array,
         v: Array,
         tau: Array | None = None,
-        fext: Sequence[Any] | None = None,
+        fext: Sequence[Force] | None = None,
         forces: Mapping[str, Array] | None = None,
     ) -> None:
         """Record a stage of the step from the last sample, for the works of all channels.

@@ -38,6 +38,13 @@ FIXED = 4
 class PybulletRecorder(Recorder):
     """Record a body of PyBullet: call `sample` after each ``stepSimulation``.
 
+    Pass `sample` the torques that you applied by torque control; PyBullet reports only those of its own
+    motors. A row is the state before a step. Bullet's inverse dynamics gives the sum of all forces, of which
+    ``actuator <joint>`` and ``damper <joint>`` are known. The remainder is ``contact all`` while the body
+    touches something, else ``limit <joint>`` where a joint has limits, else ``applied external``. The latter
+    includes the damping of links that PyBullet has by default (0.04); switch it off by
+    ``changeDynamics(linearDamping=0, angularDamping=0)``.
+
     >>> with record_pybullet(robot, mechanism) as rec:  # doctest: +SKIP
     ...     for k in range(1000):
     ...         p.setJointMotorControl2(robot, 0, p.TORQUE_CONTROL, force=torque)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import LogError
-from deltac.recorders.mujoco_recorder import MujocoRecorder, compiled_model
+from deltac.recorders.mujoco_recorder import ModelSource, MujocoRecorder, compiled_model
 from deltac.recorders.recorder import simulator
 from deltac.trajectories import Trajectory
 
@@ -65,7 +65,7 @@ class Replay:
 
 
 def replay_mujoco(
-    model: Any,
+    model: ModelSource,
     t: Array,
     q: Array,
     u: Array,

@@ -33,6 +33,8 @@ FORMATS = ("pdf", "svg", "png")
 
 def check_figure(path: Path) -> Path:
     """The path of a figure; InputError, before the work is done, where none could be written."""
+    import deltac.report.picture  # noqa: F401  # without matplotlib it says what to install
+
     if path.suffix.lower().lstrip(".") not in FORMATS:
         raise FileError(
             f"{path}: figures are written as .pdf or .svg (for papers) or .png; name it so"

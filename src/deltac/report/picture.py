@@ -5,10 +5,16 @@ from __future__ import annotations
 import io
 from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
+from deltac.errors import PackageError
 from deltac.report.style import WIDTH, entitle, styled
+
+try:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+except ImportError:
+    raise PackageError(
+        "figures need matplotlib: pip install 'deltac[figures]'; pages (report=, --report) do without"
+    ) from None
 
 
 class Picture(Figure):

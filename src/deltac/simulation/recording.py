@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +19,12 @@ from deltac.simulation.constraints.projection import (
     SMALLEST_PIVOT,
     smallest_pivot,
 )
-from deltac.simulation.constraints.singular import SingularMotion
-from deltac.simulation.events.run import Happened
 from deltac.simulation.flow import LOST, Flow
 from deltac.simulation.stepping.protocol import Motion
 from deltac.trajectories import Occurrence, Provenance, Trajectory
+
+if TYPE_CHECKING:
+    from deltac.simulation.events.run import Happened
 
 
 @dataclass(frozen=True)
@@ -217,6 +219,8 @@ def _singular(flow: Flow, columns: dict[str, Array], motion: Motion, p: Array) -
         ~(columns["pivot"] > SMALLEST_PIVOT) & np.isfinite(motion.x).all(axis=1)
     )
     if flagged.size and not flow.inputs.shape[0]:
+        from deltac.simulation.constraints.singular import SingularMotion
+
         again = SingularMotion(flow, p)
         for k in flagged:
             for name, value in again.observed(float(motion.t[k]), motion.x[k]).items():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -33,9 +33,7 @@ from deltac.simulation.arguments import (
 )
 from deltac.simulation.constraints.energy import check_correction_held
 from deltac.simulation.constraints.feasibility import constraint_start
-from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.equations import Controller, Equations, RightHandSide, as_equations, by_hand
-from deltac.simulation.events.run import Eventful, EventRun, check_apart, eventful
 from deltac.simulation.flow import Flow, Keeping, build_flow, keeping
 from deltac.simulation.recording import (
     RECORD,
@@ -61,14 +59,14 @@ from deltac.simulation.step_size.sizes import state_sizes
 from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.explicit import FixedMethod, FixedSteps
-from deltac.simulation.stepping.implicit.stepper import ImplicitMethod, ImplicitSteps
 from deltac.simulation.stepping.interpreted import Finish, StageRate
 from deltac.simulation.stepping.loop import Loop
 from deltac.simulation.stepping.protocol import StepGrid, Stepper
-from deltac.simulation.stepping.scipy import ScipySteps
-from deltac.simulation.stepping.sundials import SundialsSteps
-from deltac.simulation.stepping.taylor import TaylorSteps
 from deltac.trajectories import Provenance, Trajectory
+
+if TYPE_CHECKING:
+    from deltac.simulation.events.run import Eventful, EventRun
+    from deltac.simulation.stepping.implicit.stepper import ImplicitMethod
 
 
 class SimulationStoppedWarning(UserWarning):
@@ -129,6 +127,8 @@ def simulate(
     rate = StageRate(flow_in_motion, controller, p)
     events = None
     if ready is not None:
+        from deltac.simulation.events.run import EventRun, check_apart
+
         events = EventRun(ready.watch, ready.collider, rate, p)  # gives the rate sides of its laws
         rate.hold(state.t, x0)
         check_apart(events, state.t, x0)
@@ -139,6 +139,8 @@ def simulate(
     stepper = _stepper(made, options, rate, p_run, state.t, x0, duration, compiled=compiled)
     careful = None
     if scheme.passes_singular and compiled and flow.bound is not None and equations is None:
+        from deltac.simulation.constraints.singular import CarefulStep
+
         explicit = scheme if scheme.step else find_solver("ode5")
         careful = CarefulStep(flow_in_motion, explicit, p_run, getattr(options, "tolerance", 0.0))
     loop = Loop(
@@ -185,12 +187,7 @@ def simulate(
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
 
-Method: TypeAlias = FixedMethod | ImplicitMethod
-
-METHODS: dict[str, type[Method]] = {
-    "fixed": FixedMethod,
-    "implicit": ImplicitMethod,
-}
+Method: TypeAlias = "FixedMethod | ImplicitMethod"
 """Families whose steps are compiled ahead, on a flow; the others bring their own."""
 
 
@@ -245,10 +242,13 @@ def _compiled(
 
     def make() -> Compiled:
         flow = build_flow(mechanism, record.testing, written, split, vary, rows, constraints)
-        events = eventful(flow, split, switches) if watching else None
+        events = None
+        if watching:
+            from deltac.simulation.events.run import eventful
+
+            events = eventful(flow, split, switches)
         flow_in_motion = flow if events is None else events.flow
-        own = METHODS.get(solver.family)
-        method = None if own is None else own(flow_in_motion, solver)
+        method = _method(flow_in_motion, solver)
         observe = observer(flow)
         return Compiled(
             flow,
@@ -260,6 +260,17 @@ def _compiled(
         )
 
     return _KEPT.get(key, make)
+
+
+def _method(flow: Flow, solver: Solver) -> Method | None:
+    """The compiled steps of a solver; None of the families that bring their own."""
+    if solver.family == "fixed":
+        return FixedMethod(flow, solver)
+    if solver.family == "implicit":
+        from deltac.simulation.stepping.implicit.stepper import ImplicitMethod
+
+        return ImplicitMethod(flow, solver)
+    return None
 
 
 def _stepper(
@@ -277,20 +288,29 @@ def _stepper(
     flow, method = made.moving, made.method
     if isinstance(method, FixedMethod):
         return FixedSteps(method, rate, p, compiled=compiled)
-    if isinstance(method, ImplicitMethod):
+    if method is not None:
+        from deltac.simulation.stepping.implicit.stepper import ImplicitSteps
+
         return ImplicitSteps(method, rate, p, getattr(options, "spectral_radius", DEFAULT_RADIUS))
     assert isinstance(options, Sundials | Scipy | Taylor)
 
     def interpreted(t: float, x: Array) -> Array:
         return evaluate_at(flow.rate, t, x, p)[0]
 
-    if isinstance(options, Taylor):  # rounding is too smooth along a step to be followed
+    if isinstance(options, Taylor):
+        from deltac.simulation.stepping.taylor import TaylorSteps
+
+        # Rounding is too smooth along a step to be followed.
         sizes = state_sizes(flow, interpreted, t, x, p, duration, math.inf)
         return TaylorSteps(flow, p, options.tolerance, sizes, quad=options.quad)
     sized = (t, x, p, duration, options.tolerance)
     if isinstance(options, Sundials):  # on CasADi's own evaluator, whose rounding is another
+        from deltac.simulation.stepping.sundials import SundialsSteps
+
         sizes = state_sizes(flow, interpreted, *sized)
         return SundialsSteps(flow, options.solver, p, options.tolerance, sizes)
+    from deltac.simulation.stepping.scipy import ScipySteps
+
     sizes = state_sizes(flow, rate, *sized)
     return ScipySteps(flow, options.solver, rate, p, options.tolerance, sizes, compiled=compiled)
 

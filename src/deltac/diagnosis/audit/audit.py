@@ -25,6 +25,7 @@ from deltac.diagnosis.inference.flow import FORCES
 from deltac.diagnosis.inference.inference import Inference, infer
 from deltac.diagnosis.inference.integrators import IntegratorEstimate
 from deltac.diagnosis.inputs import channels as motors
+from deltac.diagnosis.inputs import omissions
 from deltac.diagnosis.inputs.logs import Log, LogLike, in_model_order, read_log, read_run
 from deltac.diagnosis.verdict import (
     RUN_TOLERANCE,
@@ -566,20 +567,20 @@ def _judgement(
     run, ledger = log.run, log.ledger
     findings = checks.with_conventions(mechanism, log.consecutive, [*known, *log.findings])
     findings += checks.violations(mechanism, run, ledger, tolerance)
-    findings += checks.impacts_not_held(mechanism, run)
+    findings += omissions.impacts_not_held(mechanism, run)
     findings += checks.differing_channels(mechanism, log, report, tolerance)
     findings += checks.stale_rows(mechanism, log.consecutive)
-    missing = checks.assumed_zero(run, report)
-    findings += checks.assumed_zero_finding(missing, checks.limits_reached(run, report))
+    missing = omissions.assumed_zero(run, report)
+    findings += omissions.assumed_zero_finding(missing, omissions.limits_reached(run, report))
     progress(0.2)
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     inference = None
-    if doubts <= {*checks.OF_RATES, *checks.OF_UNITS}:
+    if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
         rows = _without_own_laws(mechanism, log.consecutive)
         inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
     error = np.abs(ledger.uncorrected(function_of(ledger))).max()
     balanced = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
-    rates = doubts <= set(checks.OF_RATES)
+    rates = doubts <= set(omissions.OF_RATES)
     if doubts and inference is not None and (inference.closes or (balanced and rates)):
         # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
         # Nor do works of the loop that balance with energies of these speeds and coordinates.
@@ -617,7 +618,7 @@ def _judgement(
     if attribution is not None and not in_loop and len(attribution.t) == len(ledger.t):
         bar = NORMAL_95 * attribution.log.curve_error
         ledger = replace(ledger, error_bar={**ledger.error_bar, function: bar})
-    findings += checks.unresolved_works(run, ledger)
+    findings += omissions.unresolved_works(run, ledger)
     findings += motors.differing_gears(run, ledger, tolerance, report)
     findings += motors.foreign_notes(
         motors.foreign_channels(mechanism, log.consecutive, report), ledger.energy_exchanged
@@ -657,7 +658,7 @@ def _audit(reference: Reference, judged: Judgement, strict: bool) -> Audit:
     """A judgement as users see it."""
     run, ledger, report = judged.run, judged.ledger, reference.import_report
     verdict, explanation = judged.verdict, judged.explanation
-    basis = {**ledger.basis, **dict.fromkeys(checks.assumed_zero(run, report), "assumed zero")}
+    basis = {**ledger.basis, **dict.fromkeys(omissions.assumed_zero(run, report), "assumed zero")}
     basis |= {n: "derived" for n, c in (("u", "u"), ("u̇", "udot")) if c in run.provenance.derived}
     return Audit(
         ledger=replace(ledger, basis=basis),

@@ -12,8 +12,8 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.progress import TimeLimit
-from deltac.diagnosis.audit.checks import assumed_zero
 from deltac.diagnosis.inputs.logs import LogLike, in_model_order
+from deltac.diagnosis.inputs.omissions import assumed_zero
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import balance
 from deltac.errors import ArgumentsError, InputError, LogError, listed

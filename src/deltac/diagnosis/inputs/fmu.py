@@ -32,7 +32,7 @@ EVENTS = 100
 
 
 @checked
-def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[Any, Any], Array]:
+def load_fmu(path: str | Path, coordinates: Sequence[str] = ()) -> Callable[[float, Array], Array]:
     """The equations of motion that an FMU has, as a function of (t, y) with y = (coordinates, speeds).
 
     Its inputs are what they start with, its parameters as well. `coordinates` are names to order the unit's

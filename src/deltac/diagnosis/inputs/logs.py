@@ -13,8 +13,6 @@ import numpy as np
 
 from deltac.arrays import PHYSICAL
 from deltac.calls.progress import Progress, untold
-from deltac.diagnosis.measurements.cleaning import cleaned
-from deltac.diagnosis.measurements.kinematics import Comparison
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.accumulator import OVERLAP, balance_chunks
@@ -27,6 +25,7 @@ from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.trajectory import BY_LAW, FRAMES, LEFT_OUT, row_name
 
 if TYPE_CHECKING:
+    from deltac.diagnosis.measurements.kinematics import Comparison
     from deltac.trajectories import Chunk
     from deltac.trajectories.formats.mapping import MappingLike
     from deltac.trajectories.formats.objects import LogSource
@@ -231,6 +230,8 @@ def _whole(
     keep = keep if numbers > LARGE else None
     if not measured:
         return balanced(mechanism, run, work, tuple(findings), keep=keep)
+    from deltac.diagnosis.measurements.cleaning import cleaned
+
     clean = cleaned(mechanism, run)
     all_findings = (*findings, *clean.findings)
     return balanced(mechanism, clean.run, work, all_findings, clean.comparisons, keep=keep)

@@ -20,8 +20,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import HALF_DIGITS, SAME, Array
-from deltac.diagnosis.measurements.digits import Chosen, digits_of, medians
+from deltac.arrays import HALF_DIGITS, SAME, Array, medians
+from deltac.diagnosis.measurements.digits import Chosen, digits_of
 from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory

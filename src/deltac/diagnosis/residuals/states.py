@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sized
+from collections.abc import Iterator, Mapping, Sequence, Sized
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -80,7 +79,7 @@ class States:
     def __len__(self) -> int:
         return len(self.t)
 
-    def take(self, which: Any) -> States:
+    def take(self, which: slice | Sequence[int] | NDArray[np.bool_] | NDArray[np.intp]) -> States:
         """Some of the states."""
         return States(
             self.t[which], self.q[:, which], self.u[:, which], self.coordinates, self.speeds

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import Array, medians
 from deltac.calls.arguments import checked
 from deltac.errors import InputError
 
@@ -158,7 +158,7 @@ def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
         return Convergence(trend, limit=limit, limit_error=limit_error)
     well_clear = [pair for pair in pairs if sizes[pair[0] + 1] > WELL_CLEAR * floors[pair[0] + 1]]
     last, estimates = (well_clear or pairs)[-1]
-    falling = float(np.median(pairs[-1][1])) >= LEAST_ORDER
+    falling = float(medians(np.array(pairs[-1][1]))) >= LEAST_ORDER
     order, error = _with_neighbours(last, estimates, pairs, of_maximum=True)
     certain = falling and order > 0.0
     return Convergence(
@@ -306,8 +306,8 @@ def _centre(estimates: Sequence[float], *, of_maximum: bool = False) -> tuple[fl
         return round(estimates[0], 12), spread
     finite = [x for x in estimates if math.isfinite(x)]
     if len(finite) < len(estimates):
-        return round(float(np.median(finite or [0.0])), 12), math.inf
-    return round(float(np.median(estimates)), 12), 0.5 * float(np.ptp(estimates))
+        return round(float(medians(np.array(finite or [0.0]))), 12), math.inf
+    return round(float(medians(np.array(estimates))), 12), 0.5 * float(np.ptp(estimates))
 
 
 def _with_neighbours(

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from deltac.arrays import SAME, TINY
-from deltac.diagnosis.audit.checks import impacts_not_held
+from deltac.diagnosis.inputs.omissions import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
 from deltac.diagnosis.study.curves import FEWEST, Comparison, by_unit, growth
 from deltac.diagnosis.study.rules import BELOW

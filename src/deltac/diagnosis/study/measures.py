@@ -11,12 +11,11 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.residuals.at_samples import RunResidual, run_residual, stale_stage
-from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.study.convergence import LEAST_ORDER, Convergence
 from deltac.diagnosis.study.curves import FEWEST
 from deltac.diagnosis.verdict import Finding, percent
@@ -25,6 +24,10 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.diagnosis.residuals.at_samples import RunResidual
+    from deltac.diagnosis.residuals.kane import Kane
 
 SHARE = 0.02
 """Equations whose residual is below this share of the worst one's are not blamed."""
@@ -114,6 +117,9 @@ def residuals_of(
     measured = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
     if not measured or not len(mechanism.free.u):
         return None
+    from deltac.diagnosis.residuals.at_samples import run_residual, stale_stage
+    from deltac.diagnosis.residuals.kane import Kane
+
     finest, kane = measured[-1][1], Kane(mechanism)
     of_finest = run_residual(kane, finest)
     blamed = _in_own(mechanism, finest, of_finest, own)
@@ -143,6 +149,8 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
 
     Those of other states are larger or smaller for that reason alone.
     """
+    from deltac.diagnosis.residuals.at_samples import run_residual
+
     parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
     if min(len(part) for _, part in parts) < FEWEST:
         return math.nan
@@ -186,6 +194,9 @@ def _in_own(
     mechanism: Mechanism, run: Trajectory, residual: RunResidual, own: CoordinateMap | None
 ) -> RunResidual:
     """The residual in the user's coordinates; in the mechanism's for a map without inverse."""
+    from deltac.diagnosis.residuals.at_samples import run_residual
+    from deltac.diagnosis.residuals.kane import Kane
+
     if own is None or not residual.relative.any():
         return residual
     with suppress(InputError):

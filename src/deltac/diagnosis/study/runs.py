@@ -13,8 +13,8 @@ import numpy as np
 
 from deltac.arrays import EPS, PHYSICAL, Array
 from deltac.calls.progress import Progress
-from deltac.diagnosis.audit.checks import EVERY_STEP, OF_RATES
 from deltac.diagnosis.inputs.logs import Log, read_log
+from deltac.diagnosis.inputs.omissions import EVERY_STEP, OF_RATES
 from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance

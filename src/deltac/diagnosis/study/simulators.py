@@ -5,14 +5,11 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypedDict, cast
+from typing import TYPE_CHECKING, Any, TypedDict, cast
 
 import numpy as np
 
 from deltac.calls.arguments import named, unknown_argument
-from deltac.diagnosis.residuals.function import Caller
-from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.states import States, states_along
 from deltac.diagnosis.study.runs import Simulator, StudyRun
 from deltac.dynamics.system import trace
 from deltac.errors import ArgumentsError, InputError, SourceError, WrongType
@@ -25,6 +22,11 @@ from deltac.simulation.recording import Record
 from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import Options, find_solver
 from deltac.trajectories import Trajectory
+
+if TYPE_CHECKING:
+    from deltac.diagnosis.residuals.function import Caller
+    from deltac.diagnosis.residuals.kane import Kane
+    from deltac.diagnosis.residuals.states import States
 
 MUJOCO = "mujoco:"
 
@@ -190,6 +192,8 @@ class _Careful:
     def __call__(self, t: Any, q: Any, u: Any) -> Any:
         if np.asarray(u).dtype == object or np.ndim(u) != 1:
             return self.caller.rhs(t, q, u)
+        from deltac.diagnosis.residuals.states import States
+
         at = States(
             np.array([t], dtype=np.float64), q[:, None], u[:, None], self.coordinates, self.speeds
         )
@@ -201,6 +205,9 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
 
     Raises InputError if they raise at the start, or return what is no u̇ or is not finite there.
     """
+    from deltac.diagnosis.residuals.function import Caller
+    from deltac.diagnosis.residuals.kane import Kane
+
     equations = explicit(trace(mechanism), equations)
     kane = Kane(mechanism, equations.coordinates)
     caller = Caller(equations.rhs, equations.name, kane, vectorised=False)
@@ -218,6 +225,8 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
 
 def _start(kane: Kane, state: State) -> States | None:
     """The start in own coordinates; None where that cannot be said, which is for the simulation to tell."""
+    from deltac.diagnosis.residuals.states import states_along
+
     try:
         run = Trajectory(
             t=np.array([state.t]),

@@ -13,8 +13,12 @@ from deltac.arrays import EPS, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.diagnosis.audit.checks import assumed_zero, assumed_zero_finding, unresolved_works
 from deltac.diagnosis.inputs.channels import not_simulated, told
+from deltac.diagnosis.inputs.omissions import (
+    assumed_zero,
+    assumed_zero_finding,
+    unresolved_works,
+)
 from deltac.diagnosis.study import findings as noticed
 from deltac.diagnosis.study.convergence import Convergence, between_runs, order_text, towards_zero
 from deltac.diagnosis.study.curves import FEWEST, Comparison, compare, disagreements
@@ -51,6 +55,8 @@ from deltac.simulation.solvers import Options, solver_options
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
+    from mujoco import MjData
+
     from deltac.diagnosis.explain.result import Explanation
     from deltac.importers.report import ImportReport
 
@@ -377,7 +383,7 @@ def _function(runs: Sequence[BalancedRun]) -> str:
 @interruptible()
 def study(
     model: ModelLike,
-    state: StateLike | Any = None,
+    state: StateLike | MjData = None,
     duration: float | None = None,
     steps: Sequence[float] | None = None,
     solver: str | Options | Sequence[Options] | None = None,

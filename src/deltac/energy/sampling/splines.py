@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.energy.sampling.interpolation import gauss_legendre
 
 T = TypeVar("T")
 
@@ -83,7 +84,7 @@ def _integrals(times: bytes, degree: int) -> Any:
 
     t = np.frombuffer(times)
     knots, half = _knots(t, degree), 0.5 * np.diff(t)
-    nodes, weights = np.polynomial.legendre.leggauss((degree + 1) // 2)
+    nodes, weights = gauss_legendre((degree + 1) // 2)
     parts = (
         BSpline.design_matrix(t[:-1] + half * (1.0 + node), knots, degree).multiply(
             (weight * half)[:, None]

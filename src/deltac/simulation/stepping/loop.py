@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,8 +12,6 @@ from deltac.arrays import Array
 from deltac.calls.interrupts import check_interrupted
 from deltac.calls.progress import Progress
 from deltac.simulation.constraints.projection import NEARLY_DEPENDENT, SMALLEST_PIVOT
-from deltac.simulation.constraints.singular import CarefulStep
-from deltac.simulation.events.run import EventRun
 from deltac.simulation.stepping.interpreted import Finish, StageRate
 from deltac.simulation.stepping.protocol import (
     Motion,
@@ -21,6 +20,10 @@ from deltac.simulation.stepping.protocol import (
     StepGrid,
     Stepper,
 )
+
+if TYPE_CHECKING:
+    from deltac.simulation.constraints.singular import CarefulStep
+    from deltac.simulation.events.run import EventRun
 
 MOST_AHEAD = 8192
 """Steps between reports of progress, where many are taken at once."""

@@ -98,7 +98,7 @@ class AtlasSpec(BaseModel):
 
 
 @dataclass(frozen=True)
-class Setting:
+class AtlasSetting:
     """A model's file with its label, an integrator of a simulator, a motion; None where it is not run."""
 
     label: str
@@ -118,10 +118,10 @@ def _experiment(path: str, motion: str, duration: float) -> Experiment:
 
 
 @dataclass(frozen=True)
-class Run:
+class AtlasRun:
     """A setting at one step: `factor` times the model's own, s; None where it is not run."""
 
-    setting: Setting
+    setting: AtlasSetting
     factor: float | None = None
     step: float | None = None
 
@@ -134,7 +134,7 @@ class AtlasPiece(Piece):
     kinds = OUTCOME
     per_row = "runs"
 
-    runs: tuple[Run, ...]
+    runs: tuple[AtlasRun, ...]
 
     def outcome(self) -> dict[str, list[Any]]:
         """Run by run; one that cannot be made is a row that says why."""
@@ -164,7 +164,7 @@ class AtlasPiece(Piece):
         }
 
 
-def _row(run: Run) -> dict[str, Any]:
+def _row(run: AtlasRun) -> dict[str, Any]:
     own = run.setting
     if own.failure is not None or run.step is None:
         return failed_row(own.failure or Failure("E-MODEL", "not run"))
@@ -181,12 +181,12 @@ def _row(run: Run) -> dict[str, Any]:
         )
 
 
-def solver_label(setting: Setting) -> str | None:
+def solver_label(setting: AtlasSetting) -> str | None:
     """As "mujoco:rk4"."""
     return None if setting.simulator is None else f"{setting.simulator}:{setting.solver}"
 
 
-def judged(setting: Setting, step: float) -> dict[str, Any]:
+def judged(setting: AtlasSetting, step: float) -> dict[str, Any]:
     """The row of one run, made and audited now."""
     from deltac import audit
 
@@ -230,7 +230,7 @@ class AtlasPlan(Plan):
 
     spec: AtlasSpec
     source: str
-    rows: tuple[Run, ...]
+    rows: tuple[AtlasRun, ...]
     skipped: tuple[str, ...]
 
     def folder(self) -> Path:
@@ -361,9 +361,9 @@ def plan_atlas(path: Path) -> AtlasPlan:
             f"{path}: no {'model' if not files else 'simulator'} of it is there{lacking}"
         )
     sizes = model_sizes(files, spec.execution)
-    rounds: dict[int, list[Run]] = {}
+    rounds: dict[int, list[AtlasRun]] = {}
     for label in random.Random(0).sample(sorted(files), len(files)):
-        common = Setting(
+        common = AtlasSetting(
             label,
             str(files[label]),
             tolerance=spec.tolerance,
@@ -389,8 +389,8 @@ def plan_atlas(path: Path) -> AtlasPlan:
 
 
 def _runs(
-    spec: AtlasSpec, common: Setting, size: Size | Failure, simulators: dict[str, list[str]]
-) -> Iterator[tuple[int, Run]]:
+    spec: AtlasSpec, common: AtlasSetting, size: Size | Failure, simulators: dict[str, list[str]]
+) -> Iterator[tuple[int, AtlasRun]]:
     """The runs of one model, each with its round; one that says why for a model that is not run.
 
     An atlas that is not complete is a fair sample: the first round has every model in every simulator, by
@@ -402,7 +402,7 @@ def _runs(
             "E-MODEL", f"{size.speeds} speeds, more than the {spec.speeds} of this atlas"
         )
     if isinstance(size, Failure):
-        yield 0, Run(replace(common, failure=size))
+        yield 0, AtlasRun(replace(common, failure=size))
         return
     step = size.step or spec.step
     duration = max(spec.duration, spec.rows * step)
@@ -420,7 +420,7 @@ def _runs(
         for name, solver, later in integrators:
             own = replace(common, simulator=name, solver=solver, motion=motion, duration=duration)
             for factor in spec.steps:
-                yield 4 * k + 2 * later + (factor != middle), Run(own, factor, step * factor)
+                yield 4 * k + 2 * later + (factor != middle), AtlasRun(own, factor, step * factor)
 
 
 # --- models -----------------------------------------------------------------------------------------
@@ -435,7 +435,7 @@ class Size:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ModelReading:
     """The call that finds the size of a model, in a worker process."""
 
     needs: ClassVar[tuple[str, ...]] = ("deltac.recorders.experiments",)
@@ -470,7 +470,7 @@ def model_sizes(
     if missing := [label for label in files if label not in sizes]:
         with local_crew(execution.workers) as crew:
             answers = {
-                label: crew.executor.submit(crew.call, Reading(str(files[label])), time_limit)
+                label: crew.executor.submit(crew.call, ModelReading(str(files[label])), time_limit)
                 for label in missing
             }
             sizes |= {label: answer.result() for label, answer in answers.items()}

@@ -51,7 +51,7 @@ TOGETHER = 32
 
 
 @dataclass(frozen=True)
-class Log:
+class LogEntry:
     """A log, or an episode of one: where it is, and by what it is known whether it has changed."""
 
     source: str
@@ -79,7 +79,7 @@ class AuditPiece(Piece):
     per_row = "logs"
 
     task: AuditTask
-    logs: tuple[Log, ...]
+    logs: tuple[LogEntry, ...]
 
     def outcome(self) -> dict[str, list[Any]]:
         """Log by log."""
@@ -285,7 +285,7 @@ class AuditPlan(Plan):
 
     told: dict[str, Any]
     task: AuditTask
-    logs: tuple[Log, ...]
+    logs: tuple[LogEntry, ...]
     skipped: tuple[str, ...]
 
     def folder(self) -> Path:
@@ -356,12 +356,14 @@ def plan_audits(
     # What problems carry besides (equations, measures) is not needed, and may not travel.
     bare = Model(loaded.mechanism, loaded.starts, None, loaded.import_report)
     task = AuditTask(bare, float(tolerance), work, columns, strict)
-    of_source: list[Log] = []
+    of_source: list[LogEntry] = []
     sources, skipped = find_logs(logs)
     for source in sources:
         fingerprint = _fingerprint(source)
         names = episode_names(source)
-        of_source += [Log(source, fingerprint, one) for one in ([None] if names is None else names)]
+        of_source += [
+            LogEntry(source, fingerprint, one) for one in ([None] if names is None else names)
+        ]
     head = {
         "model": loaded.mechanism.hash,
         "tolerance": task.tolerance,

@@ -73,7 +73,7 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Refused:
+class RefusedRun:
     """A setting whose runs cannot be made, since its model cannot be read, or lacks what is asked of it."""
 
     label: str
@@ -97,7 +97,7 @@ class RunPiece(Piece):
     kinds = OUTCOME
     per_row = "values"
 
-    task: Task | Refused
+    task: Task | RefusedRun
     values: Array
 
     def outcome(self) -> dict[str, Any]:
@@ -105,7 +105,7 @@ class RunPiece(Piece):
         from deltac.simulation import find_solver
 
         task = self.task
-        if isinstance(task, Refused):
+        if isinstance(task, RefusedRun):
             return {n: values * self.rows for n, values in failed_outcome(task.failure).items()}
         if task.verb == "study":
             return _by_members(self, _study, together=False)

@@ -16,7 +16,7 @@ MARGIN = 10.0
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ReferenceCheck:
     """A reference number and ours (its unit is the reference's).
 
     `error` is how far the run is from the one with half the step; `tolerance` adds up the accuracy
@@ -54,7 +54,7 @@ def solved(
     )
 
 
-def compare(problem: Problem) -> tuple[Comparison, ...]:
+def compare(problem: Problem) -> tuple[ReferenceCheck, ...]:
     """Simulate a problem by its own solver and step, and compare with its references."""
     run, finer = solved(problem), solved(problem, finer=True)
     comparisons = []
@@ -63,5 +63,5 @@ def compare(problem: Problem) -> tuple[Comparison, ...]:
         error = abs(value - reference.measure(finer))
         rounding = ROUNDED * max(1.0, abs(reference.value))
         tolerance = reference.accuracy + MARGIN * error + rounding
-        comparisons.append(Comparison(reference, value, error, tolerance))
+        comparisons.append(ReferenceCheck(reference, value, error, tolerance))
     return tuple(comparisons)

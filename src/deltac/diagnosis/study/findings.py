@@ -9,7 +9,7 @@ import numpy as np
 from deltac.arrays import SAME, TINY
 from deltac.diagnosis.inputs.omissions import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.diagnosis.study.curves import FEWEST, Comparison, by_unit, growth
+from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, by_unit, growth
 from deltac.diagnosis.study.rules import BELOW
 from deltac.diagnosis.study.runs import LASTING, BalancedRun, corrections
 from deltac.diagnosis.verdict import Finding, percent
@@ -31,7 +31,7 @@ STILL = 1e-3
 
 
 def of_comparison(
-    compared: Comparison, runs: Sequence[BalancedRun], knob: str = "step"
+    compared: ComparedRuns, runs: Sequence[BalancedRun], knob: str = "step"
 ) -> Iterator[Finding]:
     """Few common times; runs of different length; a horizon before the end."""
     spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs]
@@ -154,7 +154,7 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
 
 
 def of_constraints(
-    runs: Sequence[BalancedRun], compared: Comparison, tolerance: float, *, trusted: bool
+    runs: Sequence[BalancedRun], compared: ComparedRuns, tolerance: float, *, trusted: bool
 ) -> Iterator[Finding]:
     """Constraints, driven joints or quaternions that are violated though energy may be kept.
 

@@ -21,8 +21,8 @@ from deltac.diagnosis.inputs.omissions import (
 )
 from deltac.diagnosis.study import findings as noticed
 from deltac.diagnosis.study.convergence import Convergence, between_runs, order_text, towards_zero
-from deltac.diagnosis.study.curves import FEWEST, Comparison, compare, disagreements
-from deltac.diagnosis.study.measures import Residuals, StudyMeasures, residuals_of
+from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, compare, disagreements
+from deltac.diagnosis.study.measures import SampleResiduals, StudyMeasures, residuals_of
 from deltac.diagnosis.study.rules import judge_study
 from deltac.diagnosis.study.runs import (
     BalancedRun,
@@ -92,8 +92,8 @@ class Study(
     runs: tuple[StudyRun, ...]
     observed_order: Mapping[str, Convergence]
     momentum: Mapping[str, Convergence]
-    residuals: Residuals | None
-    comparison: Comparison
+    residuals: SampleResiduals | None
+    comparison: ComparedRuns
     function: str
     measures: StudyMeasures
     verdict: Verdict
@@ -326,7 +326,7 @@ def _of_a_part(verdict: Verdict, omissions: list[Finding]) -> Verdict:
 # --- measures -------------------------------------------------------------------------------------
 
 
-def _first_together(compared: Comparison) -> int:
+def _first_together(compared: ComparedRuns) -> int:
     """The coarsest run from which on all stay together up to the horizon."""
     first = len(compared.rows) - 1
     while first > 0 and compared.together[first - 1] >= compared.horizon:
@@ -337,7 +337,7 @@ def _first_together(compared: Comparison) -> int:
 def _within(
     curves: Sequence[Array],
     bars: Sequence[Array],
-    compared: Comparison,
+    compared: ComparedRuns,
     first: int,
     steps: Array,
 ) -> Convergence:
@@ -359,7 +359,7 @@ def _none(convergence: Convergence) -> Convergence:
     return replace(convergence, trend="does not settle", order=None, order_error=None, steps=())
 
 
-def _state(compared: Comparison, first: int, steps: Array, rows: Sequence[int]) -> Convergence:
+def _state(compared: ComparedRuns, first: int, steps: Array, rows: Sequence[int]) -> Convergence:
     within = compared.closely
     if within < min(FEWEST, len(compared.t)) or within < 2:
         return Convergence("does not settle" if len(steps) > 1 else "one run")

@@ -34,7 +34,7 @@ from deltac.procedure import TITLES, Examination
 from deltac.repair.outcome import Fix, Repair
 from deltac.report.page.parts import (
     Chapter,
-    Code,
+    CodeListing,
     Grid,
     Page,
     Part,
@@ -42,7 +42,7 @@ from deltac.report.page.parts import (
     Tone,
     Words,
 )
-from deltac.report.page.scene import Scene, scene
+from deltac.report.page.scene import Drawing, scene
 from deltac.report.panels import (
     MOST_LINES,
     Line,
@@ -252,7 +252,9 @@ def _(report: EquationCheck, context: Beside) -> Page:
             part for repair in repairs for part in repair.sections() if isinstance(part, str)
         ]
         words = Words("The edit that makes it right", tuple(map(_sentence, sentences)))
-        diff = Code(f"{found.file}, line {', '.join(map(str, found.lines))}", found.diff, diff=True)
+        diff = CodeListing(
+            f"{found.file}, line {', '.join(map(str, found.lines))}", found.diff, diff=True
+        )
         chapters.append(Chapter("What is wrong, and the correction", (words, diff)))
     if where:
         chapters.append(Chapter("Where the equations fail", (Words("", tuple(where)),)))
@@ -363,7 +365,7 @@ def _pair(report: EquationCheck, context: Beside) -> tuple[Trajectory, Trajector
     return None if right is None or wrong is None else (right, wrong)
 
 
-def _right_and_wrong(report: EquationCheck, context: Beside) -> Scene | None:
+def _right_and_wrong(report: EquationCheck, context: Beside) -> Drawing | None:
     both = _pair(report, context)
     if both is None or context.mechanism is None:
         return None
@@ -572,7 +574,7 @@ def moving(
     mechanism: Mechanism | None,
     runs: Sequence[tuple[str, Trajectory | None]],
     side_by_side: bool = False,
-) -> Scene | None:
+) -> Drawing | None:
     """The scene of those runs that are there; None without a mechanism."""
     shown_runs = [(name, run) for name, run in runs if run is not None and len(run) > 1]
     return None if mechanism is None else scene(mechanism, shown_runs, side_by_side)
@@ -598,7 +600,7 @@ def _told(report: Report, heading: str = "The report") -> Iterator[Chapter]:
         if isinstance(section, Table):
             parts.append(Grid.of("", section))
         elif isinstance(section, Verbatim):
-            parts.append(Code("", section.text, diff=section.text.startswith(("---", "@@"))))
+            parts.append(CodeListing("", section.text, diff=section.text.startswith(("---", "@@"))))
     if words:
         parts.append(Words("", tuple(words)))
     yield Chapter(heading, tuple(parts))

@@ -13,7 +13,7 @@ import numpy as np
 from deltac.analysis.evaluate import Evaluation, evaluated
 from deltac.analysis.model import Instants
 from deltac.arrays import Array
-from deltac.dynamics import Scene as Places
+from deltac.dynamics import TracedScene as Places
 from deltac.dynamics import equations_of, evaluate_at, trace
 from deltac.mechanism import (
     GROUND,

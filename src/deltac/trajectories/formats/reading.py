@@ -19,8 +19,8 @@ from deltac.mechanism.laws import at_times, symbol_names
 from deltac.results import SHOWN
 from deltac.trajectories.columns import (
     QUATERNION,
-    Kinematics,
     MechanismNames,
+    RateNames,
     si_unit,
     speed_of_force,
     speeds_of,
@@ -613,7 +613,7 @@ def _check_mixed(readings: list[ColumnReading]) -> None:
     """A coordinate in a unit of length whose speed is in one of angles cannot be right."""
     q = [r for r in readings if r.meaning.startswith("q.")]
     u = [r for r in readings if r.meaning.startswith("u.")]
-    pairs = Kinematics.of(
+    pairs = RateNames.of(
         [r.meaning.removeprefix("q.") for r in q], [r.meaning.removeprefix("u.") for r in u]
     ).rates
     for i, j in pairs:

@@ -326,8 +326,8 @@ def read_mechanism(
     Read are
 
     - bodies, with their inertias as compiled: `body`; `frame` for those without mass
-    - hinge, slide, ball and free joints: `revolute`, `prismatic`, `spherical`, `free`; a body without joints is
-      `fixed`; several joints on a body become a chain with frames between
+    - hinge, slide, ball and free joints: `revolute`, `prismatic`, `spherical`, `free`; a body without
+      joints is `fixed`; several joints on a body become a chain with frames between
     - armature, of joints and of actuators on joints (gear² times): `armature`
     - stiffness and damping of joints, higher coefficients too, and damping of actuators on joints:
       `joint_spring`, `joint_damper`

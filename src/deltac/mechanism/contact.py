@@ -31,10 +31,10 @@ class Contact(Element):
       pull at each other. Power (f_e − f_n) ẋ <= 0;
     - friction, channel ``friction``: −f_n f(|v_t|) v_t/|v_t| on the first body, v_t the slip velocity.
 
-    Hunt–Crossley: K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440-445. It is continuous. The speed
-    after an impact follows from v − ln(1 + d v)/d, which is the same before and after, with v positive into
-    the surface: a ball never leaves faster than 1/d. Kelvin–Voigt jumps by c ẋ as the shapes meet. Other
-    programs write the same force as
+    Hunt–Crossley: K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440-445. It is continuous. The
+    speed after an impact follows from v − ln(1 + d v)/d, which is the same before and after, with v
+    positive into the surface: a ball never leaves faster than 1/d. Kelvin–Voigt jumps by c ẋ as the shapes
+    meet. Other programs write the same force as
 
     - Drake, "Modeling Dissipation": f = k x (1 − d v_n)₊, v_n the speed of parting: ``exponent=1``,
       ``dissipation=d``

@@ -97,8 +97,23 @@ def repair_equations(
     tested at fresh states, at other parameters where the function names its constants as the mechanism does,
     and by running the edited function in a process of its own. The file is left as it is.
 
-    A text alone is read, not run. A function that is given itself and cannot be traced, as it calls compiled
-    code, is run: with single edits of its text where it has one, else to say which terms are wrong.
+    Of a text alone, the function and the statements that it needs are executed while they are traced; see
+    SECURITY.md. A function that is given itself and cannot be traced, as it calls compiled code, is run: with
+    single edits of its text where it has one, else to say which terms are wrong.
+
+    What can be traced: the function may be a method, a closure returned by a factory, a partial function or
+    a callable object; the text may have dots (``eom.py:CartPole.dynamics``). A class is instantiated
+    without arguments, and a function without parameters is called to return the equations. It may take the
+    state as (t, q, u), (t, y), (y, t), (y) or (y, control) and return u̇ or the rates of the whole state;
+    the layout of y is found by trial, and q̇ is repaired as well. Classes, generators, `match`, star
+    imports and helpers of your own modules need no special support. NumPy works wherever it accepts arrays
+    of objects, besides `linalg.solve`, `inv`, `det`, `norm`, `lstsq` and SciPy's factorizations. Decorators
+    of JAX and Numba change nothing. Where a branch depends on the state, each way through it is followed
+    with the states that take it.
+
+    Not traced are loops whose end depends on the state, external side effects, more than twelve paths through
+    branches, and computations of other packages: a Lagrangian that SymPy or JAX differentiates, a CasADi
+    graph, complex numbers, `np.matrix`, ``out=``.
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.

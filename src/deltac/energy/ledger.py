@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import ROUNDED, Array
 from deltac.calls.caching import FrozenDict
-from deltac.energy.works import NEGLIGIBLE, ROUNDED, unresolved
+from deltac.energy.works import NEGLIGIBLE, unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.results import Report, Section, Table, number, percent
 

@@ -36,12 +36,16 @@ from deltac.importers.sdf import read_sdf
 from deltac.importers.tree import read_tree, turned
 from deltac.importers.urdf import Urdf, read_urdf, transmissions
 from deltac.laws import q
-from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
-from deltac.mechanism.quantities import as_rotation, vector
-from deltac.mechanism.scene import Constraint
-from deltac.mechanism.scope import GROUND
-from deltac.mechanism.shapes import VisualKind
-from deltac.mechanism.state import State
+from deltac.mechanism import (
+    GROUND,
+    NO_GRAVITY,
+    Constraint,
+    Mechanism,
+    State,
+    VisualKind,
+    as_rotation,
+    vector,
+)
 from deltac.shapes import Visual
 
 if TYPE_CHECKING:

@@ -60,13 +60,6 @@ class Linearisation(Report):
         values = np.linalg.eigvals(self.A).astype(complex)
         return values[np.lexsort((values.imag, values.real))]
 
-    @property
-    def modes(self) -> tuple[Array, Array]:
-        """Eigenvalues (d,) by rising real part, and eigenvectors of A as columns (d, d)."""
-        values, vectors = np.linalg.eig(self.A)
-        order = np.lexsort((values.imag, values.real))
-        return values[order].astype(complex), vectors[:, order].astype(complex)
-
     def summary(self) -> str:
         """The size of it, and the eigenvalue with the largest real part."""
         values = self.eigenvalues

@@ -84,11 +84,6 @@ class MutationReport(Report, also=("counts",)):
     varied: tuple[str, ...]
 
     @property
-    def survivors(self) -> tuple[MutantTrial, ...]:
-        """Mutants that no test sees."""
-        return tuple(t for t in self.trials if len(t.missed) == len(t.seen))
-
-    @property
     def escaped(self) -> tuple[MutantTrial, ...]:
         """The mistakes that the user's own tests do not see; empty where these were not run."""
         return tuple(t for t in self.trials if SUITE in t.seen and not t.detected(SUITE))

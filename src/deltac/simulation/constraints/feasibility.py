@@ -15,6 +15,7 @@ from deltac.dynamics.independence import Independence, independence
 from deltac.errors import ModelError, SolverError, StateError
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
+from deltac.simulation.constraints.singular import DEPENDENT
 from deltac.simulation.flow import Baumgarte, Keeping, Projection, keeping
 from deltac.simulation.solvers import Solver
 
@@ -23,7 +24,7 @@ START_TOLERANCE = 1e-6
 """Largest violation of a constraint that a start may have (m or rad, and per s)."""
 
 
-NEARLY_DEPENDENT = 1e-5
+NEARLY_DEPENDENT = 0.1 * DEPENDENT
 """Independent share of a constraint row below which a run is refused.
 
 The compiled factorisation squares it, and hands over to least squares at 3e-6, which leave out what is

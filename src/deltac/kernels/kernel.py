@@ -113,7 +113,7 @@ class Kernel:
     def _for_batches(self) -> Evaluator:
         return compile_function(self.function)
 
-    @property
+    @cached_property
     def width(self) -> int:
         """How many columns of a batch the code evaluates at a time."""
         return self._for_batches.width if self.n_out else 1

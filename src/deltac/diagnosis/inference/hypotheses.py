@@ -211,11 +211,12 @@ def _inverse_sizes(squares: Array) -> Array:
 
 
 def least_squares(A: Array, b: Array) -> Array:
-    """Solve A x = b, A a Gram matrix in which columns may be alike; of b one column or several."""
-    d = _inverse_sizes(np.diag(A))
-    scaled = d[:, None] * A * d
-    scaled.flat[:: len(A) + 1] += RIDGE
-    return np.asarray((d * np.linalg.solve(scaled, (d * b.T).T).T).T)
+    """Solve A x = b, A (…, n, n) Gram matrices in which columns may be alike; b (n,) or (…, n, m)."""
+    if b.ndim == 1:
+        return least_squares(A, b[:, None])[:, 0]
+    d = _inverse_sizes(np.diagonal(A, axis1=-2, axis2=-1))[..., None]
+    scaled = d * A * np.swapaxes(d, -2, -1) + RIDGE * np.eye(A.shape[-1])
+    return np.asarray(d * np.linalg.solve(scaled, d * b))
 
 
 RIDGE = 1e-10
@@ -424,29 +425,44 @@ def _ordered(
         rows += block.count
         least += block.least / variance
 
-    def gain(parts: list[tuple[Array, Array]], c: Candidate, L: Array) -> float:
-        columns = np.array(c.columns)
-        A = np.asarray(sum(L.T @ gram[columns[:, None], columns] @ L for gram, _ in parts))
-        b = np.asarray(sum(L.T @ right[columns] for _, right in parts))
-        if L.shape[1] == 1:  # most causes, and quick
-            size = float(A[0, 0])
-            return float(b[0]) ** 2 / (size * (1.0 + RIDGE)) if size > 0.0 else 0.0
-        return float(b @ least_squares(A, b))
-
     free = [
         c
         for c in candidates
         if not any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen)
     ]
-    free.sort(key=lambda c: -gain(alone, c, c.linear))
+    order = np.argsort(-_gains(alone, free, [c.linear for c in free]), kind="stable")
+    promising = [free[k] for k in order[:PROMISING].tolist()]
+    numbers = [c.linear if c.quadratic is None else np.eye(len(c.columns)) for c in promising]
     bounds = []
-    for c in free[:PROMISING]:
-        L = c.linear if c.quadratic is None else np.eye(len(c.columns))
-        left = max(rows - gain(beside, c, L), least, 1e-300)
+    for c, gain in zip(promising, _gains(beside, promising, numbers).tolist()):
+        left = max(rows - gain, least, 1e-300)
         most = 0.5 * rows * float(np.log(rows / left))
         bounds.append((most - _price(c.size, rows, len(candidates)), c))
     bounds.sort(key=lambda item: -item[0])
     return bounds
+
+
+def _gains(
+    parts: Sequence[tuple[Array, Array]], causes: Sequence[Candidate], numbers: Sequence[Array]
+) -> Array:
+    """What each cause takes off the sums of squares of parts (DᵀD, Dᵀr), its columns D times its `numbers`.
+
+    Causes that have as many columns and numbers as each other are solved for at once.
+    """
+    gains = np.zeros(len(causes))
+    alike: dict[tuple[int, ...], list[int]] = {}
+    for k, L in enumerate(numbers):
+        alike.setdefault(L.shape, []).append(k)
+    for places in alike.values():
+        columns = np.array([causes[k].columns for k in places])
+        L = np.array([numbers[k] for k in places])
+        A = np.zeros((len(places), L.shape[2], L.shape[2]))
+        b = np.zeros((len(places), L.shape[2], 1))
+        for gram, right in parts:
+            A += L.transpose(0, 2, 1) @ gram[columns[:, :, None], columns[:, None, :]] @ L
+            b += L.transpose(0, 2, 1) @ right[columns][:, :, None]
+        gains[places] = np.sum(b * least_squares(A, b), axis=(1, 2))
+    return gains
 
 
 def _price(numbers: int, rows: float, alternatives: int) -> float:

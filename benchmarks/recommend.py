@@ -22,7 +22,7 @@ import numpy as np
 
 import deltac as dc
 from deltac.diagnosis.recommend.families import families
-from deltac.diagnosis.recommend.recommend import Candidate, Search
+from deltac.diagnosis.recommend.recommend import Search, SolverCandidate
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, Trial, Trials, distance
 
 LIMIT = 6.0
@@ -138,7 +138,7 @@ def cheapest(
     for family in choice:
         deadline = Deadline(LIMIT)
         (family,), _ = families(problem, mechanism, state, duration, (family.name,), {}, deadline)
-        alone = Candidate(family, asked, duration)
+        alone = SolverCandidate(family, asked, duration)
         made = Estimated(mechanism, state, tolerance)
         found = Search([alone], made, asked, deadline, None).cheapest()
         if found is None:

@@ -129,8 +129,10 @@ def test_the_notation_names_all_there_is() -> None:
 
     text = (ROOT / "NOTATION.md").read_text("utf-8")
     aliases = [alias for solver in SOLVERS.values() for alias in solver.aliases]
-    named = [*joints.KINDS, *channels.KINDS, *SOLVERS, *aliases, *TESTING_FUNCTIONS]
-    parts = {s for kind in joints.KINDS.values() for s, _ in (*kind.coordinates, *kind.speeds) if s}
+    named = [*joints.JOINT_KINDS, *channels.CHANNEL_KINDS, *SOLVERS, *aliases, *TESTING_FUNCTIONS]
+    parts = {
+        s for kind in joints.JOINT_KINDS.values() for s, _ in (*kind.coordinates, *kind.speeds) if s
+    }
     named += [f".{part}" for part in parts]
     parts_of = [deltac.bodies, deltac.constraints, deltac.events, deltac.forces]
     named += [*FORMATS, *(n for module in parts_of for n in module.__all__ if n.islower())]

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("mkdocs", reason="the site needs the docs extra")
 from website import hooks
-from website.docstrings import listed
+from website.docstrings import fenced, listed
 
 import deltac as dc
 from deltac.cli import COMMANDS
@@ -83,3 +83,14 @@ def test_columns_of_docstrings_become_lists() -> None:
     assert (
         listed("No columns here.\n    Indented  text.") == "No columns here.\n    Indented  text."
     )
+
+
+def test_examples_of_docstrings_become_code() -> None:
+    text = "What.\n\n>>> a = 1  # doctest: +SKIP\n>>> for _ in b:\n...     c()\n1\n\nEnd."
+    code = "```python\na = 1\nfor _ in b:\n    c()\n```\n```text\n1\n```\n"
+    assert fenced(text) == f"What.\n\n{code}\nEnd."
+
+
+def test_links_into_the_code_lead_to_the_reference() -> None:
+    place = hooks._reference()["src/deltac/recorders/drake_recorder.py"]
+    assert place == "api/recorders.md#deltac.recorders.drake_recorder.DrakeRecorder"

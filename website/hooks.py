@@ -20,6 +20,7 @@ import posixpath
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -106,9 +107,6 @@ def _outside(name: str) -> str:
 
 # --- links ---------------------------------------------------------------------------------------
 
-REFERENCE = re.compile(r"^src/deltac/(\w+)(?:/[\w/]+)?\.pyi?$")
-"""Code that a document links to: the page of the reference with its docstrings."""
-
 LINK = re.compile(r"(\]\(|<img [^>]*?src=\")(?!\w+:|#|//)([^)#\s\"]+)")
 
 
@@ -121,7 +119,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
     def moved(match: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join(posixpath.dirname(source), match[2]))
-        target = OUTSIDE.get(target) or REFERENCE.sub(r"api/\1.md", target.removeprefix("docs/"))
+        target = OUTSIDE.get(target) or _reference().get(target, target.removeprefix("docs/"))
         target = re.sub(r"^notebooks/(.*)\.ipynb$", r"tutorials/\1.md", target)
         return match[1] + posixpath.relpath(target, posixpath.dirname(here) or ".")
 
@@ -215,6 +213,25 @@ def _modules() -> list[tuple[str, str, list[tuple[str, str]]]]:
         names = [(f"dc.{space}.{name}", _defined(home)) for name, home in found]
         pages.append((f"dc.{space}", f"api/{space}.md", names))
     return pages
+
+
+@cache
+def _reference() -> dict[str, str]:
+    """Files of the code that documents link to: where the reference has the name that a file is called after.
+
+    Of a file that is called after none, it is the first name.
+    """
+    places: dict[str, tuple[bool, str]] = {}
+    for _, page, names in _modules():
+        for _, home in names:
+            module, _, name = home.rpartition(".")
+            module = getattr(getattr(import_module(module), name), "__module__", module)
+            stem = module.rpartition(".")[2].replace("_", "")
+            after = name.replace("_", "").lower().startswith(stem)
+            file = f"src/{module.replace('.', '/')}.py"
+            if file not in places or (after and not places[file][0]):
+                places[file] = after, f"{page}#{home}"
+    return {file: place for file, (_, place) in places.items()}
 
 
 def _defined(home: str) -> str:

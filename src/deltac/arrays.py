@@ -13,6 +13,12 @@ Array: TypeAlias = NDArray[np.float64]
 EPS = float(np.finfo(np.float64).eps)
 """Spacing of the numbers at one, 2⁻⁵²: what one rounding may change, relative."""
 
+ROUNDED = 4096 * EPS
+"""What thousands of roundings add up to, relative: 10⁻¹²."""
+
+ROOT_EPS = float(np.sqrt(EPS))
+"""Half of a double's digits: what a square, or a first difference, keeps of a number."""
+
 TINY = float(np.finfo(np.float64).tiny)
 """The smallest normal number: it keeps a quotient finite where the divisor may be zero."""
 
@@ -21,12 +27,6 @@ ASSEMBLED = 1e-9
 
 Rows have the size of lengths and angles. Newton's method reaches EPS times the condition of the constraint
 Jacobian, which `feasibility` bounds by 10⁵; the rest is room for mechanisms of 10 to 100 m.
-"""
-
-SUM_OF_FORCES = 1e-9
-"""What a sum of forces may lose to rounding, relative to the largest of them.
-
-Some hundred products lose 10⁻¹³; the rest is room for what cancels inside a simulator's own sums.
 """
 
 PHYSICAL = 1e50

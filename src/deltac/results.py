@@ -29,6 +29,9 @@ SCHEMA = 1
 TEXT_WIDTH = 96
 """Columns of text where no terminal says how many it has."""
 
+SHOWN = 6
+"""Entries of a list that a text names before it only counts the rest."""
+
 LEAST_COLUMN = 16
 """A column of a table is not wrapped to fewer characters than this, nor a word ever broken."""
 

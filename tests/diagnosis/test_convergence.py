@@ -39,7 +39,6 @@ def test_order_and_no_limit(steps: np.ndarray, order: float) -> None:
     found = observed_order(steps, curves(steps, order, 0.0))
     assert found.trend == "falls to zero"
     assert found.order == pytest.approx(order, abs=1e-9)
-    assert found.end_order == pytest.approx(order, abs=1e-9)
 
 
 @pytest.mark.parametrize("order", [1.0, 2.5, 5.0])

@@ -12,7 +12,7 @@ import pytest
 
 import deltac as dc
 from deltac.diagnosis.recommend import families as settings_of_solvers
-from deltac.diagnosis.recommend.recommend import Candidate, Search
+from deltac.diagnosis.recommend.recommend import Search, SolverCandidate
 from deltac.diagnosis.recommend.work_precision import (
     Deadline,
     Family,
@@ -106,7 +106,7 @@ def test_the_prediction_finds_what_trying_all_would(
     ]
     trials = Invented({f.name: stiff ** (f.order or 1) for f in families}, missed)
     asked = (tolerance, tolerance)
-    candidates = [Candidate(family, asked, 1.0) for family in families]
+    candidates = [SolverCandidate(family, asked, 1.0) for family in families]
     search = Search(candidates, trials, asked, Deadline(), None)  # type: ignore[arg-type]
     best = search.cheapest()
     effort = trials.trials, trials.verifications
@@ -139,7 +139,7 @@ def test_what_cannot_be_the_cheapest_is_not_run() -> None:
     ]
     asked = (1e-6, 1e-6)
     trials = Invented({"p8": 12.0**8, "p1": 12.0})
-    candidates = [Candidate(family, asked, 1.0) for family in families]
+    candidates = [SolverCandidate(family, asked, 1.0) for family in families]
     best = Search(candidates, trials, asked, Deadline(), None).cheapest()  # type: ignore[arg-type]
     assert best is candidates[0] and not candidates[1].trials
     # Order 1 has an error of 12 h: h = 1e-6 / 12, and by the bound at least half as many steps.
@@ -168,7 +168,7 @@ def test_a_solver_that_was_given_up_returns_where_the_others_fail() -> None:
     ]
     asked = (1e-6, 1e-6)
     trials = Slow()
-    candidates = [Candidate(family, asked, 1.0) for family in families]
+    candidates = [SolverCandidate(family, asked, 1.0) for family in families]
     best = Search(candidates, trials, asked, Deadline(), None).cheapest()  # type: ignore[arg-type]
     assert trials.stopped == 1
     assert best is candidates[1] and best.trials[best.passing].verified
@@ -357,7 +357,7 @@ def test_a_search_ends_in_its_time_with_the_best_it_has() -> None:
         Family(name, 4, 4, settings, "step", _unused, lambda _: []) for name in ("first", "second")
     ]
     asked = (1e-4, 1e-4)
-    candidates = [Candidate(family, asked, 1.0) for family in families]
+    candidates = [SolverCandidate(family, asked, 1.0) for family in families]
     trials = Halting({"first": 1.0, "second": 1.0})
     search = Search(candidates, trials, asked, Deadline(), None)  # type: ignore[arg-type]
     best = search.cheapest()

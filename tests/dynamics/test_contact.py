@@ -13,7 +13,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from deltac.dynamics.forces import channels
-from deltac.dynamics.scene import Scene
+from deltac.dynamics.scene import TracedScene
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import channel_powers
 from deltac.mechanism import shapes
@@ -97,7 +97,7 @@ def law(gap: float, closing: float, **given: Any) -> tuple[float, float, float]:
     stiffness = given.pop("stiffness", 1e4)
     element = contact("c", shapes.sphere("ball", 0.05), shapes.half_space(), stiffness, **given)
     machine = Mechanism([sphere("ball", 1.0, 0.05)], [free("f", "ball")], [element])
-    found = element.normal_force(Scene(trace(machine)), ca.SX(gap), ca.SX(closing))
+    found = element.normal_force(TracedScene(trace(machine)), ca.SX(gap), ca.SX(closing))
     return tuple(float(value) for value in found)  # type: ignore[return-value]
 
 

@@ -11,7 +11,7 @@ import pytest
 from deltac.errors import InputError
 from deltac.mechanism.bodies import sphere
 from deltac.mechanism.joints import (
-    KINDS,
+    JOINT_KINDS,
     cylindrical,
     fixed,
     free,
@@ -40,8 +40,8 @@ SIZES = {  # (coordinates, speeds), from the design's table of joints
 
 
 def test_every_kind_has_its_size() -> None:
-    assert set(SIZES) == set(KINDS)
-    for name, kind in KINDS.items():
+    assert set(SIZES) == set(JOINT_KINDS)
+    for name, kind in JOINT_KINDS.items():
         assert (len(kind.coordinates), len(kind.speeds)) == SIZES[name]
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import deltac as dc
 from deltac.trajectories import draft_mapping, explain, read_trajectory
-from deltac.trajectories.columns import Kinematics
+from deltac.trajectories.columns import RateNames
 from tests.natural_logs.cases import AS_IS, CASES, DRAFTED, REFUSED, Case
 from tests.natural_logs.models import STARTS
 
@@ -45,7 +45,7 @@ def test_each_is_read_as_the_table_says(case: Case, tmp_path: Path) -> None:
     # Semi-implicit Euler, PyBullet's and Drake's, errs by h² a / 2 a row; a stays below 120 rad/s².
     h = np.diff(run.t)[:, None]
     integral = h * (run.u[1:] + run.u[:-1]) / 2
-    i, j = np.array(Kinematics.of(run.coordinates, run.speeds).rates).T
+    i, j = np.array(RateNames.of(run.coordinates, run.speeds).rates).T
     assert np.diff(run.q, axis=0)[:, i] == pytest.approx(integral[:, j], abs=60 * h.max() ** 2)
     if case.file not in DRIVEN:
         ledger = dc.balance(mechanism, run)

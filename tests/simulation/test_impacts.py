@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import deltac as dc
 from deltac import shapes
-from deltac.simulation.events.impact import Contact, Inertia, resolve
+from deltac.simulation.events.impact import ContactInertia, TouchingContact, resolve
 from deltac.simulation.events.stronge import collide
 
 G = 9.81
@@ -254,9 +254,9 @@ def test_simultaneous_contacts_are_one_problem() -> None:
     assert_closes(bar, run, 1e-13)
 
     nothing = (np.empty((0, 2)), np.empty(0))
-    walls = [Contact(normal, 0.0, *nothing, 0.5, 0.0) for normal in np.eye(2)]
+    walls = [TouchingContact(normal, 0.0, *nothing, 0.5, 0.0) for normal in np.eye(2)]
     u = np.array([-1.0, -2.0])
-    impulses, law = resolve(Inertia(np.eye(2), np.empty((0, 2))), walls, u)
+    impulses, law = resolve(ContactInertia(np.eye(2), np.empty((0, 2))), walls, u)
     np.testing.assert_allclose([p[0] for p in impulses], [1.5, 3.0], atol=1e-14)
     assert law == "moreau"
 

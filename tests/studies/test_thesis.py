@@ -24,7 +24,7 @@ from deltac.errors import InputError
 from deltac.problems.triple_pendulum_equations import HandEquations
 from deltac.report.style import COLOURS
 from deltac.studies.thesis import EXPERIMENTS, Reproduction, Result, reproduce, write
-from deltac.studies.thesis.experiments import Experiment
+from deltac.studies.thesis.experiments import PublishedExperiment
 from deltac.studies.thesis.measures import euler_relation
 from deltac.studies.thesis.runs import (
     Run,
@@ -431,7 +431,7 @@ def test_an_existing_result_survives_a_failed_write(tmp_path: Path) -> None:
 
 def test_experiments_are_known_by_their_runs() -> None:
     for experiment in EXPERIMENTS:
-        assert isinstance(experiment, Experiment)
+        assert isinstance(experiment, PublishedExperiment)
         labels = set(experiment.all_runs)
         for claim in experiment.claims:
             named = claim.run.split(" / ")

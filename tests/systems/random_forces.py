@@ -36,7 +36,7 @@ from deltac.mechanism.friction import (
     joint_friction,
     point_friction,
 )
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.joints import JOINT_KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
 from deltac.mechanism.shapes import Shape
@@ -92,7 +92,7 @@ def random_force(
 ) -> Any:
     """A random force element of the kind `what`, or None where the mechanism has no place for it."""
     moving = [joint for joint in mechanism.joints if joint.speeds]
-    plain = [joint for joint in moving if KINDS[joint.kind].rates]
+    plain = [joint for joint in moving if JOINT_KINDS[joint.kind].rates]
     joint: Any = None
     if what in ("torque", "damper", "joint friction"):
         if not moving:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from deltac.dynamics.system import System
 from deltac.mechanism.bodies import Body, body, box, disc, frame, point_mass, rod, sphere
 from deltac.mechanism.joints import (
-    KINDS,
+    JOINT_KINDS,
     Joint,
     cylindrical,
     fixed,
@@ -163,7 +163,7 @@ def random_state(mechanism: Mechanism, rng: np.random.Generator) -> Sample:
     t = float(rng.uniform(0, 2))
     q = rng.uniform(-1.2, 1.2, len(mechanism.coordinates))
     for joint in mechanism.joints:
-        quaternion = KINDS[joint.kind].quaternion
+        quaternion = JOINT_KINDS[joint.kind].quaternion
         if quaternion is not None:
             start = mechanism.coordinates.of(joint.name).start + quaternion
             turned = rng.normal(size=4)
@@ -211,7 +211,7 @@ def tree_joints(
                 given.update(axis=random_direction(rng), pitch=float(rng.normal()))
             case "universal":
                 given.update(first=random_direction(rng), second=tuple(rng.normal(size=3)))
-        shape = KINDS[kind]
+        shape = JOINT_KINDS[kind]
         may_be_driven = options.prescribed and kind in PRESCRIBABLE
         drawn = may_be_driven and draw(st.integers(0, 3), label=f"driven {k}") == 0
         if shape.speeds and (k == chosen or (drawn and not options.one_prescribed)):

@@ -18,7 +18,7 @@ from hypothesis import assume, example, given
 from hypothesis.extra import numpy as arrays
 
 from deltac.errors import InputError
-from deltac.mechanism.channels import KINDS
+from deltac.mechanism.channels import CHANNEL_KINDS
 from deltac.trajectories import (
     FORMATS,
     Provenance,
@@ -38,7 +38,7 @@ characters = st.characters(exclude_categories=("Cc", "Cs", "Zl", "Zp"))
 names = st.text(st.sampled_from("ab.. ,\"';#=é漢") | characters, min_size=1, max_size=6).filter(
     lambda name: bool(name.strip())
 )
-channels = st.builds("{} {}".format, st.sampled_from(KINDS), names) | st.just("gravity")
+channels = st.builds("{} {}".format, st.sampled_from(CHANNEL_KINDS), names) | st.just("gravity")
 # Hypothesis favours extremes: denormals, -0.0, the largest and smallest normal floats.
 finite = st.floats(allow_nan=False, allow_infinity=False)
 text = st.text(max_size=8)

@@ -12,7 +12,7 @@ import numpy as np
 from deltac.analysis.evaluate import evaluate
 from deltac.arrays import ASSEMBLED, SAME, Array
 from deltac.calls.arguments import checked
-from deltac.diagnosis.residuals.states import random_states
+from deltac.diagnosis.residuals.states import TRIAL_STATES, random_states
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
@@ -29,9 +29,6 @@ from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.results import Report, Section, Table, number
 from deltac.simulation.constraints.assembly import assemble
-
-RANDOM_STATES = 8
-"""Random states at which constants of the motion and integrability are tested."""
 
 EXAMINED = 150
 """Free speeds up to which constants of the motion and energies are sought: the mass matrix in symbols grows
@@ -259,7 +256,7 @@ def _states(motion: EquationsOfMotion, state: State) -> tuple[Array, Array, Arra
     """Admissible states t (B,), q (nq, B), u (p, B): random ones, or the state itself where none is found."""
     mechanism = motion.system.mechanism
     try:
-        states = random_states(mechanism, count=RANDOM_STATES)
+        states = random_states(mechanism, count=TRIAL_STATES)
     except InputError:
         return _of(motion, state)
     return states.t, states.q, states.u

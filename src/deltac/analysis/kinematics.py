@@ -13,7 +13,7 @@ from deltac.analysis.model import Instants, instants
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
-from deltac.dynamics.scene import Scene
+from deltac.dynamics.scene import TracedScene
 from deltac.dynamics.spatial import SX
 from deltac.errors import UnknownName, closest
 from deltac.mechanism.constraints import Rolling
@@ -65,14 +65,14 @@ class Kinematics:
     def _point(self, point: VectorLike) -> tuple[str, ...]:
         return tuple(map(repr, vector(point, "point")))
 
-    def _of(self, key: tuple[Any, ...], write: Callable[[Scene], SX]) -> Array:
+    def _of(self, key: tuple[Any, ...], write: Callable[[TracedScene], SX]) -> Array:
         at, mechanism = self.instants, self.instants.mechanism
         if key[0] != "contact" and key[1] != "ground":
             mechanism.body(key[1])
         system = equations_of_motion(mechanism).system
 
         def function() -> Any:
-            scene = system.once("scene", lambda: Scene(system))
+            scene = system.once("scene", lambda: TracedScene(system))
             arguments = [system.t, system.q, system.u]
             return ca.Function("kinematics", arguments, [ca.densify(ca.SX(write(scene)))])
 
@@ -95,5 +95,5 @@ def kinematics(model: ModelLike, state: StateLike | Trajectory = None) -> Kinema
     return Kinematics(instants(model, state))
 
 
-def _place(scene: Scene, body: str, point: VectorLike) -> SX:
+def _place(scene: TracedScene, body: str, point: VectorLike) -> SX:
     return scene.place(body, vector(point, "point"))

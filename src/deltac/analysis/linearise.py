@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac.analysis.model import Instants, instants
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
-from deltac.dynamics.admissible import onto_positions
+from deltac.dynamics.admissible import NEWTON_STEPS, onto_positions
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,
@@ -29,11 +29,6 @@ from deltac.mechanism.state import State
 from deltac.models import ModelLike, StateLike
 from deltac.results import Report, Section, Table, number
 from deltac.simulation.constraints.feasibility import START_TOLERANCE
-
-AT_REST = 1e-10
-"""Forces left at an equilibrium, as a share of the forces that balance there."""
-
-MOST_NEWTON_STEPS = 100
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -210,7 +205,7 @@ def equilibrium(
         return np.concatenate([force / size, phi[position]])
 
     residual = imbalance(q, lam)
-    for _ in range(MOST_NEWTON_STEPS):
+    for _ in range(NEWTON_STEPS):
         if float(np.abs(residual).max(initial=0.0)) < 1e-15:
             break
         r_q, G, W = slopes.at_rest(t, q, lam, at.inputs[0])
@@ -231,7 +226,7 @@ def equilibrium(
             break
         q, lam, residual = trial, lam + share * step[p:], trial_residual
     force = np.abs(residual[:p])
-    if not float(np.abs(residual).max(initial=0.0)) < AT_REST:
+    if not float(np.abs(residual).max(initial=0.0)) < SAME:
         k = int(np.argmax(force)) if p else 0
         name = mechanism.speeds[int(free.u[k])].name
         raise StateError(

@@ -10,6 +10,9 @@ from typing import TypeAlias, TypeVar
 from deltac.errors import ArgumentsError, shown
 
 T = TypeVar("T")
+TIME_LIMIT = 60.0
+"""Seconds that a search may take where its user says nothing: it ends with the best that it has."""
+
 Progress: TypeAlias = Callable[[float], None]
 
 

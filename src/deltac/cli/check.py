@@ -93,7 +93,7 @@ def check(
         failure = error
     repaired: Any = None
     if repair or write:
-        from deltac.repair.repair import TIME_LIMIT
+        from deltac.calls.progress import TIME_LIMIT
 
         seed = check_equations.keywords["seed"]
         with progress_bar(f"seeking the edit, at most {TIME_LIMIT:g} s"):

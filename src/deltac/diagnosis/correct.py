@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -46,7 +46,7 @@ SWEEPS = 5
 CONTRACTION = 0.5
 """A sweep corrects less than this share of what the one before did, or the motion is lost from there on."""
 
-FLOW = 1e-9
+FLOW = SAME
 """Error of the flow over an interval, as a share of the sizes of coordinates and speeds."""
 
 LOST = 1e-3

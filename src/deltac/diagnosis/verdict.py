@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from deltac.energy.works import ROUNDED
+from deltac.arrays import ROUNDED
 from deltac.errors import InputError
 from deltac.results import Finding, Report, Weight, percent, told_findings
 

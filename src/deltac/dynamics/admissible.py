@@ -13,17 +13,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import ASSEMBLED, EPS, Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.dynamics.kkt import least_squares
 
 Mask: TypeAlias = NDArray[np.bool_]
 
-AT_ROUNDING = 1e-15
+AT_ROUNDING = 4 * EPS
 """Newton's steps go on until the violation (m or rad) is below this, or falls no more."""
 
-ROUNDING_VIOLATION = 1e-9
-"""A full step that does not reduce a violation below this has met rounding; above, it was too long."""
+NEWTON_STEPS = 100
+"""More of them do not converge either."""
 
 SHORTEST_STEP = 1e-3
 """Share of Newton's step at which its direction is given up."""
@@ -38,7 +38,7 @@ def onto_positions(
     movable: Mask | None = None,
     dependent: float = 1e-8,
     tolerance: float = AT_ROUNDING,
-    most: int = 200,
+    most: int = NEWTON_STEPS,
     further: Callable[[Array], tuple[Array, Array]] | None = None,
 ) -> Array:
     """Coordinates with φ = 0 near `q`, (nq,) or (nq, B); some may not arrive: look at φ.
@@ -83,7 +83,7 @@ def onto_positions(
             trial = _unit(equations, q + share * step)
             terms = at(trial)
             short = active & ~(terms[-1] < (1.0 - 0.1 * share) * size)
-            short &= (share >= SHORTEST_STEP) & (size > ROUNDING_VIOLATION)
+            short &= (share >= SHORTEST_STEP) & (size > ASSEMBLED)
             if not short.any():
                 break
             share[short] *= 0.5

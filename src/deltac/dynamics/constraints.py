@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import casadi as ca
 
 from deltac.arrays import ASSEMBLED
-from deltac.dynamics.scene import Scene
+from deltac.dynamics.scene import TracedScene
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, released
 
@@ -83,7 +83,7 @@ def constraint_rows(system: System) -> Rows:
     holonomic: list[bool] = []
     positions: list[SX] = []
     rates: list[SX] = []
-    scene = Scene(twin)
+    scene = TracedScene(twin)
     for constraint in system.mechanism.constraints:
         for phi in constraint.positions(scene):
             names.append(constraint.name)

@@ -16,7 +16,7 @@ from deltac.dynamics.system import System
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.coordinate_map import CoordinateMap
 
-INDEPENDENT_COLUMNS = 1e-6
+INDEPENDENT_COLUMNS = HALF_DIGITS
 """Own speeds whose constraint columns are independent by less than this are not taken as dependent."""
 
 

@@ -18,17 +18,17 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.kernels import to_mpmath
 
 DECIMAL_DIGITS = 60
 """Decimal digits of the comparison: conditions of 10³⁵ occur, where no double has a digit."""
 
-SUSPECT = 1e7
+SUSPECT = 1.0 / HALF_DIGITS
 """Condition number, scaled to a unit diagonal, from which the digits are counted: 10⁻⁹ may be lost there."""
 
-NOISY = 1e-7
+NOISY = HALF_DIGITS
 """Scatter of the accelerations, from which the digits are counted: a tenth of what is told."""
 
 NEARBY = 1e-2

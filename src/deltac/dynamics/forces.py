@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import casadi as ca
 
-from deltac.dynamics.scene import Scene
+from deltac.dynamics.scene import TracedScene
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.mechanism.channels import Channel, ChannelName
@@ -15,10 +15,10 @@ def channels(system: System) -> tuple[Channel, ...]:
 
     The driving forces of prescribed joints are not among them: they follow from the motion.
     """
-    return channels_on(Scene(system))
+    return channels_on(TracedScene(system))
 
 
-def channels_on(scene: Scene) -> tuple[Channel, ...]:
+def channels_on(scene: TracedScene) -> tuple[Channel, ...]:
     """The same, of forces that are stated on any scene."""
     channels: list[Channel] = []
     # An expression may be zero only by the present values of parameters that vary.
@@ -34,7 +34,7 @@ def total_force(system: System, parts: tuple[Channel, ...]) -> SX:
     return sum((part.force for part in parts), start=ca.SX.zeros(len(system.mechanism.speeds)))
 
 
-def _gravity(scene: Scene) -> Channel:
+def _gravity(scene: TracedScene) -> Channel:
     """V = −Σ m g·x_G; the force m g acts at each mass centre."""
     bodies = [link.joint.child for link in scene.system.links]
     massive = [name for name in bodies if not scene.system.mechanism.body(name).massless]

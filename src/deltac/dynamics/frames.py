@@ -15,16 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, HALF_DIGITS, Array
 from deltac.dynamics.spatial import Turn
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 
 ALIGNABLE = frozenset({"revolute", "prismatic", "screw", "cylindrical"})
 Z_AXIS = (0.0, 0.0, 1.0)
-LEAST_SINE = 1e-6
-"""Axes with a smaller sine between them have no common normal worth the name."""
-
 SNAP = 4 * EPS
 """Cosines and sines this near to 0 and ±1 are taken for them: a quarter turn is seldom exact."""
 
@@ -50,7 +47,7 @@ def _axes(mechanism: Mechanism, joint: Joint, oblique: Set[str]) -> Array:
     )
     ahead = next(following, z)  # in the child's body frame; from there into the joint's
     x = np.cross(z, np.array(joint.child_rotation).T @ ahead)
-    if np.linalg.norm(x) < LEAST_SINE * np.linalg.norm(ahead):
+    if np.linalg.norm(x) < HALF_DIGITS * np.linalg.norm(ahead):
         x = np.cross(z, np.eye(3)[int(np.argmin(np.abs(z)))])
     x -= z * (z @ x)
     x /= np.linalg.norm(x)

@@ -31,7 +31,7 @@ from typing import Any, TypeAlias
 
 import casadi as ca
 
-from deltac.dynamics.points import BodyPoint, rotation
+from deltac.dynamics.points import PlacedPoint, rotation
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
 from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere
@@ -64,9 +64,9 @@ class Gap:
         return 0.5 * (self.on_first + self.on_second)
 
     @property
-    def points(self) -> tuple[BodyPoint, BodyPoint]:
+    def points(self) -> tuple[PlacedPoint, PlacedPoint]:
         """The material points of the first and the second body at `place`."""
-        first, second = (BodyPoint.at(self.system, k, self.place) for k in self.links)
+        first, second = (PlacedPoint.at(self.system, k, self.place) for k in self.links)
         return first, second
 
     @property
@@ -75,7 +75,7 @@ class Gap:
         first, second = self.points
         return first.velocity - second.velocity
 
-    def loads(self, force: SX) -> list[tuple[BodyPoint, SX]]:
+    def loads(self, force: SX) -> list[tuple[PlacedPoint, SX]]:
         """`force` (3,) on the first body, its opposite on the second."""
         first, second = self.points
         return [(first, force), (second, -force)]
@@ -103,7 +103,7 @@ def sliding_point(
     system: System, body: str, point: Sequence[object], on: str, normal: Sequence[float]
 ) -> Gap:
     """Where a point of a body slides on a plane of another: a contact point that is always closed."""
-    place = BodyPoint(system, *system.point(body, point)).place
+    place = PlacedPoint(system, *system.point(body, point)).place
     n = ca.mtimes(rotation(system, on), ca.SX(ca.DM(list(normal))))
     links = (system.index[body], system.index[on])
     return Gap("", ca.SX(0), n, place, place, system, links)
@@ -150,7 +150,7 @@ class _Placed:
 
 
 def _placed(system: System, shape: Shape) -> _Placed:
-    origin = BodyPoint(system, *system.point(shape.body, shape.position)).place
+    origin = PlacedPoint(system, *system.point(shape.body, shape.position)).place
     sizes = tuple(system.number(size) for size in shape.sizes)
     return _Placed(shape, origin, rotation(system, shape.body), sizes)
 

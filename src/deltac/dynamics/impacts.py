@@ -14,7 +14,7 @@ import casadi as ca
 
 from deltac.dynamics.coordinates import OwnCoordinates
 from deltac.dynamics.recursions import crba
-from deltac.dynamics.scene import Scene
+from deltac.dynamics.scene import TracedScene
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import Constrained, Terms, acatastatic
@@ -61,7 +61,7 @@ def impact_points(system: System) -> tuple[ImpactPoint, ...]:
 
 
 def _stop_points(system: System, stop: JointStop) -> list[ImpactPoint]:
-    q, along = Scene(system).coordinate(stop.coordinate)
+    q, along = TracedScene(system).coordinate(stop.coordinate)
     points = []
     for label, sign, limit in (("lower", 1.0, stop.lower), ("upper", -1.0, stop.upper)):
         if limit is None:
@@ -85,7 +85,7 @@ def _stop_points(system: System, stop: JointStop) -> list[ImpactPoint]:
 
 
 def _shape_points(system: System, impact: Impact) -> list[ImpactPoint]:
-    scene, points = Scene(system), []
+    scene, points = TracedScene(system), []
     for gap in scene.touches(impact.first, impact.second):
         axes = ca.horzsplit(ca.SX.eye(3))
         push = ca.horzcat(*(scene.generalized(gap.loads(axis)) for axis in axes))

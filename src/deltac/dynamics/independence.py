@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deltac.arrays import ASSEMBLED, Array
+from deltac.arrays import ASSEMBLED, ROOT_EPS, Array
 from deltac.calls.caching import LRUCache
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
@@ -16,7 +16,7 @@ from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.dynamics.kkt import without_rounding
 from deltac.dynamics.singular_inertia import regular_least_squares
 
-RANK_TOLERANCE = 1e-8
+RANK_TOLERANCE = ROOT_EPS
 """Rows whose part not explained by others is smaller than this (relative, mass metric) depend on them."""
 
 

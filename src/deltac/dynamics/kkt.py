@@ -16,22 +16,19 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, ROUNDED, SAME, Array
 from deltac.dynamics.spatial import SX
 
 LEAST_PIVOT = 1e-11
 """Smallest pivot below which a factorisation is not trusted."""
 
-VANISHED = 1e-9
+VANISHED = SAME
 """A row of the constraints whose square is this fraction of the largest one's has vanished.
 
 The stages of a step are off the constraints by its local error, and a row near a singular position
 turns with that: far above rounding, it points anywhere. A four-bar passed flat at 150 step sizes near
 1e-3 s keeps its tip to 8e-6 m with this bound, and with 1e-10 in all but a few.
 """
-
-ENTRY_ROUNDING = 1e-12
-"""Entries of G smaller than this (m or 1) are what rounding leaves of zero."""
 
 Entry = Any  # a scalar SX, or None where a structural zero is
 
@@ -299,4 +296,4 @@ def least_squares(M: Array, G: Array, dependent: float = 1e-8) -> LeastSquares:
 
 def without_rounding(G: Array) -> Array:
     """A Jacobian whose entries at rounding level are zero: a row of such entries asks for nothing."""
-    return np.where(np.abs(G) > ENTRY_ROUNDING, G, 0.0)
+    return np.where(np.abs(G) > ROUNDED, G, 0.0)

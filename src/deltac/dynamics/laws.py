@@ -12,7 +12,7 @@ import casadi as ca
 
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.mechanism.expressions import Law
-from deltac.mechanism.polynomials import Polynomial
+from deltac.mechanism.polynomials import HIGHEST, Polynomial
 
 SX: TypeAlias = Any
 """A CasADi SX scalar (CasADi is untyped)."""
@@ -69,9 +69,6 @@ class Varied(float):
 
 
 _FORMS = ("Mul", "Pow", "Piecewise", "ExprCondPair")  # printed by functions of their own
-
-UNROLLED = 64
-"""Largest integer power that is written as products; larger ones call `pow`."""
 
 
 def to_casadi(law: Law, values: Mapping[str, SX]) -> SX:
@@ -163,7 +160,7 @@ def _power(base: SX, exponent: Expr, printed: Mapping[Expr, SX]) -> SX:
     if not exponent.is_Number:
         return base ** printed[exponent]
     halves = 2.0 * float(exponent)
-    if not halves.is_integer() or abs(halves) > 2 * UNROLLED:
+    if not halves.is_integer() or abs(halves) > 2 * HIGHEST:
         return base ** float(exponent)
     count, half = divmod(int(abs(halves)), 2)
     result = _integer_power(base, count)

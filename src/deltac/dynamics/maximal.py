@@ -15,9 +15,9 @@ from typing import Any
 import casadi as ca
 
 from deltac.dynamics.forces import channels_on
-from deltac.dynamics.points import BodyPoint
+from deltac.dynamics.points import PlacedPoint
 from deltac.dynamics.recursions import link_velocities
-from deltac.dynamics.scene import Scene
+from deltac.dynamics.scene import TracedScene
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System, released
 from deltac.mechanism.scope import GROUND
@@ -28,9 +28,9 @@ def _rows(system: System) -> dict[str, int]:
     return {body.name: 6 * k for k, body in enumerate(system.mechanism.bodies)}
 
 
-def _mass_centre(system: System, body: str) -> BodyPoint:
+def _mass_centre(system: System, body: str) -> PlacedPoint:
     k = system.index[body]
-    return BodyPoint(system, k, system.links[k].centre)
+    return PlacedPoint(system, k, system.links[k].centre)
 
 
 def stacked_velocities(system: System) -> SX:
@@ -44,7 +44,7 @@ def stacked_velocities(system: System) -> SX:
 
 
 @dataclass(frozen=True)
-class BodyForces(Scene):
+class BodyForces(TracedScene):
     """A scene on which forces are F (n,), at mass centres and as moments, in place of generalized forces."""
 
     def generalized(self, loads: Iterable[tuple[Any, ...]]) -> SX:
@@ -73,8 +73,8 @@ class BodyForces(Scene):
         S, E = self.system.links[k].S, self.system.poses[k].E
         wrench = ca.mtimes(S, ca.solve(ca.mtimes(S.T, S), tau))
         moment, force = ca.mtimes(E.T, wrench[:3]), ca.mtimes(E.T, wrench[3:])
-        child = BodyPoint(self.system, k, ca.SX.zeros(3))
-        parent = BodyPoint.at(self.system, self.system.links[k].parent, child.place)
+        child = PlacedPoint(self.system, k, ca.SX.zeros(3))
+        parent = PlacedPoint.at(self.system, self.system.links[k].parent, child.place)
         return self.generalized([(child, force, moment), (parent, -force, -moment)])
 
     def coordinate(self, name: str) -> tuple[SX, SX]:
@@ -95,7 +95,7 @@ class _LoosePoint:
 
 
 @dataclass(frozen=True)
-class LooseBodies(Scene):
+class LooseBodies(TracedScene):
     """A scene in which nothing joins the bodies.
 
     They are displaced by small `x` (6N,) from where the joints hold them, and move with `v` (6N,); both have
@@ -207,7 +207,7 @@ def maximal(system: System) -> Maximal:
 
 def _written_out(s: System) -> Maximal:
     rows, bodies = body_rows(s), [body.name for body in s.mechanism.bodies]
-    scene, forces = Scene(s), BodyForces(s)
+    scene, forces = TracedScene(s), BodyForces(s)
     parts = channels_on(forces)
     along, rate = ca.vertcat(s.q, s.t), ca.vertcat(s.qdot_all, 1)
 

@@ -22,7 +22,7 @@ def rotation(system: System, body: str) -> SX:
 
 
 @dataclass(frozen=True, eq=False)
-class BodyPoint:
+class PlacedPoint:
     """A material point of a link (−1: the ground): `own` (3,) in the link frame, or in the world's."""
 
     system: System
@@ -30,12 +30,12 @@ class BodyPoint:
     own: SX
 
     @staticmethod
-    def at(system: System, link: int, place: SX) -> BodyPoint:
+    def at(system: System, link: int, place: SX) -> PlacedPoint:
         """The point that is at a place (3,) in the world now."""
         if link < 0:
-            return BodyPoint(system, link, place)
+            return PlacedPoint(system, link, place)
         pose = system.poses[link]
-        return BodyPoint(system, link, ca.mtimes(pose.E, place - pose.r))
+        return PlacedPoint(system, link, ca.mtimes(pose.E, place - pose.r))
 
     @property
     def place(self) -> SX:

@@ -14,16 +14,16 @@ import casadi as ca
 
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.laws import to_casadi
-from deltac.dynamics.points import BodyPoint, rotation, wrenches
+from deltac.dynamics.points import PlacedPoint, rotation, wrenches
 from deltac.dynamics.recursions import gather, link_velocities
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.joints import JOINT_KINDS
 from deltac.mechanism.shapes import Shape
 
 
 @dataclass(frozen=True)
-class Scene:
+class TracedScene:
     """Points, axes and velocities of bodies in the world, in the symbols of a system."""
 
     system: System
@@ -90,7 +90,7 @@ class Scene:
     def coordinates(self, joint: str) -> tuple[list[SX], SX | None]:
         """The plain coordinates of a joint, and its quaternion (4,; scalar first), if it has one."""
         q = self.system.q_all[self.system.mechanism.coordinates.of(joint)]
-        start = KINDS[self.system.mechanism.joint(joint).kind].quaternion
+        start = JOINT_KINDS[self.system.mechanism.joint(joint).kind].quaternion
         plain = q.shape[0] if start is None else start
         return [q[k] for k in range(plain)], None if start is None else q[start:]
 
@@ -121,22 +121,22 @@ class Scene:
         """World components of a direction fixed in a body."""
         return ca.mtimes(self.rotation(body), ca.DM(list(axis)))
 
-    def point(self, body: str, point: Sequence[object]) -> BodyPoint:
+    def point(self, body: str, point: Sequence[object]) -> PlacedPoint:
         """A point given in the frame of a body."""
-        return BodyPoint(self.system, *self.system.point(body, point))
+        return PlacedPoint(self.system, *self.system.point(body, point))
 
-    def point_at(self, body: str, place: SX) -> BodyPoint:
+    def point_at(self, body: str, place: SX) -> PlacedPoint:
         """The body's material point that is at a place in the world now."""
-        return BodyPoint.at(self.system, self.system.index[body], place)
+        return PlacedPoint.at(self.system, self.system.index[body], place)
 
     def place(self, body: str, point: Sequence[object]) -> SX:
         """World position of a point given in a body frame."""
         return self.point(body, point).place
 
-    def mass_centre(self, body: str) -> BodyPoint:
+    def mass_centre(self, body: str) -> PlacedPoint:
         """The mass centre of a body."""
         k = self.system.index[body]
-        return BodyPoint(self.system, k, self.system.links[k].centre)
+        return PlacedPoint(self.system, k, self.system.links[k].centre)
 
     def weight(self, body: str) -> SX:
         """The weight (3,) of a body, N."""

@@ -15,7 +15,7 @@ from deltac.dynamics.joints import joint_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.spatial import SX, Inertia, Transform, Turn, rigid_inertia
 from deltac.errors import UnknownName, closest
-from deltac.mechanism.joints import KINDS, Joint
+from deltac.mechanism.joints import JOINT_KINDS, Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.scope import GROUND
 
@@ -257,8 +257,8 @@ def _links(
         framed = aligned.get(joint.name, joint)
         q, u = mechanism.coordinates.of(joint.name), mechanism.speeds.of(joint.name)
         # Differentiate along own symbols: a prescribed joint's q is an expression, not a symbol.
-        own_q = ca.SX.sym("q", len(KINDS[joint.kind].coordinates))
-        own_u = ca.SX.sym("u", len(KINDS[joint.kind].speeds))
+        own_q = ca.SX.sym("q", len(JOINT_KINDS[joint.kind].coordinates))
+        own_u = ca.SX.sym("u", len(JOINT_KINDS[joint.kind].speeds))
         motion = joint_motion(framed, own_q, to_casadi(joint.pitch, values))
         bias = ca.jtimes(ca.mtimes(motion.S, own_u), own_q, ca.mtimes(motion.W, own_u))
         S_dot = ca.reshape(

@@ -6,5 +6,30 @@ from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
 from deltac.energy.accumulator import balance
 from deltac.energy.balance import residuals
 from deltac.energy.ledger import Ledger
+from deltac.energy.live import (
+    MOMENTA,
+    QUADRATURE,
+    RESULTS,
+    SETTINGS,
+    SUMS,
+    Given,
+    LiveKernels,
+    Memory,
+    live_kernels,
+)
 
-__all__ = ["TESTING_FUNCTIONS", "Ledger", "balance", "residuals"]
+__all__ = [
+    "MOMENTA",
+    "QUADRATURE",
+    "RESULTS",
+    "SETTINGS",
+    "SUMS",
+    "TESTING_FUNCTIONS",
+    "Given",
+    "Ledger",
+    "LiveKernels",
+    "Memory",
+    "balance",
+    "live_kernels",
+    "residuals",
+]

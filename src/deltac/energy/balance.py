@@ -29,7 +29,7 @@ from deltac.energy.one_pass import OnePass, in_one_pass
 from deltac.energy.prepare import checked_samples
 from deltac.energy.sampling.quadrature import Integral
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
-from deltac.energy.sampling.segments import Jumps, Rows, integrate_pieces, jumps, rows_of
+from deltac.energy.sampling.segments import Jumps, LogRows, integrate_pieces, jumps, rows_of
 from deltac.energy.terms import (
     LedgerKernels,
     LedgerSymbols,
@@ -73,7 +73,7 @@ def balance_of_rows(
     coordinates: CoordinateMap | None,
     potential: Law | str | None,
     keep: int | None,
-) -> Piece:
+) -> RowBalance:
     """What the rows of a run come to, by the arguments of `balance`.
 
     Where one pass suffices and `keep` is given, at about so many rows; else at all.
@@ -125,7 +125,7 @@ def balance_of_rows(
         from deltac.energy.discrete import discrete_work
 
         discrete = discrete_work(symbols, rows, samples, log)
-    return Piece(
+    return RowBalance(
         mechanism,
         run,
         method,
@@ -160,7 +160,7 @@ class _Columns:
 
     @staticmethod
     def of_all_rows(
-        samples: Samples, rows: Rows, log: LoggedForces, kernels: LedgerKernels
+        samples: Samples, rows: LogRows, log: LoggedForces, kernels: LedgerKernels
     ) -> _Columns:
         """By quadrature over the smooth pieces of a run."""
         values = at_samples(samples, *_evaluation(kernels.at_samples, log))
@@ -209,7 +209,7 @@ def _by_name(
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class RowBalance:
     """A balance of some rows part by part: from what these come to (`columns`), works, ΔC and the ledger.
 
     `integrated`: the powers of the testing functions were integrated in the loop; `discrete`: the works of a

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.dynamics.recursions import rnea
 from deltac.energy.sampling.samples import Samples
-from deltac.energy.sampling.segments import Rows
+from deltac.energy.sampling.segments import LogRows
 from deltac.energy.terms import LedgerSymbols, LoggedForces
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ByChannel, ChannelName
@@ -50,7 +50,7 @@ class DiscreteWork:
 
 
 def discrete_work(
-    symbols: LedgerSymbols, run: Rows, samples: Samples, log: LoggedForces
+    symbols: LedgerSymbols, run: LogRows, samples: Samples, log: LoggedForces
 ) -> DiscreteWork:
     """Forces at the start of each step, times the mean of the speeds at its ends."""
     s, nu = symbols.system, len(symbols.system.mechanism.speeds)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import ROUNDED, Array
 from deltac.calls.caching import FrozenDict
-from deltac.energy.works import NEGLIGIBLE, ROUNDED, unresolved
+from deltac.energy.works import NEGLIGIBLE, unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.results import Report, Section, Table, number, percent
 
@@ -45,9 +45,15 @@ class Ledger(
         kinetic: K (T,); `K2`, `K1`, `K0` are its parts of degree 2, 1, 0 in the generalized speeds.
         potential: V of each source, ``"gravity"``, ``"spring elbow"`` (T,).
         power: power of each channel, positive into the system (T,).
-        work: cumulated work of each channel, from the first sample on (T,); `work_error`: how far it may
-            be off (T,); `work_from`: how it was found, "in-loop", "samples", "discrete", from a
-            "potential", from "events", or "booked" by a correction.
+        work: cumulated work of each channel, from the first sample on (T,); `work_error`: how far it may be
+            off (T,); `work_from`: how it was found. "in-loop": integrated by the solver with the motion,
+            independent of the samples; the bar is its difference from the quadrature of the samples, or the
+            largest |ΔC| so far, whichever is less. "samples": the quadrature of the channel's power, for
+            logs and for runs with ``testing=()``; the bar is from every second sample and two orders of
+            quadrature, and at least the gap in the balance where ΔC is known from the loop. To round-off:
+            "potential", the decrease of a potential of the model; "discrete", the sum of h fᵀ(u_k +
+            u_{k+1})/2; "events", the work of impulses; "booked", the change of K + V by projections and
+            corrections.
         delta_c: ΔC of each testing function (T,); exact motion keeps it at zero. Where the driving force
             of a prescribed joint was logged, "wang" uses it and "wang-inertial" does not.
         error_bar: numerical uncertainty of ΔC (quadrature and round-off) (T,).

@@ -193,7 +193,7 @@ class _Before:
         return np.maximum(np.maximum(most + self.error, -(least + self.error)), self.worst)
 
 
-class _Worker:
+class _BlockWorker:
     """Evaluates blocks, one after the other, in memory of its own.
 
     After `evaluate` the block is at hand: `known` (n, rows + 1), `delta_c`, what each testing function gained
@@ -413,7 +413,7 @@ def in_one_pass(
 
     def work(number: int) -> None:
         nonlocal before
-        worker = _Worker(samples, log, kernels, layout, size)
+        worker = _BlockWorker(samples, log, kernels, layout, size)
         for k in range(number, len(starts), workers):
             check_cancelled()
             steps, block = worker.evaluate(starts[k])
@@ -458,7 +458,7 @@ class _All:
         self._known = np.empty((layout.n_out, count))
         self._value, self._worst = np.empty((2, layout.n_between, count))
 
-    def keep(self, worker: _Worker, first: int, steps: int, before: _Before) -> None:
+    def keep(self, worker: _BlockWorker, first: int, steps: int, before: _Before) -> None:
         """The rows of a block; the one after it too, where it is the last of all."""
         count = steps + (first + steps == self._known.shape[1] - 1)
         rows, block = np.arange(count), slice(first, first + count)
@@ -478,7 +478,7 @@ class _Some:
         self._layout, self._part, self._last = layout, part, count - 1
         self._found: dict[int, Joined] = {}
 
-    def keep(self, worker: _Worker, first: int, steps: int, before: _Before) -> None:
+    def keep(self, worker: _BlockWorker, first: int, steps: int, before: _Before) -> None:
         """Some rows of a block."""
         error = np.abs(worker.delta_c + before.delta_c[:, None]).max(axis=0)
         rows = _picked(error, self._part, first == 0, first + steps == self._last)
@@ -498,7 +498,7 @@ class _Some:
         return rows, outputs, value, worst
 
 
-def _extremes(worker: _Worker, before: _Before) -> list[int]:
+def _extremes(worker: _BlockWorker, before: _Before) -> list[int]:
     """Rows of a block at which V or K is larger or smaller than ever before."""
     rows, sums = list[int](), worker.sums
     for k, energy in ((-2, worker.V), (-1, worker.K)):

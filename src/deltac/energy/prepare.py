@@ -13,7 +13,7 @@ from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.laws import to_casadi
 from deltac.dynamics.system import trace
 from deltac.energy.sampling.samples import Samples, Smooth, row_blocks, spline_rate
-from deltac.energy.sampling.segments import Rows
+from deltac.energy.sampling.segments import LogRows
 from deltac.energy.terms import LoggedForces, columns
 from deltac.errors import LogError, closest
 from deltac.kernels import Kernel
@@ -23,7 +23,7 @@ from deltac.trajectories import Trajectory
 
 
 def checked_samples(
-    mechanism: Mechanism, run: Rows, log: LoggedForces
+    mechanism: Mechanism, run: LogRows, log: LoggedForces
 ) -> tuple[Samples, dict[str, str]]:
     """The free coordinates and speeds with their rates, and the logged forces.
 
@@ -61,7 +61,7 @@ def checked_samples(
     ), basis
 
 
-def _rates(run: Rows, y: Array) -> Array:
+def _rates(run: LogRows, y: Array) -> Array:
     """Rates within every smooth piece."""
     pieces = pairwise((0, *run.starts, len(run)))
     return np.concatenate([_rate(run.t[a:b], y[a:b]) for a, b in pieces])
@@ -72,7 +72,7 @@ def _rate(t: Array, y: Array) -> Array:
     return spline_rate(t, y) if t[-1] > t[0] else np.zeros_like(y)
 
 
-def _held(run: Rows) -> set[str]:
+def _held(run: LogRows) -> set[str]:
     """Channels that were constant from each sample to the next: held over a step, and every step is here.
 
     In a log with fewer rows than steps such a force changed in between, as any other.
@@ -87,7 +87,7 @@ def _held(run: Rows) -> set[str]:
     return set(channels)
 
 
-def _check_names(mechanism: Mechanism, run: Rows) -> None:
+def _check_names(mechanism: Mechanism, run: LogRows) -> None:
     for what, ours, theirs in (
         ("coordinate", mechanism.coordinates.names, run.coordinates),
         ("speed", mechanism.speeds.names, run.speeds),

@@ -36,7 +36,7 @@ from deltac.dynamics.terms import (
     terms,
 )
 from deltac.dynamics.testing_functions import MOMENTUM, TestingFunction
-from deltac.energy.sampling.segments import Rows
+from deltac.energy.sampling.segments import LogRows
 from deltac.errors import LogError
 from deltac.kernels import Kernel
 from deltac.kernels.parallel import spread
@@ -64,14 +64,14 @@ class LoggedForces:
         return tuple((str(name), tuple(places)) for name, places in self.places.items())
 
     @staticmethod
-    def of(run: Trajectory | Rows) -> LoggedForces:
+    def of(run: Trajectory | LogRows) -> LoggedForces:
         """What the forces of a trajectory act on; a trajectory is looked at once."""
         if isinstance(run, Trajectory):
             return run.once("logged forces", lambda: LoggedForces._found(run))
         return LoggedForces._found(run)
 
     @staticmethod
-    def _found(run: Trajectory | Rows) -> LoggedForces:
+    def _found(run: Trajectory | LogRows) -> LoggedForces:
         places: dict[ChannelName, list[int]] = {}
         columns: dict[ChannelName, slice] = {}
         start = 0
@@ -82,7 +82,7 @@ class LoggedForces:
             start += len(acting)
         return LoggedForces(places, columns, start)
 
-    def values(self, run: Trajectory | Rows) -> dict[ChannelName, np.ndarray]:
+    def values(self, run: Trajectory | LogRows) -> dict[ChannelName, np.ndarray]:
         """The columns of each channel (T, n)."""
         return {name: columns(run.forces[name], places) for name, places in self.places.items()}
 

@@ -25,9 +25,6 @@ RESOLVED = 0.1
 NEGLIGIBLE = 1e-6
 """… or this part of the energy exchanged …"""
 
-ROUNDED = 1e-12
-"""… or this part of the energies: rounding, as it grows over 10⁷ rows."""
-
 LIKELY = 2.0
 """How much more than the work between two samples the trapezoid of its power may be believed to be."""
 

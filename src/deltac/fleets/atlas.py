@@ -12,7 +12,7 @@ import math
 import random
 import time
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -22,53 +22,40 @@ from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import deltac
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.diagnosis.verdict import RUN_TOLERANCE
+from deltac.diagnosis import RUN_TOLERANCE
 from deltac.errors import FileError, InputError, SpecificationError, UnknownName, closest
 from deltac.fleets.execution import local_crew
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
+from deltac.fleets.rows import AUDITED, NUMBER, TEXT, Piece, audited_row, failed_row
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import appearing, read_text
 from deltac.foreign.isolation import Failure
 from deltac.foreign.limits import parse_json, parse_toml
-from deltac.kernels.cache import cache_folder, cache_wanted
+from deltac.kernels import cache_folder, cache_wanted
 from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
 
-OUTCOME: dict[str, str] = {
-    "verdict": TEXT,
-    "confidence": TEXT,
-    "relative": NUMBER,
-    "energy_error": NUMBER,
-    "energy": NUMBER,
+OUTCOME: Mapping[str, str] = {
+    **AUDITED,
     "exchanged": NUMBER,
-    "error_bar": NUMBER,
     **{
         f"{share}{kind}": NUMBER
         for share in ("integrator", "equations", "log")
         for kind in ("", "_error", "_largest")
     },
     "speeds": NUMBER,
-    "samples": NUMBER,
     "lasted": NUMBER,
-    "exit_code": NUMBER,
     "integrator_name": TEXT,
     "causes": TEXT,
-    "findings": TEXT,
     "run_seconds": NUMBER,
-    "seconds": NUMBER,
     "build": TEXT,
-    "code": TEXT,
-    "message": TEXT,
-    "details": TEXT,
 }
 """What the table says of every run; energies in J, see docs/atlas.md."""
 
@@ -111,7 +98,7 @@ class AtlasSpec(BaseModel):
 
 
 @dataclass(frozen=True)
-class Setting:
+class AtlasSetting:
     """A model's file with its label, an integrator of a simulator, a motion; None where it is not run."""
 
     label: str
@@ -131,10 +118,10 @@ def _experiment(path: str, motion: str, duration: float) -> Experiment:
 
 
 @dataclass(frozen=True)
-class Run:
+class AtlasRun:
     """A setting at one step: `factor` times the model's own, s; None where it is not run."""
 
-    setting: Setting
+    setting: AtlasSetting
     factor: float | None = None
     step: float | None = None
 
@@ -147,7 +134,7 @@ class AtlasPiece(Piece):
     kinds = OUTCOME
     per_row = "runs"
 
-    runs: tuple[Run, ...]
+    runs: tuple[AtlasRun, ...]
 
     def outcome(self) -> dict[str, list[Any]]:
         """Run by run; one that cannot be made is a row that says why."""
@@ -177,35 +164,31 @@ class AtlasPiece(Piece):
         }
 
 
-def _row(run: Run) -> dict[str, Any]:
+def _row(run: AtlasRun) -> dict[str, Any]:
     own = run.setting
     if own.failure is not None or run.step is None:
-        return _failed(own.failure or Failure("E-MODEL", "not run"))
+        return failed_row(own.failure or Failure("E-MODEL", "not run"))
     try:
         return judged(own, run.step)
     except InputError as error:
-        return _failed(Failure(error.code, str(error)))
+        return failed_row(Failure(error.code, str(error)))
     except (RuntimeError, ValueError, ArithmeticError, LookupError, TypeError) as error:
         # What simulators written in C++ say of a model that they do not take.
-        return _failed(Failure("E-RECORDING", f"{type(error).__name__}: {error}"[:500]))
+        return failed_row(Failure("E-RECORDING", f"{type(error).__name__}: {error}"[:500]))
     except SystemExit:
-        return _failed(
+        return failed_row(
             Failure("E-RECORDING", "the simulator ends the process; its output says why")
         )
 
 
-def solver_label(setting: Setting) -> str | None:
+def solver_label(setting: AtlasSetting) -> str | None:
     """As "mujoco:rk4"."""
     return None if setting.simulator is None else f"{setting.simulator}:{setting.solver}"
 
 
-def _failed(failure: Failure) -> dict[str, Any]:
-    return {name: value for name, (value,) in failed_outcome(failure).items()}
-
-
-def judged(setting: Setting, step: float) -> dict[str, Any]:
+def judged(setting: AtlasSetting, step: float) -> dict[str, Any]:
     """The row of one run, made and audited now."""
-    from deltac.diagnosis.audit.audit import audit
+    from deltac import audit
 
     assert setting.simulator and setting.solver and setting.motion and setting.duration
     experiment = _experiment(setting.path, setting.motion, setting.duration)
@@ -222,27 +205,17 @@ def judged(setting: Setting, step: float) -> dict[str, Any]:
             shares |= {name: share.energy, f"{name}_error": share.error}
             shares[f"{name}_largest"] = share.largest[0]
     return {
-        "verdict": report.verdict.kind,
-        "confidence": report.verdict.confidence,
-        "relative": report.relative,
-        "energy_error": float(np.abs(report.energy_error).max()),
-        "energy": report.reference_energy,
+        **audited_row(report, time.process_time() - ran),
         "exchanged": report.energy_exchanged,
-        "error_bar": float(report.ledger.error_bar[report.function].max()),
         **shares,
         "speeds": float(len(experiment.model.mechanism.speeds.names)),
-        "samples": float(report.samples),
         "lasted": float(run.t[-1] - run.t[0]) + step,
-        "exit_code": float(report.exit_code),
         "integrator_name": None
         if report.integrator is None
         else " or ".join(report.integrator.names) or None,
         "causes": "; ".join(map(str, report.causes)) or None,
-        "findings": " ".join(f.code for f in report.findings) or None,
         "run_seconds": ran - began,
-        "seconds": time.process_time() - ran,
         "message": run.provenance.message or report.summary(),
-        "details": report.explain() if report.exit_code else None,
     }
 
 
@@ -257,7 +230,7 @@ class AtlasPlan(Plan):
 
     spec: AtlasSpec
     source: str
-    rows: tuple[Run, ...]
+    rows: tuple[AtlasRun, ...]
     skipped: tuple[str, ...]
 
     def folder(self) -> Path:
@@ -297,7 +270,7 @@ class AtlasPlan(Plan):
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one run, with the mechanism moving."""
-        from deltac.diagnosis.audit.audit import audit
+        from deltac import audit
 
         (run,) = self.piece_at(address).runs
         own, step = run.setting, run.step
@@ -388,9 +361,9 @@ def plan_atlas(path: Path) -> AtlasPlan:
             f"{path}: no {'model' if not files else 'simulator'} of it is there{lacking}"
         )
     sizes = model_sizes(files, spec.execution)
-    rounds: dict[int, list[Run]] = {}
+    rounds: dict[int, list[AtlasRun]] = {}
     for label in random.Random(0).sample(sorted(files), len(files)):
-        common = Setting(
+        common = AtlasSetting(
             label,
             str(files[label]),
             tolerance=spec.tolerance,
@@ -416,8 +389,8 @@ def plan_atlas(path: Path) -> AtlasPlan:
 
 
 def _runs(
-    spec: AtlasSpec, common: Setting, size: Size | Failure, simulators: dict[str, list[str]]
-) -> Iterator[tuple[int, Run]]:
+    spec: AtlasSpec, common: AtlasSetting, size: Size | Failure, simulators: dict[str, list[str]]
+) -> Iterator[tuple[int, AtlasRun]]:
     """The runs of one model, each with its round; one that says why for a model that is not run.
 
     An atlas that is not complete is a fair sample: the first round has every model in every simulator, by
@@ -429,7 +402,7 @@ def _runs(
             "E-MODEL", f"{size.speeds} speeds, more than the {spec.speeds} of this atlas"
         )
     if isinstance(size, Failure):
-        yield 0, Run(replace(common, failure=size))
+        yield 0, AtlasRun(replace(common, failure=size))
         return
     step = size.step or spec.step
     duration = max(spec.duration, spec.rows * step)
@@ -447,7 +420,7 @@ def _runs(
         for name, solver, later in integrators:
             own = replace(common, simulator=name, solver=solver, motion=motion, duration=duration)
             for factor in spec.steps:
-                yield 4 * k + 2 * later + (factor != middle), Run(own, factor, step * factor)
+                yield 4 * k + 2 * later + (factor != middle), AtlasRun(own, factor, step * factor)
 
 
 # --- models -----------------------------------------------------------------------------------------
@@ -462,7 +435,7 @@ class Size:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ModelReading:
     """The call that finds the size of a model, in a worker process."""
 
     needs: ClassVar[tuple[str, ...]] = ("deltac.recorders.experiments",)
@@ -497,7 +470,7 @@ def model_sizes(
     if missing := [label for label in files if label not in sizes]:
         with local_crew(execution.workers) as crew:
             answers = {
-                label: crew.executor.submit(crew.call, Reading(str(files[label])), time_limit)
+                label: crew.executor.submit(crew.call, ModelReading(str(files[label])), time_limit)
                 for label in missing
             }
             sizes |= {label: answer.result() for label, answer in answers.items()}

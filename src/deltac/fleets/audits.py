@@ -14,46 +14,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.diagnosis.verdict import RUN_TOLERANCE, check_tolerance
+from deltac.diagnosis import RUN_TOLERANCE, check_tolerance
 from deltac.errors import FileError, InputError, UnknownName, closest, listed
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
+from deltac.fleets.rows import AUDITED, NUMBER, TEXT, Piece, audited_row, failed_row
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import read_text
 from deltac.foreign.isolation import Failure
 from deltac.kernels.rows import compiled
 from deltac.models import Model, ModelLike, load_model
-from deltac.trajectories.formats.files import FORMATS, is_log_folder, read_raw
-from deltac.trajectories.formats.mapping import LogMapping, as_mapping
-from deltac.trajectories.trajectory import Trajectory
+from deltac.trajectories import FORMATS, LogMapping, Trajectory, as_mapping, is_log_folder, read_raw
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.audit.audit import Audit
+    pass
 
-OUTCOME: dict[str, str] = {
-    "verdict": TEXT,
-    "confidence": TEXT,
-    "relative": NUMBER,
-    "energy_error": NUMBER,
-    "energy": NUMBER,
-    "error_bar": NUMBER,
-    "samples": NUMBER,
-    "duration": NUMBER,
-    "exit_code": NUMBER,
-    "findings": TEXT,
-    "seconds": NUMBER,
-    "code": TEXT,
-    "message": TEXT,
-    "details": TEXT,
-}
+OUTCOME: Mapping[str, str] = {**AUDITED, "duration": NUMBER}
 """What the table says of every log or episode; see docs/fleets.md."""
 
 AMBIGUOUS = (".txt", ".dat", ".tab", ".asc", ".json", ".jsonl", ".ndjson")
@@ -70,7 +51,7 @@ TOGETHER = 32
 
 
 @dataclass(frozen=True)
-class Log:
+class LogEntry:
     """A log, or an episode of one: where it is, and by what it is known whether it has changed."""
 
     source: str
@@ -98,7 +79,7 @@ class AuditPiece(Piece):
     per_row = "logs"
 
     task: AuditTask
-    logs: tuple[Log, ...]
+    logs: tuple[LogEntry, ...]
 
     def outcome(self) -> dict[str, list[Any]]:
         """Log by log."""
@@ -133,7 +114,7 @@ def verdicts(
 
 
 def _judged(task: AuditTask, runs: Sequence[Trajectory | InputError]) -> list[dict[str, Any]]:
-    from deltac.diagnosis.audit.audit import audit_together
+    from deltac.diagnosis import audit_together
 
     began = time.process_time()
     good = [run for run in runs if not isinstance(run, InputError)]
@@ -144,31 +125,12 @@ def _judged(task: AuditTask, runs: Sequence[Trajectory | InputError]) -> list[di
     )
     results = [run if isinstance(run, InputError) else next(audits) for run in runs]
     seconds = (time.process_time() - began) / max(len(good), 1)
-    return [_failed(one) if isinstance(one, InputError) else _told(one, seconds) for one in results]
-
-
-def _failed(error: InputError) -> dict[str, Any]:
-    outcome = failed_outcome(Failure(error.code, str(error)))
-    return {name: value for name, (value,) in outcome.items()}
-
-
-def _told(audit: Audit, seconds: float) -> dict[str, Any]:
-    """The row of an audit that took so many seconds."""
-    return {
-        "verdict": audit.verdict.kind,
-        "confidence": audit.verdict.confidence,
-        "relative": audit.relative,
-        "energy_error": float(np.abs(audit.energy_error).max()),
-        "energy": audit.reference_energy,
-        "error_bar": float(audit.ledger.error_bar[audit.function].max()),
-        "samples": float(audit.samples),
-        "duration": audit.run.duration,
-        "exit_code": float(audit.exit_code),
-        "findings": " ".join(f.code for f in audit.findings) or None,
-        "seconds": seconds,
-        "message": audit.summary(),
-        "details": audit.explain() if audit.exit_code else None,
-    }
+    return [
+        failed_row(Failure(one.code, str(one)))
+        if isinstance(one, InputError)
+        else {**audited_row(one, seconds), "duration": one.run.duration}
+        for one in results
+    ]
 
 
 # --- which logs -----------------------------------------------------------------------------------
@@ -323,7 +285,7 @@ class AuditPlan(Plan):
 
     told: dict[str, Any]
     task: AuditTask
-    logs: tuple[Log, ...]
+    logs: tuple[LogEntry, ...]
     skipped: tuple[str, ...]
 
     def folder(self) -> Path:
@@ -359,7 +321,7 @@ class AuditPlan(Plan):
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one log, or of one episode."""
-        from deltac.diagnosis.audit.audit import audit
+        from deltac import audit
 
         if address not in self.addresses:
             raise UnknownName(f"address {address}: there is no such log")
@@ -394,12 +356,14 @@ def plan_audits(
     # What problems carry besides (equations, measures) is not needed, and may not travel.
     bare = Model(loaded.mechanism, loaded.starts, None, loaded.import_report)
     task = AuditTask(bare, float(tolerance), work, columns, strict)
-    of_source: list[Log] = []
+    of_source: list[LogEntry] = []
     sources, skipped = find_logs(logs)
     for source in sources:
         fingerprint = _fingerprint(source)
         names = episode_names(source)
-        of_source += [Log(source, fingerprint, one) for one in ([None] if names is None else names)]
+        of_source += [
+            LogEntry(source, fingerprint, one) for one in ([None] if names is None else names)
+        ]
     head = {
         "model": loaded.mechanism.hash,
         "tolerance": task.tolerance,

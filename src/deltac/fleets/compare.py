@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deltac.arrays import SAME
 from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError
-from deltac.fleets.result import shown_cell
+from deltac.fleets.result import SHOWN, shown_cell
 from deltac.fleets.rows import FAILED, is_point
 from deltac.fleets.store import Store
 from deltac.results import Report, Section, Table
@@ -19,12 +20,6 @@ if TYPE_CHECKING:
 
 FACTOR = 2.0
 """How many times larger an energy error has to be to have grown."""
-
-FLOOR = 1e-10
-"""Energy errors below this fraction are rounding, however they change."""
-
-SHOWN = 20
-"""Rows that are listed."""
 
 SEVERITY = {
     "consistent": 0,
@@ -128,11 +123,11 @@ def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) ->
     old, new = polars.col("relative").fill_null(0.0), polars.col("relative after").fill_null(0.0)
     both = both.with_columns(
         (rank_after - rank).alias("change"),
-        ((rank == rank_after) & (new > FLOOR) & (new > factor * old)).alias("grown"),
-        ((rank == rank_after) & (old > FLOOR) & (old > factor * new)).alias("shrunk"),
+        ((rank == rank_after) & (new > SAME) & (new > factor * old)).alias("grown"),
+        ((rank == rank_after) & (old > SAME) & (old > factor * new)).alias("shrunk"),
     )
     bad = both.filter((polars.col("change") > 0) | polars.col("grown"))
-    bad = bad.sort(-polars.col("change"), -new / polars.max_horizontal(old, polars.lit(FLOOR)))
+    bad = bad.sort(-polars.col("change"), -new / polars.max_horizontal(old, polars.lit(SAME)))
     varying = [n for n in keys if both[n].n_unique() > 1]
     columns = [*varying, "verdict", "verdict after", "relative", "relative after"]
     return Comparison(

@@ -15,15 +15,23 @@ from pathlib import Path
 from typing import Any
 
 from deltac.errors import FileError, InputError, LogError, PackageError, UnknownName, closest
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import Mechanism
 from deltac.models import Model
-from deltac.trajectories.columns import MechanismNames
-from deltac.trajectories.formats.episodes import COLUMNS, episodes
-from deltac.trajectories.formats.files import naming, read_raw, read_trajectory
-from deltac.trajectories.formats.mapping import LogMapping, as_mapping
-from deltac.trajectories.formats.raw import Collector, RawLog, checked_raw
-from deltac.trajectories.formats.reading import LogReading
-from deltac.trajectories.trajectory import Trajectory
+from deltac.trajectories import (
+    COLUMNS,
+    Collector,
+    LogMapping,
+    LogReading,
+    MechanismNames,
+    RawLog,
+    Trajectory,
+    as_mapping,
+    checked_raw,
+    episodes,
+    naming,
+    read_raw,
+    read_trajectory,
+)
 
 TIMES = ("time", "t", "tout")
 ARRAYS = (".npz", ".h5", ".hdf5")
@@ -96,7 +104,7 @@ def episode_names(source: str) -> list[str] | None:
 
 
 def _parquet_episodes(path: Path) -> list[str] | None:
-    from deltac.trajectories.formats.parquet import read_parquet_groups
+    from deltac.trajectories import read_parquet_groups
 
     groups = read_parquet_groups(path, COLUMNS, None)
     return None if groups is None else list(groups)
@@ -158,7 +166,7 @@ def read_episode(
 def _raw_episodes(path: Path, names: Sequence[str]) -> Iterator[tuple[str, RawLog]]:
     suffix = path.suffix.lower()
     if suffix == ".parquet":
-        from deltac.trajectories.formats.parquet import read_parquet_groups
+        from deltac.trajectories import read_parquet_groups
 
         yield from (read_parquet_groups(path, COLUMNS, names) or {}).items()
         return

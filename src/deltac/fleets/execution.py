@@ -19,7 +19,7 @@ from typing import Any
 from deltac.errors import PackageError, ProcessLost
 from deltac.fleets.rows import Piece
 from deltac.foreign.isolation import Failure, Workers, isolated
-from deltac.kernels.parallel import cores
+from deltac.kernels import cores
 
 TICK = 0.5
 """Seconds between two looks at the cluster and the clock."""
@@ -29,7 +29,7 @@ AHEAD = 2
 
 
 @dataclass(frozen=True, eq=False)
-class Attempt:
+class WorkAttempt:
     """A piece of work, and how often it has failed."""
 
     work: Piece
@@ -128,21 +128,21 @@ def execute(
     Raises SchedulerLost; KeyboardInterrupt, upon which work in flight is given up.
     """
     waiting = iter(pieces)
-    again: deque[Attempt] = deque()
-    flying: dict[Future[Any], Attempt] = {}
+    again: deque[WorkAttempt] = deque()
+    flying: dict[Future[Any], WorkAttempt] = {}
 
-    def next_attempt() -> Attempt | None:
+    def next_attempt() -> WorkAttempt | None:
         if again:
             return again.popleft()
         work = next(waiting, None)
-        return None if work is None else Attempt(work)
+        return None if work is None else WorkAttempt(work)
 
-    def fail(attempt: Attempt, failure: Failure) -> None:
+    def fail(attempt: WorkAttempt, failure: Failure) -> None:
         work = attempt.work
         if work.rows > 1:
-            again.extend(Attempt(half) for half in work.halves())
+            again.extend(WorkAttempt(half) for half in work.halves())
         elif failure.transient and attempt.failed < retries:
-            again.append(Attempt(work, attempt.failed + 1))
+            again.append(WorkAttempt(work, attempt.failed + 1))
         else:
             set_aside(work, failure)
             done(1)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from deltac.calls.arguments import checked
 from deltac.calls.services import service
-from deltac.diagnosis.verdict import EXIT_CODES
+from deltac.diagnosis import EXIT_CODES
 from deltac.errors import listed
 from deltac.fleets.rows import FAILED, SETTING, is_point
 from deltac.fleets.store import RESULTS, Store

@@ -7,10 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
+import numpy as np
+
 from deltac.foreign.isolation import Failure
 
 if TYPE_CHECKING:
     import polars
+
+    from deltac.diagnosis import Audit
 
 TEXT, NUMBER = "text", "number"
 """Kinds of columns."""
@@ -100,12 +104,53 @@ def parquet(frame: polars.DataFrame) -> bytes:
     return target.getvalue()
 
 
+AUDITED: Mapping[str, str] = {
+    "verdict": TEXT,
+    "confidence": TEXT,
+    "relative": NUMBER,
+    "energy_error": NUMBER,
+    "energy": NUMBER,
+    "error_bar": NUMBER,
+    "samples": NUMBER,
+    "exit_code": NUMBER,
+    "findings": TEXT,
+    "seconds": NUMBER,
+    "code": TEXT,
+    "message": TEXT,
+    "details": TEXT,
+}
+"""What a table says of every audit; energies in J."""
+
+
+def audited_row(audit: Audit, seconds: float) -> dict[str, Any]:
+    """The row of an audit that took so many seconds."""
+    return {
+        "verdict": audit.verdict.kind,
+        "confidence": audit.verdict.confidence,
+        "relative": audit.relative,
+        "energy_error": float(np.abs(audit.energy_error).max()),
+        "energy": audit.reference_energy,
+        "error_bar": float(audit.ledger.error_bar[audit.function].max()),
+        "samples": float(audit.samples),
+        "exit_code": float(audit.exit_code),
+        "findings": " ".join(f.code for f in audit.findings) or None,
+        "seconds": seconds,
+        "message": audit.summary(),
+        "details": audit.explain() if audit.exit_code else None,
+    }
+
+
+def failed_row(failure: Failure) -> dict[str, Any]:
+    """The row of what could not be made."""
+    return {
+        "verdict": FAILED,
+        "code": failure.code,
+        "message": failure.message,
+        "details": failure.details or None,
+        "exit_code": 2.0,
+    }
+
+
 def failed_outcome(failure: Failure) -> dict[str, list[Any]]:
     """The outcome of a single row that could not be made."""
-    return {
-        "verdict": [FAILED],
-        "code": [failure.code],
-        "message": [failure.message],
-        "details": [failure.details or None],
-        "exit_code": [2.0],
-    }
+    return {name: [value] for name, value in failed_row(failure).items()}

@@ -14,11 +14,10 @@ from deltac.arrays import Array
 from deltac.errors import InputError
 from deltac.fleets.rows import NUMBER, TEXT, Piece, failed_outcome
 from deltac.foreign.isolation import Failure
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.state import State
+from deltac.mechanism import Mechanism, State
 
 if TYPE_CHECKING:
-    from deltac.simulation.ensemble.ensemble import Ensemble
+    from deltac.simulation import Ensemble
     from deltac.trajectories import Trajectory
 
 RECORDS = 8
@@ -74,7 +73,7 @@ class Task:
 
 
 @dataclass(frozen=True, eq=False)
-class Refused:
+class RefusedRun:
     """A setting whose runs cannot be made, since its model cannot be read, or lacks what is asked of it."""
 
     label: str
@@ -98,15 +97,15 @@ class RunPiece(Piece):
     kinds = OUTCOME
     per_row = "values"
 
-    task: Task | Refused
+    task: Task | RefusedRun
     values: Array
 
     def outcome(self) -> dict[str, Any]:
         """As an ensemble where that can be, else one by one."""
-        from deltac.simulation.solvers import find_solver
+        from deltac.simulation import find_solver
 
         task = self.task
-        if isinstance(task, Refused):
+        if isinstance(task, RefusedRun):
             return {n: values * self.rows for n, values in failed_outcome(task.failure).items()}
         if task.verb == "study":
             return _by_members(self, _study, together=False)
@@ -169,9 +168,8 @@ _WARM: set[Any] = set()
 
 
 def _ensemble(piece: RunPiece) -> dict[str, Any]:
-    from deltac.kernels.simd import AVX512_WIDTH
-    from deltac.simulation.arguments import whole_steps
-    from deltac.simulation.solvers import find_solver
+    from deltac.kernels import AVX512_WIDTH
+    from deltac.simulation import find_solver, whole_steps
 
     task = piece.task
     assert isinstance(task, Task) and task.step is not None
@@ -180,8 +178,8 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
     own = [name for name in task.axes if name.startswith("parameter.")]
 
     def run(members: Any, records: int) -> Ensemble:
-        from deltac.simulation.ensemble.ensemble import simulate_ensemble
-        from deltac.simulation.recording import Record
+        from deltac.simulation import Record
+        from deltac.verbs import simulate_ensemble
 
         values = piece.values[members]
         states: Any = task.start
@@ -266,9 +264,8 @@ def judged(error: Array, energy: Array, lost: Array, tolerance: float) -> tuple[
 
 def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
     """The mechanism and the run of one point, `values` (1, axes)."""
-    from deltac.simulation.recording import Record
-    from deltac.simulation.simulate import simulate
-    from deltac.simulation.solvers import solver_options
+    from deltac.simulation import Record, solver_options
+    from deltac.verbs import simulate
 
     parameters = _parameters(task, values[0])
     # Compiled once for all of their values.
@@ -287,8 +284,8 @@ def motion(task: Task, values: Array) -> tuple[Mechanism, Trajectory]:
 
 def _single(piece: RunPiece) -> dict[str, Any]:
     """One run by `simulate`: of solvers that ensembles do not have, and of mechanisms with events."""
-    from deltac.energy import balance
-    from deltac.simulation.solvers import find_solver
+    from deltac.simulation import find_solver
+    from deltac.verbs import balance
 
     task = piece.task
     assert isinstance(task, Task)
@@ -324,8 +321,8 @@ def _study(piece: RunPiece) -> dict[str, Any]:
 
     Of solvers that choose their steps at 100, 10 and 1 times their tolerance.
     """
-    from deltac.diagnosis.study.study import study
-    from deltac.simulation.solvers import DEFAULT_TOLERANCE, find_solver, solver_options
+    from deltac import study
+    from deltac.simulation import DEFAULT_TOLERANCE, find_solver, solver_options
 
     task, (row,) = piece.task, piece.values
     assert isinstance(task, Task)

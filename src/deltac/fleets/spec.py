@@ -19,7 +19,7 @@ from pydantic import (
     model_validator,
 )
 
-from deltac.diagnosis.verdict import RUN_TOLERANCE
+from deltac.diagnosis import RUN_TOLERANCE
 from deltac.errors import InputError, SpecificationError, UnknownName, closest
 from deltac.foreign.files import read_text
 from deltac.foreign.limits import parse_toml
@@ -79,7 +79,7 @@ Axis: TypeAlias = Annotated[
 Names: TypeAlias = Annotated[list[str], Field(min_length=1)]
 
 
-class Varied(_Strict):
+class VariedAxis(_Strict):
     """What differs between runs: settings by name, parameters and initial states by axes."""
 
     model: Names | None = None
@@ -147,7 +147,7 @@ class SweepSpec(_Strict):
     parameter: dict[str, Number] = {}
     q: dict[str, Number] = {}
     u: dict[str, Number] = {}
-    vary: Varied = Varied()
+    vary: VariedAxis = VariedAxis()
     design: DesignSpec = DesignSpec()
     execution: Execution = Execution()
 

@@ -15,13 +15,10 @@ from deltac.report.files import check_page
 from deltac.report.page.document import write_page
 from deltac.report.page.parts import Chapter, Grid, Page, Part, Tone
 from deltac.report.panels import Cloud, HeatMap, LogPlot
-from deltac.results import Table, number, percent
+from deltac.results import SHOWN, Table, number, percent
 
 if TYPE_CHECKING:
     import polars
-
-MAPS = 6
-"""Heat maps on a page, at most: one a setting."""
 
 CASES = 3
 """Worst cases that get a page of their own."""
@@ -194,7 +191,7 @@ def heat_maps(frame: polars.DataFrame, x: str | None, y: str | None) -> list[Par
         if part[right].null_count() or part[up].null_count():
             continue
         drawn.append(_heat_map(part, right, up))
-        if len(drawn) == MAPS:
+        if len(drawn) == SHOWN:
             break
     sizes = [v for one in drawn for row in one.values for v in row if v is not None]
     return [replace(one, low=min(sizes), high=max(sizes)) for one in drawn]
@@ -256,7 +253,7 @@ def work_precision(frame: polars.DataFrame) -> list[Part]:
     )
     plots: list[Part] = []
     solvers = usable["solver"].unique(maintain_order=True).to_list()
-    for part in usable.partition_by("model", maintain_order=True)[:MAPS]:
+    for part in usable.partition_by("model", maintain_order=True)[:SHOWN]:
         clouds = []
         for own in part.partition_by("solver", maintain_order=True):
             points = (

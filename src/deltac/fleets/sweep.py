@@ -20,11 +20,11 @@ from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
 from deltac.fleets.rows import Piece
-from deltac.fleets.runs import Refused, RunPiece, Task
+from deltac.fleets.runs import RefusedRun, RunPiece, Task
 from deltac.fleets.spec import SweepSpec, make_spec, read_spec
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.isolation import Failure
-from deltac.mechanism.state import State
+from deltac.mechanism import State
 from deltac.models import Model, ModelLike, load_model
 
 LARGEST = 16384
@@ -45,7 +45,7 @@ class SweepPlan(Plan):
 
     spec: SweepSpec
     design: Design
-    tasks: tuple[Task | Refused, ...]
+    tasks: tuple[Task | RefusedRun, ...]
     source: str
 
     def folder(self) -> Path:
@@ -90,11 +90,11 @@ class SweepPlan(Plan):
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one run, with the mechanism moving."""
-        from deltac.diagnosis.audit.audit import audit
+        from deltac import audit
         from deltac.fleets.runs import motion
 
         piece = self.piece_at(address)
-        if isinstance(piece.task, Refused):
+        if isinstance(piece.task, RefusedRun):
             raise InputError.of(piece.task.failure.code, piece.task.failure.message)
         mechanism, run = motion(piece.task, piece.values)
         audit(mechanism, run, tolerance=piece.task.tolerance).report(path)
@@ -116,7 +116,7 @@ def plan_sweep(
     named = {**named, **(models or {})}
     design = lay_out(spec)
     loaded: dict[str, Model | InputError] = {}
-    tasks: list[Task | Refused] = []
+    tasks: list[Task | RefusedRun] = []
     errors: list[InputError] = []
     for setting in design.settings:
         if setting.model is None:
@@ -132,7 +132,7 @@ def plan_sweep(
             errors.append(error)
             own = (setting.solver, setting.step, setting.solver_tolerance, setting.duration)
             failure = Failure(error.code, str(error))
-            tasks.append(Refused(setting.model, *own, design.axes, failure))
+            tasks.append(RefusedRun(setting.model, *own, design.axes, failure))
     if errors and (len(loaded) == 1 or len(errors) == len(tasks)):
         raise errors[0]
     if spec.design.kind != "list":
@@ -151,11 +151,11 @@ def _loaded(source: ModelLike) -> Model | InputError:
 
 
 def _distinct(
-    design: Design, tasks: Sequence[Task | Refused]
-) -> tuple[Design, list[Task | Refused]]:
+    design: Design, tasks: Sequence[Task | RefusedRun]
+) -> tuple[Design, list[Task | RefusedRun]]:
     """Each setting once: to a solver without fixed steps, all steps that are varied are the same."""
 
-    def key(task: Task | Refused) -> tuple[Any, ...]:
+    def key(task: Task | RefusedRun) -> tuple[Any, ...]:
         return (task.label, task.solver, task.step, task.solver_tolerance, task.duration)
 
     first: dict[tuple[Any, ...], int] = {}
@@ -224,8 +224,7 @@ def _nested(vary: Mapping[str, Any]) -> dict[str, Any]:
 
 def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]) -> Task:
     """What the runs of a setting share, every default written out; InputError for unknown names."""
-    from deltac.simulation.arguments import whole_steps
-    from deltac.simulation.solvers import find_solver
+    from deltac.simulation import find_solver, whole_steps
 
     varied = [axis.partition(".")[2] for axis in axes if axis.startswith("parameter.")]
     mechanism = model.mechanism.opened(*varied, where="vary.parameter: ")
@@ -283,12 +282,12 @@ def _task(spec: SweepSpec, setting: Setting, model: Model, axes: tuple[str, ...]
     )
 
 
-def _addresses(design: Design, tasks: Sequence[Task | Refused]) -> Iterator[str]:
+def _addresses(design: Design, tasks: Sequence[Task | RefusedRun]) -> Iterator[str]:
     """Of every row a digest of all that determines its answer."""
     made_by = versions()
     seeds = []
     for task in tasks:
-        if isinstance(task, Refused):
+        if isinstance(task, RefusedRun):
             contents: dict[str, Any] = {**asdict(task), "versions": made_by}
             seeds.append(hashlib.blake2b(digest(contents), digest_size=ADDRESS))
             continue

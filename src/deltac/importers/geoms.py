@@ -9,8 +9,7 @@ from deltac.calls.arguments import checked
 from deltac.importers.mujoco import load_model
 from deltac.importers.names import body_names, geom_names
 from deltac.importers.report import Remark
-from deltac.mechanism.quantities import as_rotation
-from deltac.mechanism.shapes import Shape
+from deltac.mechanism import Shape, as_rotation
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -36,12 +36,16 @@ from deltac.importers.sdf import read_sdf
 from deltac.importers.tree import read_tree, turned
 from deltac.importers.urdf import Urdf, read_urdf, transmissions
 from deltac.laws import q
-from deltac.mechanism.mechanism import NO_GRAVITY, Mechanism
-from deltac.mechanism.quantities import as_rotation, vector
-from deltac.mechanism.scene import Constraint
-from deltac.mechanism.scope import GROUND
-from deltac.mechanism.shapes import VisualKind
-from deltac.mechanism.state import State
+from deltac.mechanism import (
+    GROUND,
+    NO_GRAVITY,
+    Constraint,
+    Mechanism,
+    State,
+    VisualKind,
+    as_rotation,
+    vector,
+)
 from deltac.shapes import Visual
 
 if TYPE_CHECKING:
@@ -322,6 +326,31 @@ def read_mechanism(
     called ``joint<i>``, ``body<i>``, …; the world is ``"ground"``. Inertias are those that MuJoCo compiled,
     armatures of actuators included. Forces that have no counterpart (contacts, limits, dry friction,
     actuators, fluid) are named in the report with the channel that a log supplies them in.
+
+    Read are
+
+    - bodies, with their inertias as compiled: `body`; `frame` for those without mass
+    - hinge, slide, ball and free joints: `revolute`, `prismatic`, `spherical`, `free`; a body without
+      joints is `fixed`; several joints on a body become a chain with frames between
+    - armature, of joints and of actuators on joints (gear² times): `armature`
+    - stiffness and damping of joints, higher coefficients too, and damping of actuators on joints:
+      `joint_spring`, `joint_damper`
+    - tendons, fixed and spatial over sites and pulleys, with stiffness, damping and a band of rest lengths:
+      `tendon`
+    - gravcomp: `gravity_compensation`
+    - connect, weld and joint equalities, with ``equality="constraints"``: `loop_spherical`, `loop_weld`,
+      `holonomic`
+
+    Not read are the following; a log supplies their forces:
+
+    - actuators, contacts, joint and tendon limits, dry friction, fluid, plugins, elasticity of flexes
+    - equalities that are not read as constraints: by default all, else those of tendons and flexes
+    - springs and dampers of tendons that wrap around geoms; springs that yield; springs of ball and free
+      joints with a turned rest position or higher coefficients
+
+    Geoms become shapes by `read_shapes`. Inertias of tendons, and of a body with neither mass nor a massive
+    parent that it is fixed to, are left out: K is then too small. Equalities that are not active at the start
+    are left out, and mocap bodies are taken as fixed. The report names each of these.
 
     Args:
         source: path of an ``.xml``, ``.urdf`` or ``.sdf`` file (``"FILE.sdf:NAME"`` for one of several

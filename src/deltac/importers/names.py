@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 
 from deltac.errors import ModelError
-from deltac.mechanism.joints import KINDS
-from deltac.mechanism.scope import GROUND
+from deltac.mechanism import GROUND, JOINT_KINDS
 
-JOINT_KINDS = ("free", "spherical", "prismatic", "revolute")
+IN_MUJOCO = ("free", "spherical", "prismatic", "revolute")
 """Our kind of joint for each value of `mjtJoint`: free, ball, slide, hinge."""
 
 
@@ -68,7 +67,7 @@ def speed_names(model: Any) -> list[str]:
 def _parts(model: Any, what: str) -> list[str]:
     names: list[str] = []
     for name, kind in zip(joint_names(model), model.jnt_type, strict=True):
-        for suffix, _ in getattr(KINDS[JOINT_KINDS[int(kind)]], what):
+        for suffix, _ in getattr(JOINT_KINDS[IN_MUJOCO[int(kind)]], what):
             names.append(f"{name}.{suffix}" if suffix else name)
     return names
 

@@ -11,7 +11,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.forces import gravity_compensation, joint_damper, joint_spring, tendon
 from deltac.importers.names import (
-    JOINT_KINDS,
+    IN_MUJOCO,
     actuator_names,
     body_names,
     joint_names,
@@ -20,9 +20,7 @@ from deltac.importers.names import (
 )
 from deltac.importers.report import Remark
 from deltac.laws import q, u
-from deltac.mechanism.forces import JointSpring, Tendon
-from deltac.mechanism.joints import KINDS
-from deltac.mechanism.scene import Constraint, Element
+from deltac.mechanism import JOINT_KINDS, Constraint, Element, JointSpring, Tendon
 
 
 @dataclass
@@ -91,16 +89,18 @@ def _each(model: Any, array: str, i: int) -> float:
 
 def _dofs(model: Any, joint: int) -> slice:
     first = int(model.jnt_dofadr[joint])
-    return slice(first, first + len(KINDS[JOINT_KINDS[int(model.jnt_type[joint])]].speeds))
+    return slice(first, first + len(JOINT_KINDS[IN_MUJOCO[int(model.jnt_type[joint])]].speeds))
 
 
 def _joint_spring(model: Any, j: int, name: str, findings: Findings) -> None:
     k = _polynomial(model, "jnt_stiffness", j)
     if not any(k):
         return
-    kind = JOINT_KINDS[int(model.jnt_type[j])]
+    kind = IN_MUJOCO[int(model.jnt_type[j])]
     place = int(model.jnt_qposadr[j])
-    rest = np.array(model.qpos_spring[place : place + len(KINDS[kind].coordinates)], dtype=float)
+    rest = np.array(
+        model.qpos_spring[place : place + len(JOINT_KINDS[kind].coordinates)], dtype=float
+    )
     if _plastic(model, "jnt", j):
         findings.ignored.append(Remark.logged(name, "spring that yields", f"spring {name}"))
     elif kind in ("revolute", "prismatic"):

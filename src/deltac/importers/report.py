@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from deltac.mechanism.scene import Constraint
-from deltac.mechanism.state import State
-
-REMARKS_SHOWN = 6
-"""Remarks of a kind that a report shows; `summary` has all of them."""
+from deltac.mechanism import Constraint, State
+from deltac.results import SHOWN
 
 
 @dataclass(frozen=True)
@@ -79,6 +76,6 @@ class ImportReport:
         counts = f"{len(self.read)} elements read, {len(self.ignored)} left to the log"
         yield f"Model: {self.source}, {counts}, {len(self.assumed)} assumed."
         for heading, remarks in (("Left to the log", self.ignored), ("Assumed", self.assumed)):
-            shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:REMARKS_SHOWN])
+            shown = "; ".join(f"{r.element} ({r.what})" for r in remarks[:SHOWN])
             if remarks:
-                yield f"{heading}: {shown}{'; …' if len(remarks) > REMARKS_SHOWN else ''}."
+                yield f"{heading}: {shown}{'; …' if len(remarks) > SHOWN else ''}."

@@ -21,7 +21,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
-from deltac import rotations
+from deltac import joints, rotations
 from deltac.arrays import Array
 from deltac.bodies import Body, body
 from deltac.constraints import (
@@ -36,11 +36,7 @@ from deltac.errors import ModelError, UnknownName, closest, shown
 from deltac.importers.report import ImportReport, Remark
 from deltac.importers.urdf import xml_root
 from deltac.joints import Joint
-from deltac.mechanism import joints
-from deltac.mechanism.constraints import Holonomic, Loop
-from deltac.mechanism.joints import JointOptions
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.scope import GROUND
+from deltac.mechanism import GROUND, Holonomic, JointOptions, Loop, Mechanism
 
 GRAVITY = (0.0, 0.0, -9.8)
 """Where no world says otherwise (m/s²); SDFormat's default."""

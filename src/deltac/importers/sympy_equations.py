@@ -10,16 +10,20 @@ import casadi as ca
 import numpy as np
 
 from deltac.calls.arguments import checked
-from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.dynamics.laws import to_casadi
+from deltac.dynamics import equations_of, to_casadi, trace
 from deltac.errors import ModelError, UnknownName, WrongType, closest
-from deltac.kernels.lowering import to_sympy
-from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.expressions import Law, symbol_of
-from deltac.mechanism.joints import KINDS
-from deltac.mechanism.laws import LawLike, as_law, symbol_names
-from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation.equations import Equations
+from deltac.kernels import to_sympy
+from deltac.mechanism import (
+    JOINT_KINDS,
+    CoordinateMap,
+    Law,
+    LawLike,
+    Mechanism,
+    as_law,
+    symbol_names,
+    symbol_of,
+)
+from deltac.simulation import Equations
 
 if TYPE_CHECKING:
     from sympy import Expr, Matrix
@@ -249,7 +253,7 @@ def symbolic_equations(mechanism: Mechanism, *, simplify: bool = True) -> Symbol
             f"symbolic equations: {mechanism.name} has {len(free.u)} free speeds, expected "
             f"{MOST_SPEEDS_WRITTEN} at most; equations of larger systems fill pages"
         )
-    motion = equations_of_motion(mechanism, vary=tuple(mechanism.parameters))
+    motion = equations_of(trace(mechanism, tuple(mechanism.parameters)))
     system, rows = motion.system, motion.rows
     outputs = {
         "M": motion.M,
@@ -273,13 +277,13 @@ def symbolic_equations(mechanism: Mechanism, *, simplify: bool = True) -> Symbol
         what: _matrix(entries, expression.shape, simplify)
         for (what, expression), entries in zip(outputs.items(), expressions)
     }
-    kinds = {joint.name: KINDS[joint.kind] for joint in mechanism.joints}
+    kinds = {joint.name: JOINT_KINDS[joint.kind] for joint in mechanism.joints}
     rates = frozenset(e.name for e in mechanism.speeds if kinds[e.joint].rates)
     return SymbolicEquations(coordinates, speeds, **blocks, rates=rates)
 
 
 def _inputs(mechanism: Mechanism) -> list[Any]:
-    from deltac.mechanism.forces import JointTorque
+    from deltac.mechanism import JointTorque
 
     return [
         symbol_of(f"input.{element.name}" + (f".{k}" if len(joint.speeds) > 1 else ""))

@@ -14,12 +14,11 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.bodies import Body, body, frame
-from deltac.importers.names import JOINT_KINDS, body_names, joint_names
+from deltac.importers.names import IN_MUJOCO, body_names, joint_names
 from deltac.importers.report import Remark
 from deltac.importers.urdf import LinkInertia, Urdf, UrdfBody
 from deltac.joints import Joint, fixed, free, prismatic, revolute, spherical
-from deltac.mechanism.joints import KINDS
-from deltac.mechanism.quantities import as_rotation, rotation_matrix
+from deltac.mechanism import JOINT_KINDS, as_rotation, rotation_matrix
 
 
 @dataclass(frozen=True)
@@ -149,10 +148,10 @@ def _lost(model: Any, i: int) -> bool:
 
 
 def _joint(model: Any, j: int, parent: str, child: str, armature: Array) -> Joint:
-    name, kind = joint_names(model)[j], JOINT_KINDS[int(model.jnt_type[j])]
+    name, kind = joint_names(model)[j], IN_MUJOCO[int(model.jnt_type[j])]
     i = int(model.jnt_bodyid[j])
     first = int(model.jnt_dofadr[j])
-    rotors = armature[first : first + len(KINDS[kind].speeds)]
+    rotors = armature[first : first + len(JOINT_KINDS[kind].speeds)]
     options: dict[str, Any] = {"armature": rotors.tolist()} if rotors.any() else {}
     if kind == "free":  # qpos is the pose in the world
         return free(name, child, parent, **options)

@@ -5,7 +5,9 @@ from __future__ import annotations
 from deltac.kernels.cache import (
     CacheInfo,
     CacheWarning,
+    cache_folder,
     cache_info,
+    cache_wanted,
     clear_cache,
     compiled,
     prepare_heyoka,
@@ -14,15 +16,21 @@ from deltac.kernels.cache import (
 from deltac.kernels.evaluators import Evaluator, compile_function, evaluator_name
 from deltac.kernels.kernel import Kernel
 from deltac.kernels.lowering import to_heyoka, to_mpmath, to_sympy
+from deltac.kernels.parallel import cores
+from deltac.kernels.simd import AVX512_WIDTH
 
 __all__ = [
+    "AVX512_WIDTH",
     "CacheInfo",
     "CacheWarning",
     "Evaluator",
     "Kernel",
+    "cache_folder",
     "cache_info",
+    "cache_wanted",
     "clear_cache",
     "compile_function",
+    "cores",
     "evaluator_name",
     "compiled",
     "prepare_heyoka",

@@ -1,1 +1,10 @@
-"""What the machine is: bodies, joints, forces, constraints, events. Declarative, no numerics."""
+"""What the machine is: bodies, joints, forces, constraints, events. Declarative, no numerics.
+
+What packages above take of it is listed in the stub, and loaded on first use.
+"""
+
+from __future__ import annotations
+
+from deltac.calls.stubs import on_first_use
+
+__all__, __getattr__, __dir__ = on_first_use(__name__, __file__)

@@ -13,7 +13,7 @@ from typing import Any, NoReturn, TypeAlias
 from deltac.arrays import Array
 from deltac.errors import ModelError, UnknownName, closest
 
-KINDS: tuple[str, ...] = (
+CHANNEL_KINDS: tuple[str, ...] = (
     "gravity",
     "spring",
     "damper",
@@ -34,12 +34,12 @@ PASSIVE = ("spring", "damper")
 
 
 class ChannelName(str):
-    """The name of a channel: its `kind`, one of `KINDS`, and the `element` that it belongs to.
+    """The name of a channel: its `kind`, one of `CHANNEL_KINDS`, and the `element` that it belongs to.
 
     It is the text ``"<kind> <element>"`` (gravity has no element), so ``ledger.work["damper elbow"]``
     finds what is kept under ``ChannelName("damper", "elbow")``.
 
-    Raises InputError for a kind that is not in `KINDS`, or an element that is missing.
+    Raises InputError for a kind that is not in `CHANNEL_KINDS`, or an element that is missing.
     """
 
     __slots__ = ("element", "kind")
@@ -48,10 +48,10 @@ class ChannelName(str):
 
     def __new__(cls, kind: str, element: str = "") -> ChannelName:
         """Join the two, checked."""
-        if kind not in KINDS:
+        if kind not in CHANNEL_KINDS:
             raise UnknownName(
                 f"channel {f'{kind} {element}'.strip()!r}: expected '<kind> <element>', for example "
-                f"'damper elbow'; {kind!r} is no kind of channel{closest(kind, KINDS)}"
+                f"'damper elbow'; {kind!r} is no kind of channel{closest(kind, CHANNEL_KINDS)}"
             )
         if not element and kind != "gravity":
             raise ModelError(

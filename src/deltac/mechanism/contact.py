@@ -31,10 +31,28 @@ class Contact(Element):
       pull at each other. Power (f_e − f_n) ẋ <= 0;
     - friction, channel ``friction``: −f_n f(|v_t|) v_t/|v_t| on the first body, v_t the slip velocity.
 
-    Hunt–Crossley: K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440-445, with the constant as
-    Drake has it, f = f_e (1 − d v_n)₊ with v_n the speed of parting (Drake, "Modeling Dissipation");
-    Simbody writes 3/2 c for d. It is continuous. Kelvin–Voigt jumps by c ẋ as the shapes meet.
-    `stiffness` k (N/mⁿ) and all else is per contact point: a box that lies on a plane has four springs.
+    Hunt–Crossley: K. H. Hunt, F. R. E. Crossley, J. Appl. Mech. 42 (1975) 440-445. It is continuous. The
+    speed after an impact follows from v − ln(1 + d v)/d, which is the same before and after, with v
+    positive into the surface: a ball never leaves faster than 1/d. Kelvin–Voigt jumps by c ẋ as the shapes
+    meet. Other programs write the same force as
+
+    - Drake, "Modeling Dissipation": f = k x (1 − d v_n)₊, v_n the speed of parting: ``exponent=1``,
+      ``dissipation=d``
+    - Simbody, HuntCrossleyForce: f = 4/3 √R E x^{3/2} (1 + 3/2 c ẋ): ``exponent=1.5``, ``dissipation=1.5*c``
+    - Chrono (SMC), Flores: f = k_n δ + g_n δ̇, k_n = 4/3 E √(R δ), g_n = 8 (1 − e) k_n δ/(5 e v):
+      ``exponent=1.5``, ``dissipation=8*(1 - e)/(5*e*v)``
+
+    MuJoCo's contacts are soft constraints, a different model. Contact points:
+
+    - sphere or point with sphere, capsule, box, half-space: 1, the closest
+    - capsule with capsule: 1, the closest; for parallel capsules one of many closest pairs
+    - capsule with half-space: 2, its ends; with box: 10, its ends against the box and the box's corners
+      against the capsule
+    - box with half-space: 8, its corners; with box: 16, the corners of each against the other
+
+    `stiffness` k (N/mⁿ) and all else is per contact point: a box that lies on a plane has four springs. Edges
+    across edges of boxes, or across the side of a capsule, are not detected. Corner on corner, both push.
+    Inside a box the normal jumps where the nearest face changes, so keep overlaps small.
 
     Args:
         name: of the element; its channels carry it.

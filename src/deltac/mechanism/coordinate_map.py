@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+from deltac.arrays import ROUNDED
 from deltac.calls.arguments import checked
 from deltac.calls.caching import FrozenDict
 from deltac.errors import InputError, ModelError, UnknownName, closest, shown
@@ -22,9 +23,6 @@ from deltac.mechanism.laws import u as speed_symbol
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.quantities import IDENTITY
 from deltac.mechanism.scope import GROUND
-
-AXIS_ROUNDING = 1e-12
-"""Axes whose components differ by less are parallel: rounding of unit vectors."""
 
 
 @checked
@@ -258,7 +256,7 @@ def _hinge_before(joint: Joint, carrier: dict[str, Joint]) -> Joint | None:
             continue
         if before.kind != "revolute" or not unturned:
             return None
-        same = all(abs(a - b) < AXIS_ROUNDING for a, b in zip(before.axes[0], joint.axes[0]))
+        same = all(abs(a - b) < ROUNDED for a, b in zip(before.axes[0], joint.axes[0]))
         return before if same else None
     return None
 

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeAlias
 
+from deltac.arrays import ROOT_EPS
 from deltac.errors import ModelError
 from deltac.mechanism.channels import Channel
 from deltac.mechanism.laws import LawsLike, as_law
@@ -36,7 +37,7 @@ from deltac.mechanism.scope import GROUND, Scope
 SLIP_WIDTH = 1e-3
 """Width of the regularisation (m/s or rad/s), if none is given: Drake's default stiction tolerance."""
 
-SOFTENING = 1e-8
+SOFTENING = ROOT_EPS
 """Slip speeds are softened by this part of the width: the direction of no slip is then no 0/0.
 
 The force errs by less than 10⁻¹⁶ of itself above a hundred-millionth of the width.

@@ -2,7 +2,7 @@
 
 A joint has a frame on its parent (at `position`, turned by `rotation`) and a frame on its child (at
 `child_position`, turned by `child_rotation`); its coordinates place the second relative to the
-first. The table `KINDS` lists coordinates q, speeds u and their units for every kind. For all kinds
+first. The table `JOINT_KINDS` lists coordinates q, speeds u and their units for every kind. For all kinds
 but spherical and free the speeds are the rates of the coordinates.
 """
 
@@ -55,7 +55,7 @@ def _rates(*coordinates: tuple[str, str], axes: int = 0) -> JointKind:
 _QUATERNION = (("qw", "1"), ("qx", "1"), ("qy", "1"), ("qz", "1"))
 _ANGULAR = (("wx", "rad/s"), ("wy", "rad/s"), ("wz", "rad/s"))
 
-KINDS: dict[str, JointKind] = {
+JOINT_KINDS: dict[str, JointKind] = {
     "fixed": _rates(),
     "revolute": _rates(("", "rad"), axes=1),
     "prismatic": _rates(("", "m"), axes=1),
@@ -117,12 +117,12 @@ class Joint(Part):
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of its coordinates: the joint's own name, or ``<joint>.<part>``."""
-        return tuple(_full(self.name, s) for s, _ in KINDS[self.kind].coordinates)
+        return tuple(_full(self.name, s) for s, _ in JOINT_KINDS[self.kind].coordinates)
 
     @property
     def speeds(self) -> tuple[str, ...]:
         """Names of its speeds."""
-        return tuple(_full(self.name, s) for s, _ in KINDS[self.kind].speeds)
+        return tuple(_full(self.name, s) for s, _ in JOINT_KINDS[self.kind].speeds)
 
 
 def _full(joint: str, suffix: str) -> str:
@@ -153,7 +153,7 @@ def _joint(
     if child == GROUND:
         order = "free(name, child)" if kind == "free" else f"{kind}(name, parent, child)"
         raise ModelError(f"joint {name!r}: the ground cannot be a child; the order is {order}")
-    shape = KINDS[kind]
+    shape = JOINT_KINDS[kind]
     # A quaternion turns as one: one stiffness, and no law of its own.
     springs = len(shape.coordinates) - (3 if shape.quaternion is not None else 0)
     if motion is not None and not shape.rates:

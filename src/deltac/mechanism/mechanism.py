@@ -17,7 +17,7 @@ from deltac.mechanism.bodies import Body
 from deltac.mechanism.coordinates import Entries, Entry, Free
 from deltac.mechanism.events import Event, Happening
 from deltac.mechanism.forces import JointDamper, JointSpring, JointTorque
-from deltac.mechanism.joints import KINDS, Joint
+from deltac.mechanism.joints import JOINT_KINDS, Joint
 from deltac.mechanism.laws import evaluate
 from deltac.mechanism.parts import Part
 from deltac.mechanism.quantities import Quantity, Vector, vector
@@ -134,7 +134,7 @@ class Mechanism(Shown):
     @cached_property
     def quaternions(self) -> Mapping[str, slice]:
         """Places of the quaternions in q, by joint."""
-        offsets = {joint.name: KINDS[joint.kind].quaternion for joint in self.joints}
+        offsets = {joint.name: JOINT_KINDS[joint.kind].quaternion for joint in self.joints}
         starts = {
             name: self.coordinates.of(name).start + offset
             for name, offset in offsets.items()
@@ -283,7 +283,7 @@ class Mechanism(Shown):
 def _entries(joints: Sequence[Joint], what: Literal["coordinates", "speeds"]) -> Entries:
     entries: list[Entry] = []
     for joint in joints:
-        slots = getattr(KINDS[joint.kind], what)
+        slots = getattr(JOINT_KINDS[joint.kind], what)
         for name, (suffix, unit) in zip(getattr(joint, what), slots):
             turns = suffix in ("qw", "qx", "qy", "qz")
             entries.append(Entry(name, joint.name, unit, len(entries), joint.prescribed, turns))

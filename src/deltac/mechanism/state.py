@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from deltac.arrays import PHYSICAL
 from deltac.calls.arguments import checked
 from deltac.errors import NO_NUMBER, StateError, SuspicionWarning, UnknownName, closest
 from deltac.mechanism.coordinates import Entries, Entry
@@ -31,10 +32,6 @@ class State:
     t: float
     q: NDArray[np.float64]
     u: NDArray[np.float64]
-
-
-LARGEST_VALUE = 1e100
-"""Coordinates and speeds: centrifugal forces, products of three of them, are still within doubles."""
 
 
 def make_state(
@@ -144,9 +141,9 @@ def _checked_finite(
             raise StateError(
                 f"{what} {entry.name!r} of the state is {value}; expected a finite number"
             )
-        if abs(value) > LARGEST_VALUE:
+        if abs(value) > PHYSICAL:
             raise StateError(
-                f"{what} {entry.name!r} of the state is {value:g}; expected at most {LARGEST_VALUE:g} in "
+                f"{what} {entry.name!r} of the state is {value:g}; expected at most {PHYSICAL:g} in "
                 "size, whose energies are within double precision"
             )
     return values

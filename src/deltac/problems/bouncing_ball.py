@@ -13,10 +13,9 @@ from deltac.errors import InputError
 from deltac.events import event, impact
 from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Measure, Problem, Reference
+from deltac.problems.problem import G, Measure, Problem, Reference
 from deltac.trajectories import Trajectory
 
-G = 9.81
 HEIGHT = 1.0
 RESTITUTION = 0.8
 BOUNCES = (1, 5, 10)

@@ -11,10 +11,9 @@ from deltac.arrays import Array
 from deltac.bodies import body
 from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, coordinate, energy, instant, instants
+from deltac.problems.problem import G, Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory
 
-G = 9.81
 LA, LB = 0.075, 0.2  # from the support to the mass centres
 MA, MB = 0.01, 0.1
 IA = 5e-6

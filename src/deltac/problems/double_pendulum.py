@@ -10,10 +10,9 @@ from deltac.arrays import Array
 from deltac.bodies import point_mass
 from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, Signal, energy, instant, instants
+from deltac.problems.problem import G, Problem, Signal, energy, instant, instants
 from deltac.trajectories import Trajectory
 
-G = 9.81
 START = (math.pi / 3, -math.pi / 4)
 ANGLES = {
     1.0: (-1.015924861020, 0.718497575148),

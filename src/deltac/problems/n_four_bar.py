@@ -12,10 +12,9 @@ from deltac.constraints import loop_revolute
 from deltac.errors import InputError
 from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, Signal, energy, instant, instants, whole
+from deltac.problems.problem import G, Problem, Signal, energy, instant, instants, whole
 from deltac.trajectories import Trajectory
 
-G = 9.81
 TIP = {
     2: {
         1.0: (-0.1950203019494351, -0.9807992056621738),

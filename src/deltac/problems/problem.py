@@ -31,6 +31,10 @@ Signal: TypeAlias = Callable[[Trajectory], Array]
 Measure: TypeAlias = Callable[[Trajectory], float]
 
 
+G = 9.81
+"""Acceleration of free fall (m/s²) in problems that name no other."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Reference:
     """A number that a right simulation must reproduce.

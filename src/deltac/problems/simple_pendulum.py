@@ -10,10 +10,9 @@ from deltac.arrays import Array
 from deltac.bodies import point_mass
 from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, Signal, energy, instant, instants, period, whole
+from deltac.problems.problem import G, Problem, Signal, energy, instant, instants, period, whole
 from deltac.trajectories import Trajectory
 
-G = 9.81
 PERIOD = 2.36784194757623745  # 4 K(k² = ½)/√g
 POSITIONS = {
     1.0: (0.986291751131875, -0.165010853125541),

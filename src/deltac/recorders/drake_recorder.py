@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from deltac import rotations
-from deltac.arrays import SUM_OF_FORCES, Array
+from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, RecordingError
 from deltac.models import ModelLike
@@ -61,7 +61,7 @@ ORDERS = {
 GAUSS = np.polynomial.legendre.leggauss(3)
 """Nodes in (−1, 1) and weights of Gauss's quadrature."""
 
-QUADRATURE = 1e-9
+QUADRATURE = SAME
 """Works of a part of a step are found when halving it changes them by less, relative to all work so far."""
 
 MOST_PARTS = 1000
@@ -274,7 +274,7 @@ class DrakeRecorder(Recorder):
         forces = {**self._actuators_of(context), **self._contacts(context)}
         plant.SetPositionsAndVelocities(self._here, np.concatenate([q, v]))
         applied, rest = self._known(vdot, v, forces)
-        if np.abs(rest).max(initial=0.0) > SUM_OF_FORCES * applied:
+        if np.abs(rest).max(initial=0.0) > SAME * applied:
             forces["applied external"] = rest
         return q, v, vdot, forces
 
@@ -322,13 +322,13 @@ class DrakeRecorder(Recorder):
         size = np.abs(gravity).max(initial=0.0) + np.abs(total).max(initial=0.0)
         size += max((np.abs(f).max(initial=0.0) for f in forces.values()), default=0.0)
         rest = total - gravity - np.sum([np.zeros_like(v), elements, *forces.values()], axis=0)
-        if np.abs(elements).max(initial=0.0) > SUM_OF_FORCES * size:
+        if np.abs(elements).max(initial=0.0) > SAME * size:
             forces["spring elements"] = elements
         return float(size), rest
 
     def _of_the_step(self, rest: Array, change: Array, size: float) -> Iterator[tuple[str, Array]]:
         """What is left of a discrete step, sorted: dampers taken at its end, joint limits, the rest."""
-        least = SUM_OF_FORCES * size
+        least = SAME * size
         implicit = np.zeros_like(rest)
         if self._implicit:
             for joint, place in self._dampers:

@@ -21,12 +21,11 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.dynamics.recursions import crba
-from deltac.dynamics.system import trace
+from deltac.dynamics import crba, trace
 from deltac.errors import ModelError, UnknownName, closest
 from deltac.forces import joint_torque
 from deltac.importers.urdf import read_urdf
-from deltac.mechanism.state import State
+from deltac.mechanism import State
 from deltac.models import Model, load_model
 from deltac.recorders.drake_recorder import record_drake
 from deltac.recorders.exudyn_recorder import record_exudyn
@@ -34,9 +33,9 @@ from deltac.recorders.mujoco_recorder import compiled_model, run_mujoco
 from deltac.recorders.pinocchio_recorder import record_pinocchio
 from deltac.recorders.pybullet_recorder import record_pybullet
 from deltac.recorders.recorder import simulator
-from deltac.simulation.equations import Controller
-from deltac.simulation.simulate import simulate
+from deltac.simulation import Controller
 from deltac.trajectories import Trajectory
+from deltac.verbs import simulate
 
 GRAVITY = 9.81
 """What URDF files fall with in every simulator, m/s²: they name none."""

@@ -11,7 +11,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism import ChannelName
 from deltac.recorders.monitor import Monitor
 from deltac.recorders.recorder import INSTANT, Recorder, simulator
 from deltac.trajectories import Provenance, Trajectory

@@ -13,9 +13,8 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.services import service
-from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.dynamics.testing_functions import MOMENTUM
-from deltac.energy.live import (
+from deltac.dynamics import MOMENTUM, equations_of, trace
+from deltac.energy import (
     MOMENTA,
     QUADRATURE,
     RESULTS,
@@ -34,7 +33,7 @@ from deltac.errors import (
     UnknownName,
     WrongType,
 )
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism import ChannelName
 from deltac.models import ModelLike, load_model
 from deltac.recorders.recorder import simulator, sized
 
@@ -445,7 +444,7 @@ class Monitor:
             tuple(c for c in map(ChannelName.parse, names) if c not in old.given.channels)
             for names in (forces, held)
         ]
-        own = [part.name for part in equations_of_motion(self.mechanism).channels]
+        own = [part.name for part in equations_of(trace(self.mechanism)).channels]
         for name in (*added[0], *added[1]):
             if name in own:
                 raise UnknownName(

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, SUM_OF_FORCES, Array
+from deltac.arrays import EPS, SAME, Array
 from deltac.errors import RecordingError
 from deltac.importers.names import (
     actuator_names,
@@ -237,7 +237,7 @@ def _passive(
         [data.qfrc_spring, data.qfrc_damper, data.qfrc_fluid, data.qfrc_adhesion, gravcomp]
     )
     further = data.qfrc_passive - passive_sum.sum(axis=0)
-    if np.abs(further).max(initial=0.0) > SUM_OF_FORCES * np.abs(passive_sum).max(initial=0.0):
+    if np.abs(further).max(initial=0.0) > SAME * np.abs(passive_sum).max(initial=0.0):
         yield "applied passive", further  # of plugins, and of the callback for passive forces
 
 
@@ -353,7 +353,7 @@ def _solver_residual(model: Model, data: Data, rounding: Array) -> Array | None:
     )
     if data.nefc and size > SOLVED * scale:
         return np.asarray(residual)
-    if size > SUM_OF_FORCES * scale:
+    if size > SAME * scale:
         raise RecordingError(
             f"MuJoCo's accelerations do not belong to its forces at t = {data.time:g} s: {size:.3g} of "
             f"{scale:.3g} N or N·m is left over, without any constraint"
@@ -389,7 +389,7 @@ class _Remainders:
         residual = total - parts.sum(axis=0)
         scale = self.scale + np.abs(parts).sum(axis=0).max(initial=0.0)
         scale += np.abs(total).max(initial=0.0)
-        if np.abs(residual).max(initial=0.0) <= SUM_OF_FORCES * scale:
+        if np.abs(residual).max(initial=0.0) <= SAME * scale:
             return
         dof = int(np.abs(residual).argmax())
         joint = self.elements.joints[self.model.dof_jntid[dof]]

@@ -13,11 +13,11 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.dynamics.equations_of_motion import equations_of_motion
-from deltac.energy.live import Given, Memory
+from deltac.dynamics import equations_of, trace
+from deltac.energy import Given, Memory
 from deltac.errors import ModelError, RecordingError, WrongType
 from deltac.importers.names import coordinate_names, joint_names, speed_names, tendon_names
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism import ChannelName
 from deltac.recorders.monitor import BoundExceeded, Monitor
 from deltac.recorders.mujoco_forces import Elements, passive_forces, plastic_state
 from deltac.recorders.recorder import simulator
@@ -62,7 +62,7 @@ class MujocoMonitor:
                 f"{mechanism.name!r} has {', '.join(mechanism.speeds.names)}; make the monitor of the same "
                 "model: Monitor(model)"
             )
-        channels = {part.name for part in equations_of_motion(mechanism).channels}
+        channels = {part.name for part in equations_of(trace(mechanism)).channels}
         self._elements = Elements.of(model, grouped=True)
         self._compensated = any(name.element == "gravcomp" for name in channels)
         self._missing = self._not_imported(channels)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import EPS, SAME, SUM_OF_FORCES, Array
+from deltac.arrays import EPS, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.progress import Progress
 from deltac.errors import (
@@ -31,7 +31,7 @@ from deltac.errors import (
 )
 from deltac.importers.mujoco import simulated_model
 from deltac.importers.names import coordinate_names, motor_strengths, speed_names
-from deltac.mechanism.state import State
+from deltac.mechanism import State
 from deltac.recorders.mujoco_forces import (
     Elements,
     Forces,
@@ -293,13 +293,13 @@ class MujocoRecorder(Recorder):
             total = np.sum([*forces.values(), np.zeros(model.nv)], axis=0)
             correction = mass_times(model, data, a) + data.qfrc_bias - total
             corrected = bool(
-                np.abs(correction).max(initial=0.0) > SUM_OF_FORCES * np.abs(total).max(initial=0.0)
+                np.abs(correction).max(initial=0.0) > SAME * np.abs(total).max(initial=0.0)
             )
         else:
             correction = mass_times(model, data, a - qacc)
             # a is a difference of speeds, so it has their rounding.
             rounding = 64.0 * EPS * np.abs(u).max(initial=0.0) / h
-            rounding += SUM_OF_FORCES * np.abs(a).max(initial=0.0)
+            rounding += SAME * np.abs(a).max(initial=0.0)
             corrected = bool(np.abs(a - qacc).max(initial=0.0) > rounding)
         # Forces and accelerations are held, so speeds are linear in time.
         mean, step = 0.5 * (u + data.qvel), StepSums()

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from deltac import rotations
-from deltac.arrays import SUM_OF_FORCES, Array
+from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, PackageError
 from deltac.models import ModelLike, load_model
@@ -136,7 +136,7 @@ class OpensimRecorder(Recorder):
             force.setAppliesForce(copy, False)
             rest = rest - forces[self._channel(force)]
         size = sum(np.abs(f).max(initial=0.0) for f in (total, weight, *forces.values()))
-        if np.abs(rest).max(initial=0.0) > SUM_OF_FORCES * size:
+        if np.abs(rest).max(initial=0.0) > SAME * size:
             forces["constraint all"] = rest
         rows: list[tuple[Array, Array, Array]] = []
         turns = []

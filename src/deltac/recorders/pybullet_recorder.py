@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltac import rotations
-from deltac.arrays import SUM_OF_FORCES, Array
+from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, RecordingError, UnknownName
 from deltac.models import ModelLike
@@ -163,7 +163,7 @@ class PybulletRecorder(Recorder):
                     forces[f"{kind} {name}"][place] = value
         rest = total - np.sum([*forces.values(), np.zeros(len(total))], axis=0)
         size += max((np.abs(f).max(initial=0.0) for f in forces.values()), default=0.0)
-        self._name(rest, SUM_OF_FORCES * size, forces)
+        self._name(rest, SAME * size, forces)
         t, self._t = self._t, self._t + h
         self._before = after
         ours = {name: self._force(f, before) for name, f in forces.items()}

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
-from deltac.arrays import PHYSICAL, SUM_OF_FORCES, Array
+from deltac.arrays import PHYSICAL, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, LogError, PackageError, RecordingError, UnknownName, closest
-from deltac.mechanism.channels import PASSIVE, ChannelName
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism import JOINT_KINDS, PASSIVE, ChannelName
 from deltac.models import ModelLike, load_model
 from deltac.trajectories import Provenance, Trajectory
 
@@ -77,7 +76,7 @@ class StepSums:
         first = self._first = forces if self._first is None else self._first
         for channel in (first.keys() | forces.keys()) - self.varying if first is not forces else ():
             start, now = first.get(channel, nothing), forces.get(channel, nothing)
-            if np.abs(now - start).max() > SUM_OF_FORCES * np.abs(start).max():
+            if np.abs(now - start).max() > SAME * np.abs(start).max():
                 self.varying.add(channel)
 
     def book(self, works: Mapping[str, float]) -> None:
@@ -272,7 +271,7 @@ class TrajectoryBuilder:
             if of_rows and not _passive(channel):
                 first[list(of_rows)] += list(of_rows.values())
         stages = np.array(steps)
-        allowed = SUM_OF_FORCES * np.abs(first).max(initial=0.0)
+        allowed = SAME * np.abs(first).max(initial=0.0)
         if np.abs(stages[:, 0] - first[:-1]).max(initial=0.0) > allowed:
             return None
         return np.concatenate([stages[:, 1:], np.repeat(first[-1:, None], count - 1, axis=1)])
@@ -344,12 +343,14 @@ class Columns:
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates."""
-        return tuple(_full(j.name, s) for j in self.joints for s, _ in KINDS[j.kind].coordinates)
+        return tuple(
+            _full(j.name, s) for j in self.joints for s, _ in JOINT_KINDS[j.kind].coordinates
+        )
 
     @property
     def speeds(self) -> tuple[str, ...]:
         """Names of the speeds."""
-        return tuple(_full(j.name, s) for j in self.joints for s, _ in KINDS[j.kind].speeds)
+        return tuple(_full(j.name, s) for j in self.joints for s, _ in JOINT_KINDS[j.kind].speeds)
 
 
 def _full(joint: str, part: str) -> str:

@@ -10,22 +10,23 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import SAME, Array
-from deltac.dynamics.system import System, trace
+from deltac.dynamics import System, trace
 from deltac.errors import LogError, ModelError, WrongType, closest
-from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import CoordinateMap, Mechanism
 from deltac.models import ModelLike, load_model
-from deltac.simulation.equations import (
+from deltac.simulation import (
     Equations,
+    Order,
     RightHandSide,
     StateSymbols,
     as_equations,
     explicit,
+    state_names,
     state_symbols,
+    told_order,
+    usual_orders,
 )
-from deltac.simulation.state_form import Order, state_names, told_order, usual_orders
-from deltac.trajectories import Provenance, Trajectory
-from deltac.trajectories.trajectory import INTERPOLATED, ROWS, SolverResult
+from deltac.trajectories import INTERPOLATED, ROWS, Provenance, SolverResult, Trajectory
 
 MISREAD = 0.3
 """Changes of the coordinates that differ by more than this (relative) from the integrals of their rates."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-from deltac.diagnosis.check.location import Blame
+from deltac.diagnosis import Blame
 from deltac.repair.edits.candidates import short
 from deltac.repair.tracing.samples import RIGHT
 from deltac.repair.tracing.source import Source

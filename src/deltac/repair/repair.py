@@ -17,15 +17,14 @@ import numpy as np
 from deltac.arrays import HALF_DIGITS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.diagnosis.check.location import blame, blame_at
-from deltac.diagnosis.residuals.function import Caller
-from deltac.diagnosis.residuals.states import States
+from deltac.calls.progress import TIME_LIMIT
+from deltac.diagnosis import Caller, States, blame, blame_at
 from deltac.errors import InputError
-from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.repair.edits.candidates import EditCandidate, unified_diff
 from deltac.repair.edits.running import RUN_TIME, right_edits
-from deltac.repair.edits.search import EditSearch, confirmed, pairs
+from deltac.repair.edits.search import FIRST_STATES, EditSearch, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects
 from deltac.repair.sandbox import sandbox, task
 from deltac.repair.tracing.library import flatten
@@ -42,28 +41,19 @@ from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
 from deltac.repair.tracing.tracer import Endless, Trace, TracingRefused
-from deltac.simulation.equations import Equations, RightHandSide, as_equations
-from deltac.simulation.state_form import PLAIN
+from deltac.results import SHOWN
+from deltac.simulation import PLAIN, Equations, RightHandSide, as_equations
 
 Edited: TypeAlias = Sequence[tuple[tuple[EditCandidate, ...], Source]]
 """Edits with the source that they make."""
 
-TIME_LIMIT = 60.0
-"""Time for a search (s)."""
-
-GROUPS = 8
-"""Statements in which repairs are reported."""
-
 MOST_VALIDATED = 120
 """Edits that are tried on fresh states, cheapest first."""
-
-ALIKE = 4
-"""Ways to write a repair that are reported for one statement."""
 
 DEARER = 1.6
 """Edits that cost this much more than the least one are not reported."""
 
-MORE = 40
+MORE = MOST_VALIDATED // 3
 """Edits that are tried for other ways when a repair is found."""
 
 TWO = 2.5
@@ -79,9 +69,6 @@ NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
 
 AS_RUN, AS_RUN_TO = 4, 1e-5
 """States at which what was read is compared with what runs, and how close they are: single precision."""
-
-RUN_AT = 4
-"""States at which edits of functions that cannot be read are tried; what is right there is run at all."""
 
 ONLY_LIVE = "only the running session has it"
 """Why Python cannot run an edited function in another process."""
@@ -110,8 +97,23 @@ def repair_equations(
     tested at fresh states, at other parameters where the function names its constants as the mechanism does,
     and by running the edited function in a process of its own. The file is left as it is.
 
-    A text alone is read, not run. A function that is given itself and cannot be traced, as it calls compiled
-    code, is run: with single edits of its text where it has one, else to say which terms are wrong.
+    Of a text alone, the function and the statements that it needs are executed while they are traced; see
+    SECURITY.md. A function that is given itself and cannot be traced, as it calls compiled code, is run: with
+    single edits of its text where it has one, else to say which terms are wrong.
+
+    What can be traced: the function may be a method, a closure returned by a factory, a partial function or
+    a callable object; the text may have dots (``eom.py:CartPole.dynamics``). A class is instantiated
+    without arguments, and a function without parameters is called to return the equations. It may take the
+    state as (t, q, u), (t, y), (y, t), (y) or (y, control) and return u̇ or the rates of the whole state;
+    the layout of y is found by trial, and q̇ is repaired as well. Classes, generators, `match`, star
+    imports and helpers of your own modules need no special support. NumPy works wherever it accepts arrays
+    of objects, besides `linalg.solve`, `inv`, `det`, `norm`, `lstsq` and SciPy's factorizations. Decorators
+    of JAX and Numba change nothing. Where a branch depends on the state, each way through it is followed
+    with the states that take it.
+
+    Not traced are loops whose end depends on the state, external side effects, more than twelve paths through
+    branches, and computations of other packages: a Lagrangian that SymPy or JAX differentiates, a CasADi
+    graph, complex numbers, `np.matrix`, ``out=``.
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file.
@@ -213,7 +215,7 @@ def _by_running(
     fixes: list[Fix] = []
     if ".py:" in text and not caller.form.momenta and not samples.wrong(result) < RIGHT:
         source = replace(read_source(text), form=caller.form)
-        some = samples.at(np.arange(min(RUN_AT, len(samples.t))))
+        some = samples.at(np.arange(min(FIRST_STATES, len(samples.t))))
         right = right_edits(source, some, deadline)
         right = [edit for edit, answer in zip(right, _ran(right, samples)) if samples.right(answer)]
         groups = _groups(source, right, [0] * len(right))
@@ -310,7 +312,7 @@ def _confirm(
         if count >= most or time.monotonic() > deadline or cost > cheapest + DEARER:
             break
         lines = tuple(reading.source.statement(e.place).lineno for e in edits)
-        if places[lines] >= ALIKE:
+        if places[lines] >= SHOWN:
             continue
         changed = confirmed(reading.source, target, edits, reading.varied)
         if changed is not None and changed.text not in texts:
@@ -379,7 +381,7 @@ def _groups(source: Source, right: Edited, formulas: Sequence[int]) -> Sequence[
     for (edits, changed), formula in zip(right, formulas):
         lines = tuple(source.statement(e.place).lineno for e in edits)
         groups.setdefault((formula, *lines), []).append((edits, changed))
-    return list(groups.values())[:GROUPS]
+    return list(groups.values())[:SHOWN]
 
 
 def _fixes(

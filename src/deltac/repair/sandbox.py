@@ -19,7 +19,7 @@ from deltac.foreign.isolation import Failure, Workers
 from deltac.foreign.scripts import needed, returned, statements_of
 from deltac.repair.tracing.samples import StateSamples
 from deltac.repair.tracing.source import Source, partial_in
-from deltac.simulation.state_form import PLAIN, StateForm
+from deltac.simulation import PLAIN, StateForm
 
 
 @dataclass(frozen=True)

@@ -12,18 +12,13 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 import numpy as np
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis import Convergence, order_text
 from deltac.results import Serialisable, number
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.audit.audit import Audit
-    from deltac.diagnosis.check.check import EquationCheck
-    from deltac.diagnosis.recommend.result import Recommendation
-    from deltac.diagnosis.study.runs import StudyRun
-    from deltac.diagnosis.study.study import Study
+    from deltac.diagnosis import Audit, EquationCheck, Recommendation, Study, StudyRun
     from deltac.energy import Ledger
-    from deltac.mechanism.coordinates import Entries
-    from deltac.mechanism.mechanism import Mechanism
+    from deltac.mechanism import Entries, Mechanism
     from deltac.trajectories import Trajectory
 
 
@@ -137,7 +132,7 @@ class Bars(Panel):
 
 
 @dataclass(frozen=True)
-class Flow:
+class FlowChart:
     """Energy (J) that went one way over the whole run; `error` how far it may be off.
 
     group   "flow": a work; "store": a change of what is stored; "left": what the balance cannot place
@@ -156,7 +151,7 @@ class Flows(Panel):
     """Where the energy went: works into and out of the system, changes of what is stored, what is left."""
 
     title: str
-    flows: tuple[Flow, ...]
+    flows: tuple[FlowChart, ...]
     note: str = ""
     kind = "flows"
 
@@ -323,20 +318,22 @@ def flows_of(ledger: Ledger, function: str, energy_error: Array | None = None) -
     """Works into and out of the system over the whole run, what it stored, and what is left."""
     colour = colours(ledger)
     flows = [
-        Flow(name, float(w[-1] - w[0]), float(ledger.work_error[name].max()), colour=colour[name])
+        FlowChart(
+            name, float(w[-1] - w[0]), float(ledger.work_error[name].max()), colour=colour[name]
+        )
         for name, w in ledger.work.items()
         if name not in ledger.potential
     ]
     K = ledger.kinetic
-    stored = [Flow("ΔK", float(K[-1] - K[0]), group="store", colour=colour["K"])]
+    stored = [FlowChart("ΔK", float(K[-1] - K[0]), group="store", colour=colour["K"])]
     stored += [
-        Flow(f"ΔV {name}", float(v[-1] - v[0]), group="store", colour=colour[f"V {name}"])
+        FlowChart(f"ΔV {name}", float(v[-1] - v[0]), group="store", colour=colour[f"V {name}"])
         for name, v in ledger.potential.items()
     ]
     shown, stored = _largest(flows, 12, "channels"), _largest(stored, 5, "stores")
     error = ledger.delta_c[function] if energy_error is None else energy_error
     bar = float(ledger.error_bar[function].max())
-    remainder = Flow("ΔC, what is left", float(error[-1]), bar, "left", "ink")
+    remainder = FlowChart("ΔC, what is left", float(error[-1]), bar, "left", "ink")
     return Flows(
         "Energy from the start to the end of the run",
         (*shown, *stored, remainder),
@@ -344,14 +341,14 @@ def flows_of(ledger: Ledger, function: str, energy_error: Array | None = None) -
     )
 
 
-def _largest(flows: Sequence[Flow], most: int, what: str) -> list[Flow]:
+def _largest(flows: Sequence[FlowChart], most: int, what: str) -> list[FlowChart]:
     """The largest of some flows, the others as one."""
     ranked = sorted(flows, key=lambda flow: -abs(flow.energy))
     shown, rest = ranked[:most], ranked[most:]
     if len(rest) < 2:
         return ranked
     total, error = sum(f.energy for f in rest), sum(f.error for f in rest)
-    return [*shown, Flow(f"{len(rest)} smaller {what}", total, error, rest[0].group)]
+    return [*shown, FlowChart(f"{len(rest)} smaller {what}", total, error, rest[0].group)]
 
 
 def named(entry: StudyRun, unit: str) -> str:
@@ -533,7 +530,7 @@ def fronts(report: Recommendation) -> Iterator[LogPlot]:
 
 
 def _front(report: Recommendation, what: str, title: str, says: str) -> LogPlot:
-    from deltac.diagnosis.recommend.result import setting_of
+    from deltac.diagnosis import setting_of
 
     clouds = []
     for k, solver in enumerate(dict.fromkeys(trial.solver for trial in report.trials)):

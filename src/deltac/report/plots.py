@@ -62,14 +62,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from deltac.analysis.linearise import Linearisation
-    from deltac.diagnosis.audit.audit import Audit
-    from deltac.diagnosis.check.check import EquationCheck
-    from deltac.diagnosis.check.localise import Localisation
-    from deltac.diagnosis.explain.result import Explanation
-    from deltac.diagnosis.recommend.result import Recommendation
-    from deltac.diagnosis.study.study import Study
+    from deltac.diagnosis import (
+        Audit,
+        EquationCheck,
+        Explanation,
+        Localisation,
+        Recommendation,
+        Study,
+    )
     from deltac.energy import Ledger
-    from deltac.mechanism.mechanism import Mechanism
+    from deltac.mechanism import Mechanism
     from deltac.models import StateLike
     from deltac.procedure import Examination
     from deltac.repair.mutate.report import MutationReport

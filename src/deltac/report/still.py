@@ -13,10 +13,9 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import ModelError
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.state import State
-from deltac.report.page.geometry import Form, unit
-from deltac.report.page.scene import Scene, scene, turned
+from deltac.mechanism import Mechanism, State
+from deltac.report.page.geometry import Solid, unit
+from deltac.report.page.scene import Drawing, scene, turned
 from deltac.report.picture import blank
 from deltac.report.style import styled
 from deltac.trajectories import Trajectory
@@ -83,7 +82,7 @@ def _standing(mechanism: Mechanism, state: State) -> Trajectory:
     )
 
 
-def draw(panel: Axes, drawing: Scene, frames: Sequence[int], trail: bool = True) -> None:
+def draw(panel: Axes, drawing: Drawing, frames: Sequence[int], trail: bool = True) -> None:
     """Draw a scene at some of its frames, the last one full, into axes that fit it."""
     eye, up, axes = np.array(drawing.view), np.array(drawing.up), _seen(drawing)
     run = drawing.runs[0]
@@ -114,7 +113,7 @@ def draw(panel: Axes, drawing: Scene, frames: Sequence[int], trail: bool = True)
         _frame(panel, drawing, poses[frame], axes, eye, opacity, 2.0 + k, per_point)
 
 
-def _seen(drawing: Scene) -> Array:
+def _seen(drawing: Drawing) -> Array:
     """The directions (3, 2) to the right and upward, as the eye sees the scene."""
     eye = np.array(drawing.view)
     right = np.cross(drawing.up, eye)
@@ -126,7 +125,7 @@ SKETCH, MARGIN = np.array([230.0, 130.0]), 12.0
 """Width and height of a sketch, and what stays free at its sides."""
 
 
-def sketch(drawing: Scene, at: float = 0.35) -> tuple[str, str]:
+def sketch(drawing: Drawing, at: float = 0.35) -> tuple[str, str]:
     """The outlines of the bodies at a share `at` of the run, and the paths of their ends: SVG path data."""
     poses = np.asarray(drawing.runs[0].poses.values)
     frame = int(at * (len(poses) - 1))
@@ -157,7 +156,7 @@ def sketch(drawing: Scene, at: float = 0.35) -> tuple[str, str]:
 
 def _frame(
     panel: Axes,
-    drawing: Scene,
+    drawing: Drawing,
     poses: Array,
     axes: Array,
     eye: Array,
@@ -210,7 +209,7 @@ def _frame(
             )
 
 
-def _corners(form: Form) -> Array:
+def _corners(form: Solid) -> Array:
     """Points whose hull is the shape (n, 3), in the body's frame; none of what has no end."""
     turn = np.linspace(0.0, 2.0 * math.pi, AROUND, endpoint=False)
     circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(AROUND)])

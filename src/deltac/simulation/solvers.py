@@ -140,16 +140,16 @@ class GeneralizedAlpha(Options):
 
 
 @dataclass(frozen=True)
-class Scipy(Options):
-    """An adaptive solver of SciPy: RK23, RK45, DOP853, Radau, BDF or LSODA.
+class Adaptive(Options):
+    """A solver that chooses its steps.
 
     `tolerance` is relative to each state; near zero, to a thousandth of its size, which is estimated at the
     start in the state's own unit (energies by the kinetic energy that the motion reaches).
     """
 
-    name: str = "DOP853"
+    name: str
     tolerance: float = DEFAULT_TOLERANCE
-    families: ClassVar[tuple[str, ...]] = ("scipy",)
+    families: ClassVar[tuple[str, ...]]
 
     def __post_init__(self) -> None:
         _check(self, self.name)
@@ -157,20 +157,19 @@ class Scipy(Options):
 
 
 @dataclass(frozen=True)
-class Sundials(Options):
-    """CVODES, of u̇ = f, or IDAS, of the equations of motion unsolved.
+class Scipy(Adaptive):
+    """An adaptive solver of SciPy: RK23, RK45, DOP853, Radau, BDF or LSODA; `tolerance` as for `Adaptive`."""
 
-    `tolerance` is relative to each state; near zero, to a thousandth of its size, which is estimated at the
-    start in the state's own unit (energies by the kinetic energy that the motion reaches).
-    """
+    name: str = "DOP853"
+    families: ClassVar[tuple[str, ...]] = ("scipy",)
+
+
+@dataclass(frozen=True)
+class Sundials(Adaptive):
+    """CVODES, of u̇ = f, or IDAS, of the equations of motion unsolved; `tolerance` as for `Adaptive`."""
 
     name: str = "CVODES"
-    tolerance: float = DEFAULT_TOLERANCE
     families: ClassVar[tuple[str, ...]] = ("sundials",)
-
-    def __post_init__(self) -> None:
-        _check(self, self.name)
-        _check_tolerance(self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -219,7 +218,7 @@ def solver_options(solver: str | Options, tolerance: float | None = None) -> Opt
     return Scipy(scheme.name, chosen) if scheme.family == "scipy" else Sundials(scheme.name, chosen)
 
 
-def _check(options: FixedStep | Scipy | Sundials, name: str) -> None:
+def _check(options: FixedStep | Adaptive, name: str) -> None:
     """InputError unless it is a solver of the families that an option object is for."""
     scheme = find_solver(name)
     if scheme.family in options.families:

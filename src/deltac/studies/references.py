@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from deltac.arrays import ROUNDED
 from deltac.problems import Problem, Reference
 from deltac.simulation.solvers import solver_options
 from deltac.trajectories import Trajectory
@@ -13,12 +14,9 @@ from deltac.verbs import simulate
 MARGIN = 10.0
 """Halving the step removes the share 1 − 2⁻ᵖ of the error, so the difference underestimates it by little."""
 
-ROUNDING = 1e-12
-"""Relative error that rounding accumulates over a run."""
-
 
 @dataclass(frozen=True)
-class Comparison:
+class ReferenceCheck:
     """A reference number and ours (its unit is the reference's).
 
     `error` is how far the run is from the one with half the step; `tolerance` adds up the accuracy
@@ -56,14 +54,14 @@ def solved(
     )
 
 
-def compare(problem: Problem) -> tuple[Comparison, ...]:
+def compare(problem: Problem) -> tuple[ReferenceCheck, ...]:
     """Simulate a problem by its own solver and step, and compare with its references."""
     run, finer = solved(problem), solved(problem, finer=True)
     comparisons = []
     for reference in problem.reference:
         value = reference.measure(run)
         error = abs(value - reference.measure(finer))
-        rounding = ROUNDING * max(1.0, abs(reference.value))
+        rounding = ROUNDED * max(1.0, abs(reference.value))
         tolerance = reference.accuracy + MARGIN * error + rounding
-        comparisons.append(Comparison(reference, value, error, tolerance))
+        comparisons.append(ReferenceCheck(reference, value, error, tolerance))
     return tuple(comparisons)

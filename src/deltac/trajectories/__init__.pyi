@@ -1,17 +1,28 @@
 """The public names, for type checkers and for `__init__.py`, which loads them on first use."""
 
 from deltac.trajectories.columns import MechanismNames as MechanismNames
+from deltac.trajectories.formats.episodes import COLUMNS as COLUMNS
+from deltac.trajectories.formats.episodes import episodes as episodes
 from deltac.trajectories.formats.files import FORMATS as FORMATS
 from deltac.trajectories.formats.files import Format as Format
 from deltac.trajectories.formats.files import draft_mapping as draft_mapping
 from deltac.trajectories.formats.files import explain as explain
+from deltac.trajectories.formats.files import is_log_folder as is_log_folder
+from deltac.trajectories.formats.files import naming as naming
+from deltac.trajectories.formats.files import read_raw as read_raw
 from deltac.trajectories.formats.files import read_trajectory as read_trajectory
 from deltac.trajectories.formats.files import write_trajectory as write_trajectory
 from deltac.trajectories.formats.mapping import LogMapping as LogMapping
+from deltac.trajectories.formats.mapping import MappingLike as MappingLike
+from deltac.trajectories.formats.mapping import as_mapping as as_mapping
 from deltac.trajectories.formats.mapping import read_mapping as read_mapping
 from deltac.trajectories.formats.mapping import with_step as with_step
+from deltac.trajectories.formats.parquet import read_parquet_groups as read_parquet_groups
+from deltac.trajectories.formats.raw import Collector as Collector
 from deltac.trajectories.formats.raw import RawLog as RawLog
+from deltac.trajectories.formats.raw import checked_raw as checked_raw
 from deltac.trajectories.formats.reading import ColumnReading as ColumnReading
+from deltac.trajectories.formats.reading import LogReading as LogReading
 from deltac.trajectories.formats.schema import SCHEMA_VERSION as SCHEMA_VERSION
 from deltac.trajectories.formats.schema import from_columns as from_columns
 from deltac.trajectories.formats.schema import to_columns as to_columns
@@ -24,5 +35,8 @@ from deltac.trajectories.lint import suspicions as suspicions
 from deltac.trajectories.occurrences import Occurrence as Occurrence
 from deltac.trajectories.rates import derived_error as derived_error
 from deltac.trajectories.rates import with_accelerations as with_accelerations
+from deltac.trajectories.trajectory import INTERPOLATED as INTERPOLATED
+from deltac.trajectories.trajectory import ROWS as ROWS
 from deltac.trajectories.trajectory import Provenance as Provenance
+from deltac.trajectories.trajectory import SolverResult as SolverResult
 from deltac.trajectories.trajectory import Trajectory as Trajectory

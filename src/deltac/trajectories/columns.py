@@ -129,7 +129,7 @@ def _laws(mechanism: Mechanism) -> Iterator[tuple[str, Law]]:
 
 
 @dataclass(frozen=True)
-class Kinematics:
+class RateNames:
     """Which speeds belong to which coordinates, by their places in q and u.
 
     `rates` are pairs (coordinate, speed) with q̇ = u; `quaternions` are triples of the joint's name,
@@ -140,13 +140,13 @@ class Kinematics:
     quaternions: tuple[tuple[str, int, int], ...]
 
     @classmethod
-    def of(cls, coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
+    def of(cls, coordinates: Sequence[str], speeds: Sequence[str]) -> RateNames:
         """What the names say; coordinates without a speed of a fitting name are left out."""
         return cls._of(tuple(coordinates), tuple(speeds))
 
     @classmethod
     @lru_cache(maxsize=64)
-    def _of(cls, coordinates: tuple[str, ...], speeds: tuple[str, ...]) -> Kinematics:
+    def _of(cls, coordinates: tuple[str, ...], speeds: tuple[str, ...]) -> RateNames:
         place = {name: index for index, name in enumerate(speeds)}
         rates = [
             (index, place[speed])

@@ -20,8 +20,8 @@ import numpy.typing as npt
 from deltac import rotations
 from deltac.calls.arguments import checked
 from deltac.errors import LogError, WrongType
-from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, NamesLike, si_unit
-from deltac.trajectories.motion import Fit, Movement
+from deltac.trajectories.columns import QUATERNION, MechanismNames, NamesLike, RateNames, si_unit
+from deltac.trajectories.motion import Movement, RatioFit
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def suspicions(run: Trajectory, model: NamesLike | None = None) -> list[Suspicio
     result = list(_gaps(run.t))
     if len(run) < 4 or "u" in run.provenance.derived:
         return result  # u was derived from q: they agree by construction
-    kinematics = Kinematics.of(run.coordinates, run.speeds)
+    kinematics = RateNames.of(run.coordinates, run.speeds)
     reach = np.ptp(run.q, axis=0)
     run = some_stretches(run, STRETCHES, MANY // STRETCHES)
     fits = _fits(run, kinematics.rates)
@@ -148,7 +148,7 @@ def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:
 # -- coordinates and their rates -----------------------------------------------------------------
 
 
-def _fits(run: Trajectory, pairs: Sequence[tuple[int, int]]) -> dict[tuple[int, int], Fit]:
+def _fits(run: Trajectory, pairs: Sequence[tuple[int, int]]) -> dict[tuple[int, int], RatioFit]:
     """The fit of each coordinate to its speed, by their places."""
     if not pairs:
         return {}
@@ -159,7 +159,7 @@ def _fits(run: Trajectory, pairs: Sequence[tuple[int, int]]) -> dict[tuple[int, 
 
 
 def _of_rate(
-    run: Trajectory, names: MechanismNames | None, i: int, j: int, fit: Fit
+    run: Trajectory, names: MechanismNames | None, i: int, j: int, fit: RatioFit
 ) -> Iterator[Suspicion]:
     if not fit.good or fit.near(1.0):
         return
@@ -188,7 +188,7 @@ def _of_rate(
 def _time(
     run: Trajectory,
     names: MechanismNames | None,
-    fits: Mapping[tuple[int, int], Fit],
+    fits: Mapping[tuple[int, int], RatioFit],
     value: float,
     unit: str,
     turning: bool,
@@ -207,8 +207,8 @@ def _time(
 def _wide_swings(
     run: Trajectory,
     names: MechanismNames | None,
-    kinematics: Kinematics,
-    fits: Mapping[tuple[int, int], Fit],
+    kinematics: RateNames,
+    fits: Mapping[tuple[int, int], RatioFit],
     reaches: FloatArray,
     other: bool,
 ) -> list[Suspicion]:
@@ -249,7 +249,7 @@ class _Turning:
     """A joint with a quaternion: the reading of it that fits best, and what that means."""
 
     joint: str
-    fit: Fit
+    fit: RatioFit
     rotation: FloatArray  # (T, 3, 3), by the reading that fits
     suspicions: tuple[Suspicion, ...]
 
@@ -268,7 +268,7 @@ def _turning(run: Trajectory, joint: str, i: int, j: int) -> _Turning:
     return _Turning(joint, fit, rotations.matrices(p), slips)
 
 
-def _of_turning(joint: str, fit: Fit, order: str, frame: str) -> Iterator[Suspicion]:
+def _of_turning(joint: str, fit: RatioFit, order: str, frame: str) -> Iterator[Suspicion]:
     how = f"{joint!r}: the quaternion turns as the angular velocity says (correlation "
     how += f"{abs(fit.correlation):.4f}) only "
     if order == "xyzw":
@@ -291,7 +291,7 @@ def _of_turning(joint: str, fit: Fit, order: str, frame: str) -> Iterator[Suspic
             "store the angular velocity in body components",
         )
     speeds = [f"u.{joint}.w{axis}" for axis in "xyz"]
-    size = Fit(abs(fit.ratio), fit.correlation)
+    size = RatioFit(abs(fit.ratio), fit.correlation)
     evidence = f"{joint!r} turns by {fit.ratio:.4g} times what its angular velocity says"
     units = [item for ratio, item in _ANGLES.items() if item[1] == "u" and size.near(ratio)]
     for kind, _, factor, text in units:

@@ -77,18 +77,18 @@ class Movement:
         sums = (np.add.reduceat(values, rows, axis=0) for values in (self.moved, self.told))
         return min(_worst(self.moved, self.told), 2.0 * _worst(*sums))
 
-    def fit(self) -> Fit:
+    def fit(self) -> RatioFit:
         """Least squares of `moved` on `told`, each scaled first, so that no square under- or overflows."""
         a, b = (float(np.max(np.abs(x), initial=0.0)) for x in (self.moved, self.told))
         if not (a > 0.0 and b > 0.0):
-            return Fit(0.0, 0.0)
+            return RatioFit(0.0, 0.0)
         x, y = (self.told / b).ravel(), (self.moved / a).ravel()
         xy, xx, yy = float(x @ y), float(x @ x), float(y @ y)
-        return Fit(xy / xx * (a / b), xy / math.sqrt(xx * yy))
+        return RatioFit(xy / xx * (a / b), xy / math.sqrt(xx * yy))
 
 
 @dataclass(frozen=True)
-class Fit:
+class RatioFit:
     """Δq = ratio · ∫u dt; `correlation` 1 where that holds exactly, 0 where nothing moves."""
 
     ratio: float
@@ -103,7 +103,7 @@ class Fit:
         """Whether it counts, and its ratio is this one."""
         return self.good and abs(self.ratio / value - 1.0) <= CLOSE
 
-    def beats(self, usual: Fit) -> bool:
+    def beats(self, usual: RatioFit) -> bool:
         """Whether this reading fits where the usual one does not, and by far better."""
         misfit, usual_misfit = 1.0 - abs(self.correlation), 1.0 - abs(usual.correlation)
         return self.good and not usual.good and misfit < 0.2 * usual_misfit

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from deltac.errors import LogError
-from deltac.trajectories.columns import Kinematics, MechanismNames, speeds_of
+from deltac.trajectories.columns import MechanismNames, RateNames, speeds_of
 from deltac.trajectories.trajectory import FloatArray, Trajectory, check_times, row_name
 
 FEWEST_ROWS = 4
@@ -95,7 +95,7 @@ def rotation_vectors(p: FloatArray, frame: str) -> FloatArray:
     return result
 
 
-def _speeds(t: FloatArray, q: FloatArray, kinematics: Kinematics, count: int) -> FloatArray:
+def _speeds(t: FloatArray, q: FloatArray, kinematics: RateNames, count: int) -> FloatArray:
     u = np.zeros((len(t), count))
     if kinematics.rates:
         places = np.array(kinematics.rates)
@@ -135,8 +135,8 @@ def _error(t: FloatArray, fine: FloatArray, derive: Callable[[slice], FloatArray
     return [float(d) for d in np.maximum(*differences)]
 
 
-def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> Kinematics:
-    kinematics = Kinematics.of(coordinates, speeds)
+def _complete(coordinates: Sequence[str], speeds: Sequence[str]) -> RateNames:
+    kinematics = RateNames.of(coordinates, speeds)
     covered = {j for _, j in kinematics.rates}
     covered |= {j + k for _, _, j in kinematics.quaternions for k in range(3)}
     for index, name in enumerate(speeds):

@@ -26,7 +26,7 @@ from deltac.mechanism.forces import (
     Tendon,
 )
 from deltac.mechanism.friction import JointFriction, PointFriction
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.joints import JOINT_KINDS
 from deltac.mechanism.laws import evaluate, rate
 from tests.oracles.textbook import contact
 from tests.oracles.textbook.kinematics import Array
@@ -59,7 +59,7 @@ def _gravity(now: Situation) -> ChannelForce:
 def _joint_spring(now: Situation, element: JointSpring) -> list[ChannelForce]:
     joint = now.mechanism.joint(element.joint)
     q = now.q[now.mechanism.coordinates.of(joint.name)]
-    quaternion = KINDS[joint.kind].quaternion
+    quaternion = JOINT_KINDS[joint.kind].quaternion
     if element.potential is not None:
         if quaternion is not None:
             raise NotImplementedError("potentials of quaternions are not in the textbook")

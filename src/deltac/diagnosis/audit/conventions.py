@@ -31,7 +31,7 @@ from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import percent
 from deltac.trajectories import Trajectory
-from deltac.trajectories.columns import Kinematics
+from deltac.trajectories.columns import RateNames
 from deltac.trajectories.lint import some_stretches
 
 LARGE = 0.05
@@ -119,7 +119,7 @@ def _exchanged(a: ChannelName, b: ChannelName, forces: Forces) -> Forces:
 
 def _rates(run: Trajectory) -> NDArray[np.intp]:
     """Places (n, 2) of coordinates and of the speeds that are their rates."""
-    pairs = list(Kinematics.of(run.coordinates, run.speeds).rates)
+    pairs = list(RateNames.of(run.coordinates, run.speeds).rates)
     return np.array(pairs, dtype=np.intp).reshape(-1, 2)
 
 

@@ -20,7 +20,7 @@ from deltac.dynamics.recursions import accelerations, gather, rnea, velocities
 from deltac.dynamics.spatial import SX, Inertia, cross, cross_force
 from deltac.energy.terms import LedgerSymbols, LoggedForces, ledger_symbols
 from deltac.kernels.rows import at_rows
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.joints import JOINT_KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -235,7 +235,7 @@ def _joints(equations: LogEquations) -> dict[Column, SX]:
             Column("armature", entry.name): -s.udot[row],
             Column("constant", entry.name): ca.SX(1),
         }
-        if KINDS[joint.kind].rates:
+        if JOINT_KINDS[joint.kind].rates:
             force[Column("spring", entry.name)] = -s.q_all[_coordinate(equations, int(place))]
         for column, value in force.items():
             x = ca.SX(n, 1)
@@ -257,7 +257,7 @@ def _stops(equations: LogEquations) -> dict[Column, SX]:
     changes: dict[Column, SX] = {}
     for row, place in enumerate(map(int, s.free_u)):
         entry = mechanism.speeds[place]
-        if KINDS[mechanism.joint(entry.joint).kind].rates:
+        if JOINT_KINDS[mechanism.joint(entry.joint).kind].rates:
             at = _coordinate(equations, place)
             for k, c in enumerate(stops(equations, at)):
                 x = ca.SX(len(s.free_u), 1)
@@ -285,7 +285,7 @@ def _offsets(equations: LogEquations, residual: SX) -> dict[Column, SX]:
         entry = mechanism.speeds[place]
         joint = mechanism.joint(entry.joint)
         row = free.get(_coordinate(equations, int(place)))
-        if len(joint.speeds) == 1 and KINDS[joint.kind].rates and row is not None:
+        if len(joint.speeds) == 1 and JOINT_KINDS[joint.kind].rates and row is not None:
             along = ca.SX.zeros(s.q.shape[0])
             along[row] = -1
             first_order = ca.jtimes(residual, s.q, along)

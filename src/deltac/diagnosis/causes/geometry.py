@@ -35,7 +35,7 @@ from deltac.dynamics.constraints import constraint_rows
 from deltac.dynamics.forces import channels
 from deltac.dynamics.laws import Varied
 from deltac.dynamics.recursions import accelerations, rnea, velocities
-from deltac.dynamics.scene import Scene
+from deltac.dynamics.scene import TracedScene
 from deltac.dynamics.spatial import SX, Transform, cross_force
 from deltac.dynamics.system import System, trace
 from deltac.mechanism.channels import Channel
@@ -305,7 +305,7 @@ class _LooseBodies:
             )
             for k, link in enumerate(s.links)
         )  # fmt: skip
-        scene = Scene(replace(s, links=links, u_all=ca.vertcat(s.u_all, v)))
+        scene = TracedScene(replace(s, links=links, u_all=ca.vertcat(s.u_all, v)))
         total = ca.SX.zeros(nu + 6 * count)
         for element in s.mechanism.elements:
             total += sum(_own(equations, element.channels(scene)))
@@ -501,7 +501,7 @@ def _numbers(
     s = equations.symbols.system
     opened = replace(s, mechanism=mechanism, values={**s.values, **values})
     p = ca.vertcat(*(n.symbol for n in numbers))
-    scene = Scene(opened)
+    scene = TracedScene(opened)
     forces = [f for e in mechanism.forces for f in _own(equations, e.channels(scene))]
     force = sum(forces, start=ca.SX.zeros(s.u_all.shape[0]))[s.free_u]
     names = [Column("number", n.address) for n in numbers]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import ROOT_EPS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Parts, Progress, untold
@@ -39,13 +39,10 @@ from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
 from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, load_model
-from deltac.results import Section, Table, fraction
+from deltac.results import SHOWN, Section, Table, fraction
 from deltac.simulation.equations import Equations, RightHandSide, as_equations
 from deltac.simulation.state_form import PLAIN, StateForm
 from deltac.trajectories import Trajectory
-
-SHOWN = 6
-"""Equations that are told of in words."""
 
 LIMITS = (
     "states other than those drawn, such as a branch that is rarely taken",
@@ -174,7 +171,7 @@ def finite_worst(residuals: Residuals) -> list[float]:
 
 # --- `check_equations` ---------------------------------------------------------------------------
 
-TOLERANCE = float(np.sqrt(EPS))
+TOLERANCE = ROOT_EPS
 """Relative residual that is accepted: half of a double's digits. Rounding stays far below, and a
 constant typed with seven digits shows."""
 

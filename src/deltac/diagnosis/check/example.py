@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.check.location import orientations
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import Caller
@@ -23,10 +23,6 @@ PLAIN = (1.0, 0.5, 2.0, 10.0)
 
 WORTH = 0.01
 """A simple state must show at least this share of the worst failure, or it would not convince."""
-
-
-CLOSE = 1e-6
-"""Accelerations that differ by less than this (relative) are shown only where nothing differs more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +51,7 @@ class Example:
             f"u̇.{n}: the equations give {_told(self.given[n], differences[n])}, the model "
             f"{_told(self.right[n], differences[n])}"
             for n in differences
-            if n == worst or differences[n] > CLOSE
+            if n == worst or differences[n] > HALF_DIGITS
         ]
         return f"At {where}: " + "; ".join(lines)
 

@@ -5,22 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.matching import Match, explain_residual
-from deltac.diagnosis.residuals.at_samples import LEAST, MOST_ROWS
-from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.diagnosis.residuals.states import some_rows, states_along
+from deltac.diagnosis.residuals.at_samples import LEAST, MOST_ROWS, RunResidual, run_residual
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import some_rows
 from deltac.diagnosis.verdict import percent
-from deltac.dynamics.equations_of_motion import evaluate_at
-from deltac.dynamics.recursions import accelerations, velocities
-from deltac.dynamics.spatial import SX, cross, cross_force
-from deltac.energy import Ledger, balance, residuals
+from deltac.energy import Ledger, balance
 from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
@@ -31,20 +26,6 @@ EXCHANGED = "the momentum exchanged"
 
 BULK = 0.8
 """Share of a residual that the told part of the motion holds."""
-
-
-@dataclass(frozen=True, eq=False)
-class BodyPower:
-    """Power balance of one body (T,), W: kinetic = gravity + received − delivered.
-
-    `kinetic` is the rate of its kinetic energy; `received` what the joint that carries it transmits, its
-    reactions and motor included, `delivered` what it passes on through the joints that it carries.
-    """
-
-    kinetic: Array
-    gravity: Array
-    received: Array
-    delivered: Array
 
 
 @dataclass(frozen=True)
@@ -75,7 +56,7 @@ class Departure:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("power",)):
+class Localisation(Report, omit=("t", "residual", "joints"), also=("power",)):
     """Where a motion departs from its model, at T samples.
 
     Attributes:
@@ -84,7 +65,6 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
             accelerations what changes ΔP_r between the rows.
         joints: power that each joint takes beyond what the model's forces supply (T,), W: −Σ u_r (F_r + F*_r)
             over its speeds. Zero where the motion obeys the model.
-        bodies: the power balance of each body, joint reactions included; none without accelerations.
         departures: the equations that do not hold, the worst first.
     """
 
@@ -92,7 +72,6 @@ class Localisation(Report, omit=("t", "residual", "joints", "bodies"), also=("po
     speeds: tuple[str, ...]
     residual: Array
     joints: Mapping[str, Array]
-    bodies: Mapping[str, BodyPower]
     departures: tuple[Departure, ...]
 
     @property
@@ -149,31 +128,14 @@ def localise(
     mechanism = load_model(model).mechanism
     if isinstance(run, Trajectory) and run.udot is None:
         return _by_momenta(mechanism, run, own_coordinates(mechanism, coordinates))
-    rows = some_rows(run, MOST_ROWS)
-    forces = residuals(mechanism, run, testing=("liu-huston",))["coordinates"][rows].T
-    assert run.udot is not None
-    kane = Kane(mechanism, coordinates)
-    states = states_along(kane, run, rows)
-    test = EquationTest(kane, states, strict=False)
-    free = mechanism.free
-    t, q, u = states.t, test.point.q, test.point.u
-    udot = run.udot[np.ix_(rows, free.u)].T
-    back: Array = np.asarray(np.linalg.pinv(test.point.Y))
-    own_udot = times(back, udot - test.point.rest)
-    own = times(test.point.Y.transpose(0, 2, 1), forces)
-    power = -u * forces
+    samples = run_residual(Kane(mechanism, coordinates), run)
+    own = samples if coordinates is None else run_residual(Kane(mechanism), run)
     joints: dict[str, Array] = {}
-    for k, index in enumerate(free.u):
+    for index, power in zip(mechanism.free.u, -own.test.states.u * own.residual):
         joint = mechanism.speeds[int(index)].joint
-        joints[joint] = joints.get(joint, 0.0) + power[k]
-    return Localisation(
-        t=t,
-        speeds=test.speeds,
-        residual=own.T,
-        joints=joints,
-        bodies=_bodies(kane, t, q, u, udot),
-        departures=_departures(test, own, own_udot),
-    )
+        joints[joint] = joints.get(joint, 0.0) + power
+    t, departures = samples.test.states.t, _departures(samples)
+    return Localisation(t, samples.test.speeds, samples.residual.T, joints, departures)
 
 
 def _by_momenta(
@@ -200,22 +162,17 @@ def _by_momenta(
             departures.append(Departure(name, k + 1, size["relative"], span, (), EXCHANGED))
     departures.sort(key=lambda departure: -departure.relative)
     names, columns = tuple(residual), np.array([*residual.values()]).T
-    return Localisation(t, names, columns, joints, {}, tuple(departures))
+    return Localisation(t, names, columns, joints, tuple(departures))
 
 
-def _departures(test: EquationTest, residual: Array, udot: Array) -> tuple[Departure, ...]:
-    typical = test.typical(udot)
-    size = np.sqrt(np.mean(residual**2, axis=1)) / typical
-    departures = []
-    for k in map(int, np.argsort(-size)):
-        if size[k] <= LEAST:
-            continue
-        terms = () if len(test.gamma) else explain_residual(test, residual[k], udot, k)
-        departures.append(
-            Departure(
-                test.speeds[k], k + 1, float(size[k]), _span(test.states.t, residual[k]), terms
-            )
-        )
+def _departures(samples: RunResidual) -> tuple[Departure, ...]:
+    test, relative, departures = samples.test, samples.relative, []
+    for k in map(int, np.argsort(-relative)):
+        if relative[k] > 0.0:
+            residual = samples.residual[k]
+            terms = () if len(test.gamma) else explain_residual(test, residual, samples.udot, k)
+            span = _span(test.states.t, residual)
+            departures.append(Departure(test.speeds[k], k + 1, float(relative[k]), span, terms))
     return tuple(departures)
 
 
@@ -227,32 +184,3 @@ def _span(t: Array, values: Array) -> tuple[float, float]:
     first = int(np.argmin(lengths))
     last = min(int(ends[first]), len(values)) - 1
     return float(t[first]), float(t[last])
-
-
-def _bodies(kane: Kane, t: Array, q: Array, u: Array, udot: Array) -> dict[str, BodyPower]:
-    """Power balances of all bodies; wrenches through the joints from tip to root."""
-    s = kane.system
-    V = velocities(s, s.u_all)
-    A = accelerations(s, V, s.udot_all)
-    carried: dict[int, SX] = {}
-    inertia, weight, received = [], [], []
-    delivered = [ca.SX(0) for _ in s.links]
-    for k, (link, pose) in enumerate(zip(s.links, s.poses)):
-        inertia.append(link.inertia @ A[k] + cross_force(V[k], link.inertia @ V[k]))
-        pull = link.mass * ca.mtimes(pose.E, s.gravity)
-        weight.append(ca.vertcat(cross(link.centre, pull), pull))
-        carried[k] = inertia[k] - weight[k]
-    for k in reversed(range(len(s.links))):
-        link = s.links[k]
-        received.append(ca.dot(carried[k], V[k]))
-        if link.parent >= 0:
-            back = link.X.force_back(carried[k])
-            carried[link.parent] = carried[link.parent] + back
-            delivered[link.parent] += ca.dot(back, V[link.parent])
-    received.reverse()
-    columns = [
-        ca.vertcat(ca.dot(inertia[k], V[k]), ca.dot(weight[k], V[k]), received[k], delivered[k])
-        for k in range(len(s.links))
-    ]
-    balances = evaluate_at(kane.function(columns, s.udot), t[None, :], q, u, udot)
-    return {link.joint.child: BodyPower(*values) for link, values in zip(s.links, balances)}

@@ -19,11 +19,8 @@ from deltac.diagnosis.check.matching import (
 )
 from deltac.diagnosis.residuals.at_states import EquationTest, rms
 from deltac.diagnosis.residuals.function import Caller
-from deltac.diagnosis.residuals.states import States, joined
+from deltac.diagnosis.residuals.states import TRIAL_STATES, States, joined
 from deltac.results import Serialisable, fraction
-
-BASES = 16
-"""States at which single variables are changed, or all speeds scaled."""
 
 SCALINGS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 """Factors of all speeds; five, so that polynomials up to the fourth degree are told apart."""
@@ -203,10 +200,10 @@ def _varied(test: EquationTest, caller: Caller, states: States) -> Array:
 
 def _bases(test: EquationTest, relative: Array, good: NDArray[np.bool_]) -> States:
     """The first states and those that fail worst: an error may show at a few only, as of slow slip."""
-    first = np.arange(min(BASES // 2, len(test.states)))
+    first = np.arange(min(TRIAL_STATES // 2, len(test.states)))
     worst = np.flatnonzero(good)[np.argsort(-np.abs(relative).max(axis=0), kind="stable")]
     rest = worst[~np.isin(worst, first)]
-    return test.states.take(np.concatenate([first, rest[: BASES - len(first)]]))
+    return test.states.take(np.concatenate([first, rest[: TRIAL_STATES - len(first)]]))
 
 
 def _degrees(

@@ -20,7 +20,7 @@ import numpy as np
 from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.check.terms import (
     MOST_SPEEDS,
-    Part,
+    Summand,
     circular,
     inertia_term,
     own_parts,
@@ -128,16 +128,16 @@ def explain_acceleration(test: EquationTest, error: Array, k: int) -> tuple[Matc
     return _told(test, -error, acceleration_parts(test, k), "")
 
 
-def acceleration_parts(test: EquationTest, k: int) -> list[Part]:
+def acceleration_parts(test: EquationTest, k: int) -> list[Summand]:
     """The terms of all equations but inertia as M⁻¹ brings them into one acceleration."""
     inverse: Array = np.asarray(np.linalg.inv(test.M), dtype=float)
     right = test.acceleration
-    parts = [Part(WHOLE, right[k], ("whole", "", None), row=k)]
+    parts = [Summand(WHOLE, right[k], ("whole", "", None), row=k)]
     for row, speed in enumerate(test.speeds):
         share = inverse[:, k, row]
         where = f"equation {row + 1} ({speed})"
         drive = share * (sum(f[row] for f in test.forces.values()) - test.bias[row])
-        parts.append(Part(f"what drives {where}", drive, ("force", "", None), row=row))
+        parts.append(Summand(f"what drives {where}", drive, ("force", "", None), row=row))
         parts += [
             replace(p, name=f"{p.name} of {where}", values=share * p.values)
             for p in own_parts(test, right, row)
@@ -150,12 +150,12 @@ WHOLE = "the acceleration as a whole"
 
 
 def _told(
-    test: EquationTest, residual: Array, parts: Sequence[Part], own: str
+    test: EquationTest, residual: Array, parts: Sequence[Summand], own: str
 ) -> tuple[Match, ...]:
     """The fewest parts that a residual consists of, each with its formula and its term written out."""
     parameters = test.kane.mechanism.parameters
 
-    def cost(part: Part, coefficient: float) -> float:
+    def cost(part: Summand, coefficient: float) -> float:
         if _is_plain(1.0 - coefficient):
             return 0.1 * (coefficient < 0.9)  # twice, or by half
         matches = formula(1.0 - coefficient, parameters, _written(test, part))
@@ -178,19 +178,19 @@ def _told(
     return tuple(terms)
 
 
-def _written(test: EquationTest, part: Part) -> str:
+def _written(test: EquationTest, part: Summand) -> str:
     if part.symbols or part.key is None or part.key[0] in ("whole", "force"):
         return part.symbols
     return written(test.kane, part.key, part.row)
 
 
 def _with_ratio(
-    test: EquationTest, residual: Array, parts: Sequence[Part]
-) -> tuple[Match, float, Part] | None:
+    test: EquationTest, residual: Array, parts: Sequence[Summand]
+) -> tuple[Match, float, Summand] | None:
     """One part that enters with a plain function of the state as its factor; what that costs; the part."""
     texts, F, prices = ratios(test)
     size = float(np.linalg.norm(residual))
-    best: tuple[Match, float, Part] | None = None
+    best: tuple[Match, float, Summand] | None = None
     for part in parts:
         if part.key is None:
             continue
@@ -269,10 +269,10 @@ def explain_plainly(
 
 def explain_by(
     residual: Array,
-    parts: Sequence[Part],
+    parts: Sequence[Summand],
     exact: float = HALF_DIGITS,
-    cost: Callable[[Part, float], float] | None = None,
-) -> tuple[tuple[Part, float], ...]:
+    cost: Callable[[Summand, float], float] | None = None,
+) -> tuple[tuple[Summand, float], ...]:
     """The fewest parts whose sum with constant coefficients is the residual (B,); empty if none is.
 
     One, two of all pairs, then by orthogonal matching pursuit three. Among those that fit alike, the ones
@@ -322,13 +322,13 @@ def _pairs(columns: Array, along: Array) -> list[tuple[int, ...]]:
 
 def _cheapest(
     residual: Array,
-    parts: Sequence[Part],
+    parts: Sequence[Summand],
     choices: Sequence[tuple[int, ...]],
     exact: float,
-    cost: Callable[[Part, float], float] | None,
-) -> tuple[tuple[Part, float], ...]:
+    cost: Callable[[Summand, float], float] | None,
+) -> tuple[tuple[Summand, float], ...]:
     """Of the choices of parts that give the residual, the one whose coefficients cost least."""
-    best: tuple[tuple[Part, float], ...] = ()
+    best: tuple[tuple[Summand, float], ...] = ()
     least = np.inf
     for chosen in choices:
         coefficients, rest = _fitted(residual, parts, chosen)
@@ -341,7 +341,9 @@ def _cheapest(
     return best
 
 
-def _fitted(residual: Array, parts: Sequence[Part], chosen: Sequence[int]) -> tuple[Array, Array]:
+def _fitted(
+    residual: Array, parts: Sequence[Summand], chosen: Sequence[int]
+) -> tuple[Array, Array]:
     """Coefficients of the chosen parts by least squares, and what they leave of the residual."""
     A = np.array([parts[k].values for k in chosen]).T
     coefficients: Array = np.asarray(np.linalg.lstsq(A, residual, rcond=None)[0])

@@ -200,7 +200,7 @@ SUMMED = ("channel", "gyroscopic", "inertia")
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class Summand:
     """A candidate: what it is called and its values at the states (B,).
 
     A term of the model's own equation (with its sign in F_r + F*_r) has a `key`; a plain function has none.
@@ -216,16 +216,16 @@ class Part:
     of: frozenset[str] | None = None
 
 
-def own_parts(test: EquationTest, udot: Array, row: int) -> list[Part]:
+def own_parts(test: EquationTest, udot: Array, row: int) -> list[Summand]:
     """The terms of one equation at the accelerations `udot`, whole and in their parts."""
     names = test.speeds
     scale = float(test.typical(udot)[row])
-    own: list[Part] = []
+    own: list[Summand] = []
 
     def add(name: str, values: Array, key: Key, symbols: str = "") -> None:
         values = np.broadcast_to(np.asarray(values, dtype=float), test.states.t.shape)
         if np.abs(values).max() > SAME * scale and np.isfinite(values).all():
-            own.append(Part(name, values, key, symbols, row))
+            own.append(Summand(name, values, key, symbols, row))
 
     for channel, force in test.forces.items():
         add(_called(channel), force[row], ("channel", channel, None))
@@ -350,7 +350,7 @@ def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str,
             )
 
 
-def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list[Part]:
+def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list[Summand]:
     """Products of sines and cosines of some coordinates, rates and accelerations."""
     q, names = states.q, states.coordinates
     shapes: list[tuple[str, Array, set[str]]] = [("", np.ones(len(states)), set())]
@@ -374,7 +374,7 @@ def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list
             of = {f"u.{speed}", f"u.{states.speeds[j]}"}
             rates.append((product_of(states.speeds, (i, j)), states.u[i] * states.u[j], of))
     return [
-        Part(
+        Summand(
             "·".join(filter(None, (a, b))) or "1",
             x * y,
             of=None if of_rates is None else frozenset(of | of_rates),

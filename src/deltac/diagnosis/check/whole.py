@@ -21,14 +21,11 @@ from deltac.diagnosis.inference.hypotheses import Block, Fit, search
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.function import MOST_ORDERED, Caller
 from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.diagnosis.residuals.states import States
+from deltac.diagnosis.residuals.states import TRIAL_STATES, States
 from deltac.diagnosis.verdict import Finding
 from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
 from deltac.trajectories import Provenance, Trajectory
-
-STATES = 12
-"""States at which a hypothesis is tested."""
 
 MOST = 600
 """Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
@@ -38,7 +35,7 @@ SMALL = (1e-2, 1e-3)
 
 
 @dataclass(frozen=True)
-class Frame:
+class Convention:
     """Coordinates A q + c, speeds B u and accelerations B u̇ that a function may mean, in words."""
 
     words: str
@@ -95,7 +92,7 @@ def _coordinates(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
     return ()
 
 
-def _frames(test: EquationTest) -> Iterator[Frame]:
+def _frames(test: EquationTest) -> Iterator[Convention]:
     """Coordinates and speeds that a function may mean, the likeliest first."""
     names = test.states.coordinates
     n = len(names)
@@ -107,25 +104,27 @@ def _frames(test: EquationTest) -> Iterator[Frame]:
     for subject, members in groups:
         chosen = np.isin(np.arange(n), members)
         flipped = np.diag(np.where(chosen, -1.0, 1.0))
-        yield Frame(f"if {subject} counted the other way", check, flipped, zero, flipped)
+        yield Convention(f"if {subject} counted the other way", check, flipped, zero, flipped)
         for angle, text in ((np.pi, "π"), (np.pi / 2, "π/2"), (-np.pi / 2, "−π/2")):
             shift = np.where(chosen, angle, 0.0)
             words = f"if {subject} measured from elsewhere, {text} more"
-            yield Frame(words, check, one, shift, one)
-            yield Frame(f"{words}, and the other way", check, flipped, shift, flipped)
+            yield Convention(words, check, one, shift, one)
+            yield Convention(f"{words}, and the other way", check, flipped, shift, flipped)
     degrees = np.degrees(1.0)
     for subject, members in groups:
         chosen = np.isin(np.arange(n), members)
         D = np.diag(np.where(chosen, degrees, 1.0))
         remedy = "Convert them with np.radians"
-        yield Frame(f"if {subject} in degrees, with rates in degrees", remedy, D, zero, D)
-        yield Frame(f"if {subject} in degrees", remedy, D, zero, one)
+        yield Convention(f"if {subject} in degrees, with rates in degrees", remedy, D, zero, D)
+        yield Convention(f"if {subject} in degrees", remedy, D, zero, one)
     orders = permutations(range(n)) if n <= MOST_ORDERED else _exchanges(n)
     for order in orders:
         if order != tuple(range(n)):
             P = one[list(order)]
             listed = ", ".join(names[k] for k in order)
-            yield Frame(f"if its coordinates are in the order {listed}", "Order them", P, zero, P)
+            yield Convention(
+                f"if its coordinates are in the order {listed}", "Order them", P, zero, P
+            )
 
 
 def _exchanges(n: int) -> Iterator[tuple[int, ...]]:
@@ -372,7 +371,7 @@ def _simple(test: EquationTest) -> bool:
 
 
 def _some(states: States) -> States:
-    return states.take(np.arange(min(STATES, len(states))))
+    return states.take(np.arange(min(TRIAL_STATES, len(states))))
 
 
 def _called(caller: Caller, states: States) -> Array | None:

@@ -13,10 +13,7 @@ from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.causes.causes import KINDS, SLIPPED, Candidate, other_unit
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
-from deltac.results import Report, Section, Table, fraction
-
-SHOWN = 12
-"""Elements not seen in a log that a report names; `unseen` has all of them."""
+from deltac.results import SHOWN, Report, Section, Table, fraction
 
 SHOWN_EQUALS = 3
 """Causes that a finding names beside its own, where the log does not tell them apart."""

@@ -19,7 +19,7 @@ from deltac.kernels.rows import Expression
 from deltac.mechanism.channels import PASSIVE
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-from deltac.trajectories.columns import Kinematics
+from deltac.trajectories.columns import RateNames
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +139,7 @@ class Model:
         self.rated = run.udot is not None and "udot" not in run.provenance.derived
         self.change: _Change | None = None
         self.cost = int(made.acceleration.function.n_instructions())
-        names = Kinematics.of(run.coordinates, run.speeds)
+        names = RateNames.of(run.coordinates, run.speeds)
         self.of_q, self.of_u = np.asarray(free.q), np.asarray(free.u)
         free_q = {int(k): i for i, k in enumerate(free.q)}
         free_u = {int(k): i for i, k in enumerate(free.u)}

@@ -96,9 +96,6 @@ LARGE = 16_000_000
 """Numbers in a log (128 MB; a ledger of all rows takes several times that) above which an audit's ledger
 keeps some rows, and a Parquet file is read in parts."""
 
-PART = 4_000_000
-"""Numbers in such a part, about."""
-
 
 @dataclass(frozen=True, eq=False)
 class Log:
@@ -177,7 +174,7 @@ def read_log(
         path = Path(source)
         rows, columns = _size(path)
         if rows * columns > LARGE:
-            part = max(4, PART // columns // 4 * 4)
+            part = max(4, LARGE // 4 // columns // 4 * 4)
             return _in_parts(mechanism, path, work, mapping, part, progress)
     run = read_run(mechanism, source, mapping)
     return _whole(mechanism, run, work, measured=measured, keep=keep)

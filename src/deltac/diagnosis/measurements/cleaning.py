@@ -23,7 +23,7 @@ from deltac.diagnosis.measurements.kinematics import (
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-from deltac.trajectories.columns import Kinematics
+from deltac.trajectories.columns import RateNames
 
 FEW = 0.1
 """Share of the rows up to which slips are few: more copies or spikes are something else."""
@@ -180,7 +180,7 @@ def _at_the_pace_of_the_slower(
 
 def _differences(run: Trajectory) -> Trajectory | None:
     """The run with its speeds marked as derived where they are central differences of the coordinates."""
-    pairs = Kinematics.of(run.coordinates, run.speeds).rates
+    pairs = RateNames.of(run.coordinates, run.speeds).rates
     if len(pairs) < len(run.speeds) or len(run) < LEAST_ROWS or _whole(run):
         return None
     i, j = np.array(pairs).T
@@ -201,7 +201,7 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
     """Angles that jump by whole turns, as those reduced to (−π, π] do."""
     pairs = [
         (i, j)
-        for i, j in Kinematics.of(run.coordinates, run.speeds).rates
+        for i, j in RateNames.of(run.coordinates, run.speeds).rates
         if mechanism.coordinates[i].unit == "rad"
     ]
     if not pairs:

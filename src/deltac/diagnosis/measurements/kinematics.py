@@ -25,7 +25,7 @@ from deltac.diagnosis.measurements.digits import Chosen, digits_of
 from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-from deltac.trajectories.columns import Kinematics
+from deltac.trajectories.columns import RateNames
 from deltac.trajectories.lint import MANY, gap_rows
 from deltac.trajectories.rates import continuous, rotation_vectors
 
@@ -351,7 +351,7 @@ def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[st
     rows, edges = _looked_at(run)
     if not edges:
         return {}
-    kinematics = Kinematics.of(run.coordinates, run.speeds)
+    kinematics = RateNames.of(run.coordinates, run.speeds)
     free = {int(k) for k in mechanism.free.u}
     t, q, u = run.t[rows], run.q[rows], run.u[rows]
     digits = digits_of(run)

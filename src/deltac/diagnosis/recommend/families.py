@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from deltac.diagnosis.recommend.work_precision import Deadline, Family, Motion, Piece
-from deltac.diagnosis.study.simulators import MUJOCO, SimulationOptions
+from deltac.diagnosis.recommend.work_precision import Deadline, Family, MotionRows, VerifiedSpan
+from deltac.diagnosis.study.simulators import MUJOCO, SAMPLES, SimulationOptions
 from deltac.energy.accumulator import KEPT
 from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
 from deltac.importers.files import with_base
@@ -32,9 +32,6 @@ FEWEST, MOST = 20, 5_000_000
 
 MOST_OF_MUJOCO = 200_000
 """Steps of the finest setting in MuJoCo, where each is recorded."""
-
-SAMPLES = 200
-"""A run is timed with at least so many rows, or all of its steps."""
 
 ROWS = KEPT
 """Longer runs are judged in the search on at least so many of their steps; verified on all of them."""
@@ -167,10 +164,10 @@ def _own(
         steps = round(duration / step)
         return run(duration / (finer * steps), every=finer * _every(steps, rows))
 
-    def every_step(step: float) -> list[Piece]:
+    def every_step(step: float) -> list[VerifiedSpan]:
         steps = round(duration / step)
         return [
-            Piece(
+            VerifiedSpan(
                 lambda: stepped(step, steps),
                 lambda divisor: stepped(step, steps, round(divisor)),
                 FINER,
@@ -181,16 +178,16 @@ def _own(
     def adaptive(tolerance: float) -> Trajectory:
         return run(duration / SAMPLES, tolerance=tolerance)
 
-    def beginning(tolerance: float, span: float) -> Piece:
+    def beginning(tolerance: float, span: float) -> VerifiedSpan:
         divisors = tuple(sorted({min(n, tolerance / TIGHTEST) for n in TIGHTER}))
-        return Piece(
+        return VerifiedSpan(
             lambda: run(span / DENSE, span, tolerance=tolerance),
             lambda divisor: run(span / DENSE, span, tolerance=tolerance / divisor),
             divisors,
             divisors[min(2, len(divisors) - 1)],
         )
 
-    def beginnings(tolerance: float) -> list[Piece]:
+    def beginnings(tolerance: float) -> list[VerifiedSpan]:
         return [beginning(tolerance, duration / 10**k) for k in range(DECADES)]
 
     if solver.family in ("scipy", "sundials"):
@@ -236,7 +233,7 @@ def _mujoco(
         source, duration, integrator=integrator, controller=controller, state=state
     )
 
-    def plain(step: float, every: int = 0) -> Motion:
+    def plain(step: float, every: int = 0) -> MotionRows:
         """The run without recording, what a user will pay for; or with its motion at every so many steps."""
         import mujoco
 
@@ -259,11 +256,11 @@ def _mujoco(
             if every and (k + 1) % every == 0:
                 rows.append((start + (k + 1) * step, data.qpos.copy(), data.qvel.copy()))
         t, q, u = zip(*rows)
-        return Motion(np.array(t), np.array(q), np.array(u))
+        return MotionRows(np.array(t), np.array(q), np.array(u))
 
-    def every_step(step: float) -> list[Piece]:
+    def every_step(step: float) -> list[VerifiedSpan]:
         return [
-            Piece(
+            VerifiedSpan(
                 partial(recorded, step),
                 lambda divisor: plain(step / divisor, every=round(divisor)),
                 FINER,

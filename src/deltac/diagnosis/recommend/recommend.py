@@ -20,7 +20,7 @@ from deltac.arrays import EPS
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
-from deltac.calls.progress import Progress
+from deltac.calls.progress import TIME_LIMIT, Progress
 from deltac.diagnosis.inputs.channels import not_simulated
 from deltac.diagnosis.recommend.families import families
 from deltac.diagnosis.recommend.result import (
@@ -31,12 +31,13 @@ from deltac.diagnosis.recommend.result import (
 )
 from deltac.diagnosis.recommend.work_precision import (
     ALIKE,
+    LEAST_BUDGET,
     ROUNDING,
     Deadline,
     Family,
     OutOfTime,
     OverBudget,
-    Refused,
+    RefusedSolver,
     Trial,
     Trials,
 )
@@ -50,14 +51,8 @@ from deltac.diagnosis.verdict import REFINED_TOLERANCE, check_tolerance
 from deltac.errors import NO_NUMBER, InputError, SolverError
 from deltac.models import ModelLike, StateLike, load_model
 
-TIME_LIMIT = 60.0
-"""A search ends after so many seconds with the best that it has, and says what it left out."""
-
 TOO_DEAR = 8.0
 """A run may take this many times as long as the best prediction, then its solver is given up."""
-
-LEAST_BUDGET = 0.1
-"""Seconds that every run may take: the search itself takes longer."""
 
 STEPS = 50
 """Of the first run of a solver with fixed steps."""
@@ -151,7 +146,7 @@ def recommend(
     )
     trials = Trials(mechanism, state, of_motion)
     tolerances = (accepted, of_motion)
-    candidates = [Candidate(family, tolerances, duration) for family in choice]
+    candidates = [SolverCandidate(family, tolerances, duration) for family in choice]
     search = Search(candidates, trials, tolerances, deadline, progress)
     best = search.cheapest()
     refused = [c.reason for c in search.candidates if c.refused]
@@ -175,7 +170,7 @@ def recommend(
     )
 
 
-def _reasons(candidates: Sequence[Candidate]) -> list[str]:
+def _reasons(candidates: Sequence[SolverCandidate]) -> list[str]:
     """Why solvers were not run, or not to the end."""
     dearer = [c.family.name for c in candidates if not (c.trials or c.reason or c.given_up)]
     reasons = [c.reason or c.given_up for c in candidates if c.reason or c.given_up]
@@ -184,7 +179,7 @@ def _reasons(candidates: Sequence[Candidate]) -> list[str]:
     return reasons
 
 
-class Candidate:
+class SolverCandidate:
     """A solver, its trials by their place among its settings, and what these let expect."""
 
     def __init__(self, family: Family, tolerances: tuple[float, float], duration: float) -> None:
@@ -330,7 +325,7 @@ class Search:
 
     def __init__(
         self,
-        candidates: Sequence[Candidate],
+        candidates: Sequence[SolverCandidate],
         trials: Trials,
         tolerances: tuple[float, float],
         deadline: Deadline,
@@ -343,7 +338,7 @@ class Search:
         self._tolerances = tolerances
         self._first_wait = 0.0  # s, for the first trial of a solver, the longest so far
 
-    def cheapest(self) -> Candidate | None:
+    def cheapest(self) -> SolverCandidate | None:
         """The candidate whose setting is verified, and expected to be the cheapest; None if there is none."""
         try:
             while (candidate := self._next()) is not None:
@@ -366,7 +361,7 @@ class Search:
             self.notes.append("the time limit passed before all solvers were tried to the end")
         return None if self._trials.still else self._at_hand()
 
-    def _at_hand(self) -> Candidate | None:
+    def _at_hand(self) -> SolverCandidate | None:
         """The cheapest of those that a trial has found to keep the tolerances, verified."""
         self._deadline.lift()
         while ready := [c for c in self._alive if c.passing in c.trials]:
@@ -377,7 +372,7 @@ class Search:
         return None
 
     @property
-    def _alive(self) -> list[Candidate]:
+    def _alive(self) -> list[SolverCandidate]:
         return [c for c in self.candidates if not c.reason]
 
     @property
@@ -386,7 +381,7 @@ class Search:
         times = [t for c in self.candidates for t in c.times.values()]
         return 0.9 * min(times, default=0.0)
 
-    def _next(self) -> Candidate | None:
+    def _next(self) -> SolverCandidate | None:
         """The candidate with the least expected time; among equals that with the fewest evaluations.
 
         Until a trial has an order, that whose next trial will be over first.
@@ -401,13 +396,13 @@ class Search:
         equals = [c for c in alive if times[id(c)] <= ALIKE * least]
         return min(equals, key=self._evaluations)
 
-    def _wait(self, candidate: Candidate) -> float:
+    def _wait(self, candidate: SolverCandidate) -> float:
         """For the next trial, s; the first one includes what is to be compiled."""
         if not candidate.trials:
             return self._first_wait
         return REFINEMENT * candidate.waited if len(candidate.trials) > 1 else 0.0
 
-    def _least(self, candidate: Candidate) -> float:
+    def _least(self, candidate: SolverCandidate) -> float:
         """The expected time of a run, s; of a solver without trials no more than a bound.
 
         By its order, where it takes steps of one length, with evaluations as fast as those that were timed,
@@ -431,18 +426,18 @@ class Search:
         ]
         return min(explicit, default=0.0) if rate and candidate.family.implicit else 0.0
 
-    def _evaluations(self, candidate: Candidate) -> float:
+    def _evaluations(self, candidate: SolverCandidate) -> float:
         if not candidate.trials or candidate.given_up:
             return math.inf
         place = min(candidate.goal, len(candidate.family.settings) - 1)
         return candidate.prospect(place).evaluations or math.inf
 
-    def _budget(self, candidate: Candidate) -> float:
+    def _budget(self, candidate: SolverCandidate) -> float:
         """Seconds after which a run cannot be that of the best, as far as it is known."""
         times = [c.seconds(c.place, self._overhead) for c in self._alive if c.resolved]
         return max(TOO_DEAR * max(min(times, default=math.inf), candidate.floor), LEAST_BUDGET)
 
-    def _try(self, candidate: Candidate, place: int) -> None:
+    def _try(self, candidate: SolverCandidate, place: int) -> None:
         """Run a setting; of the first run that has an order, measure what more steps cost as well."""
         family, settings = candidate.family, candidate.family.settings
         if self._progress is not None:
@@ -461,7 +456,7 @@ class Search:
             brief = 10.0 * trial.seconds < LEAST_BUDGET and longer < len(settings)
             if brief and family.knob == "step" and place == max(candidate.times, default=0):
                 candidate.times[longer] = self._trials.seconds(family, settings[longer])
-        except Refused as refusal:
+        except RefusedSolver as refusal:
             candidate.reason, candidate.refused = f"{family.name} was left out: {refusal}", True
         except OverBudget as excess:
             candidate.floor = budget
@@ -473,7 +468,7 @@ class Search:
         if first:
             self._first_wait = max(self._first_wait, candidate.waited)
 
-    def _verify(self, candidate: Candidate, place: int) -> None:
+    def _verify(self, candidate: SolverCandidate, place: int) -> None:
         self._deadline.allow()
         estimate = candidate.trials[place]
         trial = self._trials.verified(candidate.family, estimate)
@@ -484,7 +479,7 @@ class Search:
         candidate.trials[place] = replace(trial, seconds=seconds)
         candidate.times[place] = seconds
 
-    def prospects(self, best: Candidate | None) -> tuple[Prospect, ...]:
+    def prospects(self, best: SolverCandidate | None) -> tuple[Prospect, ...]:
         """What was expected of every solver in the end, the cheapest first, the best before all."""
         tried = [c for c in self._alive if c.trials and c.goal < len(c.family.settings)]
         rows = {id(c): c.prospect(c.goal, self._overhead) for c in tried if not c.given_up}

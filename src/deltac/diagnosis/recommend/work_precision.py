@@ -14,7 +14,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
 from deltac.diagnosis.verdict import NOTHING
 from deltac.dynamics.equations_of_motion import equations_of_motion
@@ -32,7 +32,10 @@ Made = TypeVar("Made")
 REPEATS = 3
 """Times a run is timed, in seconds of the processor; the least counts, because other work only adds."""
 
-BRIEF = 0.05
+LEAST_BUDGET = 0.1
+"""Seconds that every run may take: the search itself takes longer."""
+
+BRIEF = 0.5 * LEAST_BUDGET
 """Seconds after which a run is not timed once more."""
 
 ALIKE = 1.2
@@ -47,13 +50,13 @@ SURE = 0.05
 ORDERLY = 0.75
 """Runs have the order if they gain at least this power of what it promises: at a kink less remains."""
 
-ROUNDING = 1e-13
+ROUNDING = 512 * EPS
 """No run in double precision keeps the energy better than this, as a share of the energy that the system has.
 What moves with less than this share of it does not move: its range is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MotionRows:
     """The rows of a run without its forces: t (T,) in s, coordinates q (T, nq), speeds u (T, nu)."""
 
     t: Array
@@ -61,11 +64,11 @@ class Motion:
     u: Array
 
 
-Rows: TypeAlias = Trajectory | Motion
+Rows: TypeAlias = Trajectory | MotionRows
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class VerifiedSpan:
     """A run as its user may record it, whole or the beginning of it, and what it is measured against.
 
     Attributes:
@@ -107,7 +110,7 @@ class Family:
     settings: tuple[float, ...]
     knob: str
     run: Callable[[float], Trajectory]
-    pieces: Callable[[float], Sequence[Piece]]
+    pieces: Callable[[float], Sequence[VerifiedSpan]]
     work: Callable[[float], object] | None = None
     halved: Callable[[float], float] = field(default=lambda h: h / 2)
     recorder: bool = False
@@ -200,7 +203,7 @@ class _Stopped(DeltacError):
     """A run that another one was to be measured against ended early."""
 
 
-class Refused(SolverError):
+class RefusedSolver(SolverError):
     """A solver that cannot do what the model asks for, whatever its step."""
 
 
@@ -305,7 +308,7 @@ class Trials:
         return replace(trial, energy=energy, motion=motion[0], doubt=motion[1], verified=True)
 
     def _error(
-        self, piece: Piece, run: Trajectory, spans: Array | None
+        self, piece: VerifiedSpan, run: Trajectory, spans: Array | None
     ) -> tuple[tuple[float, float], Array]:
         """The motion error of a run with the part that is its reference's; the ranges that it is a share of.
 
@@ -374,7 +377,7 @@ class Trials:
         energies = _energies(self.mechanism, run) if judged else None
         if isinstance(energies, str):
             return energies
-        return _Run(Motion(run.t, run.q, run.u), seconds, energies)
+        return _Run(MotionRows(run.t, run.q, run.u), seconds, energies)
 
 
 @dataclass(frozen=True, eq=False)
@@ -387,7 +390,7 @@ class _Run:
         energies: where it is judged by them.
     """
 
-    motion: Motion
+    motion: MotionRows
     seconds: float
     energies: _Energies | None
 
@@ -402,7 +405,7 @@ def _completed(make: Callable[[], Made]) -> Made | str:
         with quietly():
             run = make()
     except InputError as error:
-        raise Refused(str(error)) from error
+        raise RefusedSolver(str(error)) from error
     except (OutOfTime, OverBudget):
         raise
     except DeltacError as error:
@@ -463,7 +466,7 @@ def distance(mechanism: Mechanism, run: Rows, other: Rows, spans: Array | None =
     _, (rows, others) = common_times([run.t, other.t])
     if not rows.size:
         return math.inf
-    common = Motion(other.t[others], other.q[others], other.u[others])
+    common = MotionRows(other.t[others], other.q[others], other.u[others])
     q = one_sided(mechanism, np.array(run.q[rows]), common.q)
     error = np.abs(np.hstack([q - common.q, run.u[rows] - common.u])).max(axis=0)
     with np.errstate(all="ignore"):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac.arrays import ASSEMBLED, SAME, TINY, Array
-from deltac.diagnosis.residuals.kane import Kane, Point, times
+from deltac.diagnosis.residuals.kane import Kane, StatePoint, times
 from deltac.diagnosis.residuals.states import Scales, States, natural_scales
 from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at, matrices
 from deltac.dynamics.independence import independence
@@ -123,7 +123,7 @@ class EquationTest:
         kane = mechanism if isinstance(mechanism, Kane) else Kane(mechanism, coordinates)
         self.kane, self.states, self.speeds = kane, states, kane.speed_names
         self.scales = natural_scales(kane) if scales is None else scales
-        self.point: Point = kane.point(states.t, states.q, states.u, p)
+        self.point: StatePoint = kane.point(states.t, states.q, states.u, p)
         motion_terms: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u, p)
         active = {
             n: f for n, f in (forces or {}).items() if n.kind not in ("prescribed", "constraint")

@@ -18,7 +18,7 @@ from deltac.arrays import EPS, SAME, Array
 from deltac.calls.progress import Progress, counted, untold
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.diagnosis.residuals.states import States, some_rows, told
+from deltac.diagnosis.residuals.states import TRIAL_STATES, States, some_rows, told
 from deltac.errors import NO_NUMBER, InputError, SourceError
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import (
@@ -29,9 +29,6 @@ from deltac.simulation.state_form import (
     matching,
     signature,
 )
-
-SAMPLED = 8
-"""States at which a batch is compared with single calls, and a second call with the first."""
 
 NODES, ORDER = 9, 5
 """Points on a line, and the order of the differences in which only noise is left of a smooth function."""
@@ -48,7 +45,7 @@ EIGHTH = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 MOST_ORDERED = 5
 """Coordinates whose orders are all tried."""
 
-ROUGH = 2e-13
+ROUGH = 1024 * EPS
 """Noise above this (relative) is no rounding of double precision: differences or float32 are behind it."""
 
 
@@ -78,7 +75,7 @@ class Caller:
         if candidates == [PLAIN]:
             return
         right = test.rates, test.acceleration
-        places = some_rows(test.states, SAMPLED)
+        places = some_rows(test.states, TRIAL_STATES)
         some = test.states.take(places)
 
         def evaluate(form: StateForm) -> tuple[Array, Array]:
@@ -213,7 +210,7 @@ class Caller:
 
     def _examine(self, states: States) -> None:
         """Find out about batches, memory and writing."""
-        some = states.take(some_rows(states, SAMPLED))
+        some = states.take(some_rows(states, TRIAL_STATES))
         first = self._singly(some)
         backwards = slice(None, None, -1)
         second = self._singly(some.take(backwards))[:, backwards]
@@ -316,7 +313,7 @@ def noise(caller: Caller, test: EquationTest, scales: Array, among: int) -> Arra
     are taken from the first `among`, for slow slip bends within a short line.
     """
     states, kane = test.states, test.kane
-    some = states.take(some_rows(range(among), SAMPLED))
+    some = states.take(some_rows(range(among), TRIAL_STATES))
     rng = np.random.default_rng(1)
     count = len(some)
     shift = STEP * np.repeat(np.arange(NODES) - NODES // 2, count)

@@ -35,7 +35,7 @@ from deltac.mechanism.state import State
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class StatePoint:
     """The mechanism's free coordinates and speeds at B states, from own ones.
 
     `q` (nq, B), `u` = Y u′ + Z (n, B); `Y` (B, n, p) and `rest`, u̇ where u̇′ = 0 (n, B).
@@ -174,14 +174,14 @@ class Kane:
         inputs = [t, own.own_q, own.own_u, self.system.p]
         return ca.Function("map", inputs, columns, {"cse": True})
 
-    def point(self, t: Array, own_q: Array, own_u: Array, p: ArrayLike = ()) -> Point:
+    def point(self, t: Array, own_q: Array, own_u: Array, p: ArrayLike = ()) -> StatePoint:
         """The mechanism's coordinates and speeds from own ones; `p` as in `EquationsOfMotion.terms`."""
         if self.own is None:
             n, batch = own_u.shape
             eye = np.broadcast_to(np.eye(n), (batch, n, n))
-            return Point(t, own_q, own_u, eye, np.zeros((n, batch)))
+            return StatePoint(t, own_q, own_u, eye, np.zeros((n, batch)))
         q, u, Y, rest = evaluate_at(self._map, t[None, :], own_q, own_u, p)
-        return Point(t, q, u, matrices(Y, len(u), len(own_u)), rest)
+        return StatePoint(t, q, u, matrices(Y, len(u), len(own_u)), rest)
 
     @cached_property
     def _inverse(self) -> Any:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from deltac.arrays import ASSEMBLED, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.dynamics.admissible import onto_positions, onto_speeds
+from deltac.dynamics.admissible import NEWTON_STEPS, onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternions
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.singular_inertia import singular_inertia
@@ -38,10 +38,12 @@ speeds at which friction changes, where tanh differs from a step."""
 ROUNDS, HOPELESS = 40, 4
 """Draws of `count` states, at most; and how many without a single admissible one are enough."""
 
+TRIAL_STATES = 12
+"""States at which a hypothesis is tried, or a way to call a function."""
+
 LIGHT = 1e-2
 """The least share of the whole mass that an inertia's radius of gyration is taken with."""
 
-NEWTON_STEPS = 60
 WELL_CONDITIONED = 1e-2
 """Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map; a path on
 which the loops and own coordinates have one may change sides."""
@@ -322,7 +324,7 @@ def _draw_once(
             assert kane.own is not None
             own_q = np.pi * rng.uniform(-1.0, 1.0, (kane.own.own_q.shape[0], count))
         else:
-            q = onto_positions(kane.motion, t, q, tolerance=1e-14, most=NEWTON_STEPS)
+            q = onto_positions(kane.motion, t, q, tolerance=1e-14)
             u = onto_speeds(kane.motion, t, q, u, passes=2)
             moved = kane.own_coordinates(t, q)
             assert moved is not None

@@ -44,17 +44,8 @@ AGREE = 0.1
 UNVERIFIED = 0.05
 """Share of an order by which it may be off where no neighbouring steps confirm it: terms of higher order."""
 
-NOTABLE_END = 0.1
-"""An end value of so large a share of the maximum has an order of its own; smaller ones are of chance."""
-
-VAGUE = 0.5
-"""An order whose error is a larger share of it is none."""
-
 EARLY = 8
 """The first so many parts of the time tell truncation from rounding, before either is amplified."""
-
-WINDOWS = 3
-"""Parts of the time in which the order is estimated as well."""
 
 LARGEST_ORDER = 20.0
 
@@ -68,15 +59,13 @@ class Convergence:
             and quadrature at every step; "does not settle": what is there falls at no order; "one run"; "two
             runs": too few for what tends to a limit that is not known.
         order: observed order r; None where it cannot be told.
-        order_error: half of the spread of its estimates: by maximum, mean square, parts of the time, the
-            end value where it is not small, and neighbouring steps. Of curves that fall to zero the order
-            itself is that of the maximum.
+        order_error: half of the spread of its estimates: by maximum, mean square, and neighbouring steps. Of
+            curves that fall to zero the order itself is that of the maximum.
         limit: largest |L(t)|, extrapolated to h = 0, in the unit of the quantity.
         limit_error: its uncertainty.
         steps: of the runs that gave the order, coarsest first.
         sizes: largest |y| for each step of the study (of the differences, for a state).
         floors: what rounding and quadrature explain of each.
-        end_order: the order that the end value shows by itself.
     """
 
     trend: Trend
@@ -87,7 +76,6 @@ class Convergence:
     steps: tuple[float, ...] = ()
     sizes: tuple[float, ...] = ()
     floors: tuple[float, ...] = ()
-    end_order: float | None = None
 
     def __str__(self) -> str:
         if self.order is None:
@@ -171,11 +159,8 @@ def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
     well_clear = [pair for pair in pairs if sizes[pair[0] + 1] > WELL_CLEAR * floors[pair[0] + 1]]
     last, estimates = (well_clear or pairs)[-1]
     falling = float(medians(np.array(pairs[-1][1]))) >= LEAST_ORDER
-    ends = np.abs(y[last : last + 2, -1])
-    if (ends > NOTABLE_END * sizes[last : last + 2]).all():
-        estimates = [*estimates, _pair_order(h[last : last + 2], ends)]
     order, error = _with_neighbours(last, estimates, pairs, of_maximum=True)
-    certain = falling and order > 0.0 and error <= max(VAGUE * order, 1.0)
+    certain = falling and order > 0.0
     return Convergence(
         "falls to zero" if falling else "does not settle",
         order if certain else None,
@@ -183,7 +168,6 @@ def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
         limit,
         limit_error,
         (float(h[last]), float(h[last + 1])),
-        end_order=_pair_order(h[last : last + 2], ends) if (ends > 0.0).all() else None,
     )
 
 
@@ -269,7 +253,7 @@ def _weight(coarse: float, fine: float, order: float) -> float:
 
 
 def _estimates(h: Array, y: Array) -> list[float]:
-    """Orders of a pair of curves (2, T) that fall to zero: by maximum, mean square, parts of the time."""
+    """Orders of a pair of curves (2, T) that fall to zero: by maximum and mean square."""
     return [_pair_order(h, np.array(pair)) for pair in _measures(np.abs(y[0]), np.abs(y[1]))]
 
 
@@ -284,16 +268,8 @@ def _difference_orders(h: Array, coarse: Array, fine: Array) -> list[float]:
 
 
 def _measures(a: Array, b: Array) -> list[tuple[float, float]]:
-    """Sizes of two curves, in several ways of measuring, the maximum first; only where both are there."""
+    """Sizes of two curves, largest and in the mean; only where both are there."""
     pairs = [(float(a.max()), float(b.max())), (_rms(a), _rms(b))]
-    if len(a) >= 6 * WINDOWS:
-        parts = zip(np.array_split(a, WINDOWS), np.array_split(b, WINDOWS))
-        # A part in which next to nothing is left says nothing of the leading term.
-        pairs += [
-            (_rms(p), _rms(q))
-            for p, q in parts
-            if _rms(p) > 0.01 * pairs[1][0] and _rms(q) > 0.01 * pairs[1][1]
-        ]
     return [(p, q) for p, q in pairs if p > 0.0 and q > 0.0]
 
 

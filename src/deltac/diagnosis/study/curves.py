@@ -21,7 +21,7 @@ Rows: TypeAlias = NDArray[np.intp]
 PARTED = 0.1
 """Scaled difference of two motions from which on they are two motions."""
 
-CLOSE = 0.01
+CLOSE = 0.1 * PARTED
 """Scaled difference up to which two motions are close: what parts them grows in proportion."""
 
 FEWEST = 8
@@ -29,7 +29,7 @@ FEWEST = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ComparedRuns:
     """The same motion in n runs at their T common times.
 
     Attributes:
@@ -64,14 +64,14 @@ class Comparison:
         return np.array([curve[rows] for curve, rows in zip(curves, self.rows)])
 
 
-def compare(mechanism: Mechanism, runs: Sequence[Trajectory]) -> Comparison:
+def compare(mechanism: Mechanism, runs: Sequence[Trajectory]) -> ComparedRuns:
     """Put runs side by side, coarsest step first; the horizon is that of the three finest."""
     t, rows = common_times([run.t for run in runs])
     states = _scaled(mechanism, runs, rows)
     together = [_parting(t, a, b, PARTED) for a, b in zip(states, states[1:])]
     close = [_parting(t, a, b, CLOSE) for a, b in zip(states[-3:], states[-2:])]
     horizon, near = (min(times[-2:], default=float(t[-1])) for times in (together, close))
-    return Comparison(t, tuple(rows), states, horizon, tuple(together), near)
+    return ComparedRuns(t, tuple(rows), states, horizon, tuple(together), near)
 
 
 def _parting(t: Array, a: Array, b: Array, difference: float) -> float:

@@ -9,9 +9,9 @@ import numpy as np
 from deltac.arrays import SAME, TINY
 from deltac.diagnosis.inputs.omissions import impacts_not_held
 from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.diagnosis.study.curves import FEWEST, Comparison, by_unit, growth
+from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, by_unit, growth
 from deltac.diagnosis.study.rules import BELOW
-from deltac.diagnosis.study.runs import BalancedRun, corrections
+from deltac.diagnosis.study.runs import LASTING, BalancedRun, corrections
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
@@ -26,15 +26,12 @@ JUMP = 10.0
 NOTICEABLE = 0.01
 """Share of the largest speed of its unit that a jump must reach."""
 
-STAYS = 0.8
-"""A violation that is no smaller than this share of that at coarser steps does not fall with the step."""
-
 STILL = 1e-3
 """Share of the energy exchanged below which works that are no potential count as none."""
 
 
 def of_comparison(
-    compared: Comparison, runs: Sequence[BalancedRun], knob: str = "step"
+    compared: ComparedRuns, runs: Sequence[BalancedRun], knob: str = "step"
 ) -> Iterator[Finding]:
     """Few common times; runs of different length; a horizon before the end."""
     spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs]
@@ -157,7 +154,7 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
 
 
 def of_constraints(
-    runs: Sequence[BalancedRun], compared: Comparison, tolerance: float, *, trusted: bool
+    runs: Sequence[BalancedRun], compared: ComparedRuns, tolerance: float, *, trusted: bool
 ) -> Iterator[Finding]:
     """Constraints, driven joints or quaternions that are violated though energy may be kept.
 
@@ -180,7 +177,7 @@ def of_constraints(
         stays = (
             len(together) > 1
             and compared.within >= FEWEST
-            and together[-1] > max(STAYS * max(together), 1e-6, tolerance * span)
+            and together[-1] > max(LASTING * max(together), 1e-6, tolerance * span)
         )
         blamed = stays and not trusted and what != "quaternion"
         yield Finding(

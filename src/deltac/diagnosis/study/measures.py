@@ -34,7 +34,7 @@ SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Residuals(Serialisable, omit=("findings",)):
+class SampleResiduals(Serialisable, omit=("findings",)):
     """What is left of Kane's equations at the states of the runs.
 
     Attributes:
@@ -108,7 +108,7 @@ def residuals_of(
     *,
     until: float,
     trusted: bool,
-) -> Residuals | None:
+) -> SampleResiduals | None:
     """Residuals of runs (step, run), coarsest first; None where no accelerations were measured.
 
     `own` are coordinates to express them in; `until` is when the runs part. `trusted`: the runs are our own
@@ -141,7 +141,7 @@ def residuals_of(
         order = _falling(kane, measured[-2:], until)
     constraints = of_finest.constraints(finest)
     names, relative = blamed.test.speeds, blamed.relative
-    return Residuals(names, relative, constraints, tuple(worst), order, tuple(findings))
+    return SampleResiduals(names, relative, constraints, tuple(worst), order, tuple(findings))
 
 
 def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float) -> float:
@@ -233,7 +233,7 @@ class StudyMeasures:
     energy: Convergence
     state: Convergence
     momentum: dict[str, Convergence]
-    residuals: Residuals | None
+    residuals: SampleResiduals | None
     trusted: bool
     nominal: int | None
     tolerance: float

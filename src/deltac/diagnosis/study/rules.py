@@ -12,9 +12,6 @@ BELOW = 0.6
 """An observed order that is off by more than this and its error is a finding: what is not smooth costs a
 whole order or more, and steps that are still coarse a part of one."""
 
-ENDS_OTHERWISE = 0.3
-"""An order of the end value that differs by more from that of the whole is worth a word."""
-
 LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
     "a wrong force that does no work, where the runs have no accelerations",
@@ -253,9 +250,6 @@ def _energy(m: StudyMeasures) -> str:
     )
     if m.energy.order is not None and m.energy.trend != "tends to a limit":
         text += f"; order {order_text(m.energy)}"
-        end = m.energy.end_order
-        if end is not None and abs(end - m.energy.order) > ENDS_OTHERWISE:
-            text += f" ({end:.1f} at the final time)"
     if m.energy.trend == "tends to a limit":
         text += f"; limit {m.energy.limit:.3g} ± {m.energy.limit_error:.1g} J"
     return text

@@ -397,7 +397,7 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
 
 
 LASTING = 0.7
-"""A slip of the log is the same at every step; what falls below this share of its size is the method's."""
+"""What is wrong in a log is the same at every step; what falls below this share is the method's."""
 
 
 def lasting(runs: tuple[StudyRun, ...]) -> tuple[StudyRun, ...]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
@@ -21,8 +21,8 @@ from deltac.diagnosis.inputs.omissions import (
 )
 from deltac.diagnosis.study import findings as noticed
 from deltac.diagnosis.study.convergence import Convergence, between_runs, order_text, towards_zero
-from deltac.diagnosis.study.curves import FEWEST, Comparison, compare, disagreements
-from deltac.diagnosis.study.measures import Residuals, StudyMeasures, residuals_of
+from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, compare, disagreements
+from deltac.diagnosis.study.measures import SampleResiduals, StudyMeasures, residuals_of
 from deltac.diagnosis.study.rules import judge_study
 from deltac.diagnosis.study.runs import (
     BalancedRun,
@@ -92,8 +92,8 @@ class Study(
     runs: tuple[StudyRun, ...]
     observed_order: Mapping[str, Convergence]
     momentum: Mapping[str, Convergence]
-    residuals: Residuals | None
-    comparison: Comparison
+    residuals: SampleResiduals | None
+    comparison: ComparedRuns
     function: str
     measures: StudyMeasures
     verdict: Verdict
@@ -190,10 +190,6 @@ class Study(
 # --- from the runs of a study to what it found ---------------------------------------------------
 
 
-NOISE = 1e-10
-"""Share of the energy exchanged below which a ΔC that does not fall is what an iterative solution leaves."""
-
-
 def studied(
     loaded: Model,
     runs: tuple[StudyRun, ...],
@@ -239,11 +235,6 @@ def studied(
     trusted = maker.trusted and maker.equations is None
     if trusted and finest.blown_up:  # what is left before that is no motion to have an order
         energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
-    if nominal is not None:
-        energy, state = (
-            {n: _possible(c, nominal) for n, c in energy.items()},
-            _possible(state, nominal),
-        )
     residuals = None
     if not trusted:
         by_step = [(entry.step, entry.run) for entry in comparable]
@@ -335,7 +326,7 @@ def _of_a_part(verdict: Verdict, omissions: list[Finding]) -> Verdict:
 # --- measures -------------------------------------------------------------------------------------
 
 
-def _first_together(compared: Comparison) -> int:
+def _first_together(compared: ComparedRuns) -> int:
     """The coarsest run from which on all stay together up to the horizon."""
     first = len(compared.rows) - 1
     while first > 0 and compared.together[first - 1] >= compared.horizon:
@@ -346,7 +337,7 @@ def _first_together(compared: Comparison) -> int:
 def _within(
     curves: Sequence[Array],
     bars: Sequence[Array],
-    compared: Comparison,
+    compared: ComparedRuns,
     first: int,
     steps: Array,
 ) -> Convergence:
@@ -358,34 +349,17 @@ def _within(
 
 def _kept(convergence: Convergence, scale: float) -> Convergence:
     """Without an order where energy is kept at every step: what is left is the noise of the solver."""
-    if convergence.trend == "does not settle" and max(convergence.sizes) <= NOISE * scale:
-        return replace(
-            convergence, trend="at its floor", order=None, order_error=None, end_order=None
-        )
+    if convergence.trend == "does not settle" and max(convergence.sizes) <= SAME * scale:
+        return replace(convergence, trend="at its floor", order=None, order_error=None)
     return convergence
-
-
-def _possible(convergence: Convergence, nominal: int) -> Convergence:
-    """Without an order that no method of that nominal one has: the coarse run was no approximation.
-
-    Errors that cancel over a period, or by symmetry, double an order at most.
-    """
-    if (
-        convergence.order is None
-        or convergence.order - (convergence.order_error or 0.0) <= 2 * nominal + 1
-    ):
-        return convergence
-    return replace(convergence, order=None, order_error=None, end_order=None)
 
 
 def _none(convergence: Convergence) -> Convergence:
     """The same without an order."""
-    return replace(
-        convergence, trend="does not settle", order=None, order_error=None, end_order=None, steps=()
-    )
+    return replace(convergence, trend="does not settle", order=None, order_error=None, steps=())
 
 
-def _state(compared: Comparison, first: int, steps: Array, rows: Sequence[int]) -> Convergence:
+def _state(compared: ComparedRuns, first: int, steps: Array, rows: Sequence[int]) -> Convergence:
     within = compared.closely
     if within < min(FEWEST, len(compared.t)) or within < 2:
         return Convergence("does not settle" if len(steps) > 1 else "one run")

@@ -134,7 +134,7 @@ def _running_kernel(rows: int) -> Kernel:
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
+class RunningPiece:
     """Integrals at rows from the `first` to the `last` of a block: `value` (k, n), after `call`.
 
     `needed` are the rows of `powers` that it reads, those before the block included.
@@ -173,13 +173,13 @@ class Running:
         before = aligned(len(STATE), lanes)
         around = self._powers[: 2 * REACH + 1]
         self.start = _start_kernel().bound_batch(around, before[: _start_kernel().n_out])
-        self.pieces: list[Piece] = []
+        self.pieces: list[RunningPiece] = []
         top = 0
         for (a, b), kernel in zip(pairwise(cuts), kernels):
             out = self._found[top : top + kernel.n_out]
             x = self._powers[a : b + 2 * REACH + 1]
             value = out[kernel.output_slices["value"], :columns]
-            self.pieces.append(Piece(a, b, kernel.bound_batch(x, out, before), value))
+            self.pieces.append(RunningPiece(a, b, kernel.bound_batch(x, out, before), value))
             places = {name: top + where.start for name, where in kernel.output_slices.items()}
             self._value[a : b + 1] = places["value"] + np.arange(b - a + 1)
             looked = (np.arange(b - a + 1) + 1) // 2

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import Impulses, impulse_terms
 from deltac.dynamics.momentum import momentum_balances
@@ -27,7 +27,7 @@ from deltac.mechanism.channels import ByChannel
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
-INWARD = 1e-9
+INWARD = SAME
 """Rows at which a law switches are evaluated this fraction of an interval within their piece: there the law
 is that of the piece.
 """
@@ -40,7 +40,7 @@ LONG = 9
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class LogRows:
     """The rows of a run, with two more at each event within.
 
     `own` are the places of the run's own rows, `starts` those at which a new piece begins; `inward` (T,)
@@ -64,13 +64,13 @@ class Rows:
         return len(self.t)
 
 
-def rows_of(run: Trajectory) -> Rows:
+def rows_of(run: Trajectory) -> LogRows:
     """The rows of a run and of its events; one at the time of the first row is over."""
     events = tuple(event for event in run.events if event.t > run.t[0])
     shared = (run.coordinates, run.speeds, run.provenance)
     if not events:
         every = slice(None)  # a view of long columns, not a copy
-        return Rows(run.t, run.q, run.u, run.udot, run.forces, *shared, every, (), None, ())
+        return LogRows(run.t, run.q, run.u, run.udot, run.forces, *shared, every, (), None, ())
     # An event's rows come before the first row that is not earlier: such a row has the state after.
     at = np.repeat(np.searchsorted(run.t, [event.t for event in events], "left"), 2)
     starts = tuple(int(row) for row in at[1::2] + np.arange(1, len(at), 2))
@@ -98,7 +98,7 @@ def rows_of(run: Trajectory) -> Rows:
         if any(name.startswith("switch ") for name in event.names):
             inward[row] = INWARD * (t[min(row + 1, len(t) - 1)] - t[row])
             inward[row - 1] = INWARD * (t[row - 2] - t[row - 1])
-    return Rows(
+    return LogRows(
         t,
         inserted(run.q, both("q", "q")),
         inserted(run.u, both("u_before", "u_after")),
@@ -193,7 +193,7 @@ class Jumps:
 
 
 def jumps(
-    rows: Rows,
+    rows: LogRows,
     t: Array,
     system: System,
     constrained: Constrained | None,

@@ -38,7 +38,7 @@ TRIPLE = 40
 SUMMED = 24
 """Constants of which sums and differences of two are taken as well."""
 
-SUM_TRIPLE = 12
+SUM_TRIPLE = SUMMED // 2
 """The same where two products are added."""
 
 MOST_SUMMED, MOST_PAIRS = 3000, 40

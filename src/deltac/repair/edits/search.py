@@ -18,7 +18,7 @@ from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
-from deltac.repair.edits.required import Requirement, Requirements
+from deltac.repair.edits.required import NEWTON_STEPS, Requirement, Requirements
 from deltac.repair.edits.single import additions, edits, structure
 from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.tracing.program import Program, at, reading
@@ -26,10 +26,10 @@ from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import TapeChange
 
-TRACED_OPERATIONS = 2_000_000
-"""Operations of the function that are recorded where the text of edits is traced again, about."""
+OPERATIONS = 20_000_000
+"""Operations of a function that a search of one kind runs, about."""
 
-FIRST_STATES = 3
+FIRST_STATES = 4
 """States at which a text is traced again at first."""
 
 TRACED_EDITS = 1500
@@ -170,7 +170,7 @@ class EditSearch:
             if id(statement) in statements or any(id(n) in statements for n in inner):
                 self.untraced += structure(source, place, self.names)
         right: list[EditCandidate] = []
-        most = min(TRACED_EDITS, TRACED_OPERATIONS // len(self.program.tape))
+        most = min(TRACED_EDITS, OPERATIONS // 10 // len(self.program.tape))
         texts: set[tuple[int, str]] = set()
         for candidate in sorted(self.untraced, key=lambda c: c.cost):
             late = time.monotonic() > self.deadline
@@ -212,14 +212,6 @@ def confirmed(
         return None
     return changed if again.wrong < RIGHT else None
 
-
-POOL = 20_000
-
-FOLLOWED_OPERATIONS = 20_000_000
-"""Operations that are run to follow first edits, about: nearly all pairs that are found are found early."""
-
-ITERATIONS = 10
-"""Runs of a program that it takes to find what one of its expressions must be, about."""
 
 ALONG = 1e-5
 """A residual within this share of the direction in which an expression acts may be that expression's."""
@@ -265,7 +257,7 @@ def _pool(search: EditSearch) -> list[First]:
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
     varying = [place for place in places if not search.names.constant(place)]
     trials = itertools.chain(search.tried(places, edits), search.tried(varying, additions))
-    for candidate, changes in itertools.islice(trials, POOL):
+    for candidate, changes in itertools.islice(trials, OPERATIONS // 1000):
         effect = program.residual(changes) - base
         size = np.abs(effect).max()
         if np.isfinite(size) and size > RIGHT:
@@ -310,7 +302,7 @@ def _closing(search: EditSearch) -> list[First]:
     firsts: list[First] = []
     right = np.abs(program.original_residual).max(axis=1) < RIGHT
     closings = itertools.product(program.numbers, np.flatnonzero(~right).tolist())
-    for place, row in itertools.islice(closings, _turns(program, ITERATIONS)):
+    for place, row in itertools.islice(closings, _turns(program, NEWTON_STEPS)):
         if time.monotonic() > search.deadline:
             break
         r = search.requirements.closing(place, row)
@@ -325,8 +317,8 @@ def _closing(search: EditSearch) -> list[First]:
 
 
 def _turns(program: Program, runs: int) -> int:
-    """How many of what runs a program so many times are within `FOLLOWED_OPERATIONS`."""
-    return 1 + FOLLOWED_OPERATIONS // max(runs * len(program.tape), 1)
+    """How many of what runs a program so many times are within `OPERATIONS`."""
+    return 1 + OPERATIONS // max(runs * len(program.tape), 1)
 
 
 def _followed(

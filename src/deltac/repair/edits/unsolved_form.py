@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import ROOT_EPS, Array
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.tape import TapeChange, identity
 
-LINEAR = 1e-8
+LINEAR = ROOT_EPS
 """Relative departure from linearity that is rounding."""
 
 MOST_SLOTS = 80
@@ -26,7 +26,7 @@ MOST_SLOTS = 80
 
 MOST_EQUATIONS = 3
 
-WORST = 1e8
+WORST = 1.0 / ROOT_EPS
 """Condition of M⁻¹ beyond which its inverse says nothing."""
 
 

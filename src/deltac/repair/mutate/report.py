@@ -22,19 +22,17 @@ from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
 from deltac.errors import FileError, InputError, LimitError, SourceError, UnknownName
-from deltac.mechanism.coordinate_map import CoordinateMap
+from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
+from deltac.repair.edits.running import RUN_TIME
 from deltac.repair.mutate.operators import KINDS, Mutant, mutants
 from deltac.repair.tracing.program import ProgramReading, at, named_parameters, read, spans
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source, source_of
-from deltac.results import Report, Section, Serialisable, Table
-from deltac.simulation.equations import Equations, RightHandSide
+from deltac.results import SHOWN, Report, Section, Serialisable, Table
+from deltac.simulation import Equations, RightHandSide
 
 SUITE = "your tests"
-
-EXAMPLES = 3
-"""Mutants that are told for one reason."""
 
 RESIDUAL, MOMENTUM, CONSTRAINTS = "coordinate residual", "momentum", "constraints"
 
@@ -164,7 +162,7 @@ def _examples(trials: Sequence[MutantTrial]) -> str:
     by_kind = {t.mutant.kind: t.mutant for t in trials}
     some = [*by_kind.values(), *(t.mutant for t in trials)]
     texts = [f"line {m.line}, {m.before} → {m.after or 'nothing'}" for m in some]
-    return "; ".join(list(dict.fromkeys(texts))[:EXAMPLES])
+    return "; ".join(list(dict.fromkeys(texts))[:SHOWN])
 
 
 @checked
@@ -329,9 +327,6 @@ LEFT_OUT = tuple(
 MARKS = (".git", ".hg", "pyproject.toml", "setup.py", "setup.cfg", "tox.ini", "pytest.ini")
 """What stands in the root of a project."""
 
-EXTRA_SECONDS = 10.0
-"""A run may take three times as long as that of the right program, and this much more (s)."""
-
 
 @dataclass(frozen=True)
 class Suite:
@@ -397,7 +392,7 @@ def copied(command: str, file: Path, function: str) -> Iterator[Suite]:
             raise SourceError(
                 f"tests {command!r}: they fail on {file.name} as it is; let them pass first"
             )
-        seconds = 3.0 * (time.monotonic() - start) + EXTRA_SECONDS
+        seconds = 3.0 * (time.monotonic() - start) + RUN_TIME
         suite = Suite(words, folder, suite.file, suite.environment, seconds)
         if suite.passes("raise ImportError('not to be loaded')\n" + text):
             raise SourceError(

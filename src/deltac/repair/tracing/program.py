@@ -18,7 +18,7 @@ from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import Slot, Solve, Tape, TapeChange, TapeRow, identity
 from deltac.repair.tracing.tracer import Instance, Trace, branches, form_of
-from deltac.simulation.state_form import StateForm, candidate_forms, likeliest
+from deltac.simulation import StateForm, candidate_forms, likeliest
 
 PLAIN = 12
 """Whole numbers up to this are nobody's parameter by their value alone."""

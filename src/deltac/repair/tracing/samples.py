@@ -9,15 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
-from deltac.diagnosis.residuals.at_states import LEAST as FLOOR
-from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.states import draw, natural_scales, told
+from deltac.arrays import ROOT_EPS, Array
+from deltac.diagnosis import LEAST as FLOOR
+from deltac.diagnosis import EquationTest, Kane, draw, natural_scales, told
 from deltac.errors import InputError
-from deltac.mechanism.coordinate_map import CoordinateMap
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.state import State
+from deltac.mechanism import CoordinateMap, Mechanism, State
 
 NOMINAL, VARIED, SETS = 16, 8, 2
 """States at the parameters' own values; states at each other set of values; how many such sets."""
@@ -27,7 +23,7 @@ SPREADS = ((0.6, 1.6), (0.6, 1.6), (0.85, 1.2), (0.85, 1.2), (0.96, 1.04), (0.99
 
 LEAST_SIZE = 1e-3
 
-RIGHT = 1e-8
+RIGHT = ROOT_EPS
 """Residuals below this share of the equation's typical terms are rounding (terms cancel, angles are of
 size 1, matrices are solved: some hundreds of ulps at worst, 1e-13)."""
 

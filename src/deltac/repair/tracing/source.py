@@ -13,8 +13,7 @@ from typing import Any
 
 from deltac.errors import FileError, SourceError, UnknownName, closest
 from deltac.repair.tracing.modules import UserModule, bound, parsed
-from deltac.simulation.equations import Equations, RightHandSide
-from deltac.simulation.state_form import Order, StateForm
+from deltac.simulation import Equations, Order, RightHandSide, StateForm
 
 
 @dataclass(frozen=True, eq=False, repr=False)

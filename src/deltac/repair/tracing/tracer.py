@@ -33,7 +33,7 @@ from deltac.repair.tracing.library import Float, Foreign, Int, LibraryNumber, ob
 from deltac.repair.tracing.modules import UserModule, found_beside
 from deltac.repair.tracing.source import Source, innermost
 from deltac.repair.tracing.tape import COMPARISONS, Slot, Tape, TapeBranch, TapeError, identity
-from deltac.simulation.state_form import PLAIN
+from deltac.simulation import PLAIN
 
 STANDARD = Path(sysconfig.get_path("stdlib"))
 """Python's own modules, whose functions are not traced."""

@@ -13,7 +13,7 @@ from deltac.report.page.parts import Page
 if TYPE_CHECKING:
     from deltac.models import ModelLike
     from deltac.results import Report
-    from deltac.simulation.equations import Equations, RightHandSide
+    from deltac.simulation import Equations, RightHandSide
     from deltac.trajectories import Trajectory
 
 __all__ = [
@@ -53,7 +53,7 @@ def html_of(
 ) -> str:
     """The page of a report as HTML."""
     from deltac.models import load_model
-    from deltac.simulation.equations import Equations
+    from deltac.simulation import Equations
 
     if equations is not None and not isinstance(equations, Equations):
         equations = Equations(equations)

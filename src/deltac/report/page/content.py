@@ -12,25 +12,29 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.audit.audit import Audit
-from deltac.diagnosis.check.check import EquationCheck
-from deltac.diagnosis.explain.result import Explanation
-from deltac.diagnosis.recommend.result import Recommendation, setting_of
-from deltac.diagnosis.recommend.work_precision import Trial
-from deltac.diagnosis.study.convergence import order_text
-from deltac.diagnosis.study.runs import before_blow_up
-from deltac.diagnosis.study.study import Study
-from deltac.diagnosis.verdict import MEANINGS, Judged, Verdict
+from deltac.diagnosis import (
+    MEANINGS,
+    Audit,
+    EquationCheck,
+    Explanation,
+    Judged,
+    Recommendation,
+    Study,
+    Trial,
+    Verdict,
+    before_blow_up,
+    order_text,
+    setting_of,
+)
 from deltac.energy import Ledger
 from deltac.errors import DeltacError
-from deltac.mechanism.channels import KINDS
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import CHANNEL_KINDS, Mechanism
 from deltac.models import Model
 from deltac.procedure import TITLES, Examination
 from deltac.repair.outcome import Fix, Repair
 from deltac.report.page.parts import (
     Chapter,
-    Code,
+    CodeListing,
     Grid,
     Page,
     Part,
@@ -38,7 +42,7 @@ from deltac.report.page.parts import (
     Tone,
     Words,
 )
-from deltac.report.page.scene import Scene, scene
+from deltac.report.page.scene import Drawing, scene
 from deltac.report.panels import (
     MOST_LINES,
     Line,
@@ -57,7 +61,7 @@ from deltac.report.panels import (
     study_errors,
 )
 from deltac.results import Finding, Report, Section, Table, Verbatim, fraction, number, percent
-from deltac.simulation.equations import Equations
+from deltac.simulation import Equations
 from deltac.trajectories import Trajectory
 from deltac.verbs import simulate
 
@@ -248,7 +252,9 @@ def _(report: EquationCheck, context: Beside) -> Page:
             part for repair in repairs for part in repair.sections() if isinstance(part, str)
         ]
         words = Words("The edit that makes it right", tuple(map(_sentence, sentences)))
-        diff = Code(f"{found.file}, line {', '.join(map(str, found.lines))}", found.diff, diff=True)
+        diff = CodeListing(
+            f"{found.file}, line {', '.join(map(str, found.lines))}", found.diff, diff=True
+        )
         chapters.append(Chapter("What is wrong, and the correction", (words, diff)))
     if where:
         chapters.append(Chapter("Where the equations fail", (Words("", tuple(where)),)))
@@ -359,7 +365,7 @@ def _pair(report: EquationCheck, context: Beside) -> tuple[Trajectory, Trajector
     return None if right is None or wrong is None else (right, wrong)
 
 
-def _right_and_wrong(report: EquationCheck, context: Beside) -> Scene | None:
+def _right_and_wrong(report: EquationCheck, context: Beside) -> Drawing | None:
     both = _pair(report, context)
     if both is None or context.mechanism is None:
         return None
@@ -553,7 +559,7 @@ def _instant(finding: Finding, ledger: Ledger | None, run: Trajectory | None) ->
 def _element(finding: Finding) -> str:
     """The joint, body or element of a finding: of a channel, its element."""
     kind, _, element = finding.element.partition(" ")
-    return element if element and kind in KINDS else finding.element
+    return element if element and kind in CHANNEL_KINDS else finding.element
 
 
 def _motion(run: Trajectory | None, mechanism: Mechanism | None) -> Iterator[Chapter]:
@@ -568,7 +574,7 @@ def moving(
     mechanism: Mechanism | None,
     runs: Sequence[tuple[str, Trajectory | None]],
     side_by_side: bool = False,
-) -> Scene | None:
+) -> Drawing | None:
     """The scene of those runs that are there; None without a mechanism."""
     shown_runs = [(name, run) for name, run in runs if run is not None and len(run) > 1]
     return None if mechanism is None else scene(mechanism, shown_runs, side_by_side)
@@ -594,7 +600,7 @@ def _told(report: Report, heading: str = "The report") -> Iterator[Chapter]:
         if isinstance(section, Table):
             parts.append(Grid.of("", section))
         elif isinstance(section, Verbatim):
-            parts.append(Code("", section.text, diff=section.text.startswith(("---", "@@"))))
+            parts.append(CodeListing("", section.text, diff=section.text.startswith(("---", "@@"))))
     if words:
         parts.append(Words("", tuple(words)))
     yield Chapter(heading, tuple(parts))

@@ -13,15 +13,19 @@ import numpy as np
 from deltac.analysis.evaluate import Evaluation, evaluated
 from deltac.analysis.model import Instants
 from deltac.arrays import Array
-from deltac.dynamics.equations_of_motion import equations_of_motion, evaluate_at
-from deltac.dynamics.scene import Scene as Places
-from deltac.mechanism.channels import ChannelName
-from deltac.mechanism.constraints import Distance, Loop, PointOn
-from deltac.mechanism.contact import Contact
-from deltac.mechanism.forces import PointForce
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.quantities import is_zero
-from deltac.mechanism.scope import GROUND
+from deltac.dynamics import TracedScene as Places
+from deltac.dynamics import equations_of, evaluate_at, trace
+from deltac.mechanism import (
+    GROUND,
+    ChannelName,
+    Contact,
+    Distance,
+    Loop,
+    Mechanism,
+    PointForce,
+    PointOn,
+    is_zero,
+)
 from deltac.report.page.geometry import constant
 from deltac.report.page.parts import Numbers
 from deltac.trajectories import Trajectory
@@ -59,7 +63,7 @@ class _Acted:
     @cached_property
     def evaluation(self) -> Evaluation:
         """What the model says of these instants."""
-        return evaluated(equations_of_motion(self.mechanism), self.at)
+        return evaluated(equations_of(trace(self.mechanism)), self.at)
 
     def force(self, channels: Sequence[str]) -> Array:
         """The sum (frames, free speeds) over some channels: as logged, else as the model has it."""
@@ -150,7 +154,7 @@ def _jacobian(
 
     Of the velocity beside that of the point of `other` in the same place.
     """
-    system = equations_of_motion(mechanism).system
+    system = equations_of(trace(mechanism)).system
 
     def function() -> Any:
         places = system.once("scene", lambda: Places(system))

@@ -9,12 +9,22 @@ from typing import Any, Literal
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.mechanism.bodies import Body
-from deltac.mechanism.constraints import Distance, Loop, PointOn
-from deltac.mechanism.forces import SpringDamper, Tendon
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.scope import GROUND
-from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere, Visual
+from deltac.mechanism import (
+    GROUND,
+    Body,
+    Box,
+    Capsule,
+    Distance,
+    HalfSpace,
+    Loop,
+    Mechanism,
+    PointOn,
+    Shape,
+    Sphere,
+    SpringDamper,
+    Tendon,
+    Visual,
+)
 from deltac.report.page.parts import Numbers
 
 FACES = 1500
@@ -22,7 +32,7 @@ FACES = 1500
 
 
 @dataclass(frozen=True, eq=False)
-class Form:
+class Solid:
     """A shape as the page draws it; mesh vertices and faces are flat."""
 
     kind: str
@@ -39,7 +49,7 @@ class Drawn:
     """A body: its name, its shapes, the joint that carries it, and whether its looks are its inertia's."""
 
     name: str
-    forms: tuple[Form, ...]
+    forms: tuple[Solid, ...]
     carried: dict[str, Any] | None
     inferred: bool
     tip: tuple[float, ...]
@@ -56,7 +66,7 @@ class Tie:
 
 def drawn_bodies(mechanism: Mechanism, size: float) -> Iterator[Drawn]:
     """The ground and all bodies as they are drawn, in a mechanism of that size (m)."""
-    own: dict[str, list[Form]] = {GROUND: [], **{body.name: [] for body in mechanism.bodies}}
+    own: dict[str, list[Solid]] = {GROUND: [], **{body.name: [] for body in mechanism.bodies}}
     for visual in mechanism.visuals:
         own[visual.body].append(_form(visual))
     for shape in contact_shapes(mechanism):
@@ -85,12 +95,12 @@ def drawn_bodies(mechanism: Mechanism, size: float) -> Iterator[Drawn]:
         yield Drawn(body.name, tuple(forms), carried, inferred, _tip(mechanism, body))
 
 
-def _form(visual: Visual) -> Form:
+def _form(visual: Visual) -> Solid:
     vertices = faces = None
     if visual.vertices is not None and visual.faces is not None:
         points, triangles = coarser(visual.vertices, visual.faces, FACES)
         vertices, faces = Numbers(points), tuple(int(i) for i in triangles.ravel())
-    return Form(
+    return Solid(
         visual.kind,
         visual.size,
         listed(np.array(visual.position, dtype=float)),
@@ -130,22 +140,22 @@ def contact_shapes(mechanism: Mechanism) -> Iterator[Shape]:
                 yield shape
 
 
-def _contact_form(mechanism: Mechanism, shape: Shape) -> Iterator[Form]:
+def _contact_form(mechanism: Mechanism, shape: Shape) -> Iterator[Solid]:
     at = listed(numbers(mechanism, shape.position))
     sizes = tuple(float(mechanism.number(s)) for s in shape.sizes)
     if isinstance(shape, Sphere) and sizes[0] > 0.0:
-        yield Form("sphere", sizes, at, (0.0, 0.0, 0.0, 1.0))
+        yield Solid("sphere", sizes, at, (0.0, 0.0, 0.0, 1.0))
     elif isinstance(shape, Capsule):
-        yield Form("capsule", sizes, at, quaternion(frame_of(np.array(shape.axis))))
+        yield Solid("capsule", sizes, at, quaternion(frame_of(np.array(shape.axis))))
     elif isinstance(shape, Box):
-        yield Form("box", sizes, at, quaternion(np.array(shape.rotation, dtype=float)))
+        yield Solid("box", sizes, at, quaternion(np.array(shape.rotation, dtype=float)))
     elif isinstance(shape, HalfSpace):
-        yield Form("plane", (0.0, 0.0), at, quaternion(frame_of(np.array(shape.normal))))
+        yield Solid("plane", (0.0, 0.0), at, quaternion(frame_of(np.array(shape.normal))))
 
 
 def _inertial(
     mechanism: Mechanism, body: Body, place: Array, size: float, solid: bool
-) -> Iterator[Form]:
+) -> Iterator[Solid]:
     """What a body's inertia is that of, and thin rods from its joint to its mass centre and other joints."""
     thin = 0.011 * size
     centre = numbers(mechanism, body.mass_centre)
@@ -156,10 +166,10 @@ def _inertial(
         reached.append(centre)
         if half.max() <= 1e-3 * size or _hides(half, [place, *reached]):
             half = np.zeros(3)
-            yield Form("sphere", (2.6 * thin,), listed(centre), (0.0, 0.0, 0.0, 1.0))
+            yield Solid("sphere", (2.6 * thin,), listed(centre), (0.0, 0.0, 0.0, 1.0))
         elif half[1] <= 0.05 * half[2]:  # a rod
             turn = quaternion(frame_of(axes[:, 2]))
-            yield Form("capsule", (1.7 * thin, 2.0 * float(half[2])), listed(centre), turn)
+            yield Solid("capsule", (1.7 * thin, 2.0 * float(half[2])), listed(centre), turn)
         else:
             yield _round_or_box(half, axes, centre, thin)
     allowed = 1.02 * half + 0.02 * half.max()
@@ -195,22 +205,22 @@ def _hides(half: Array, points: Sequence[Array]) -> bool:
     return bool(spread > 0.1 * half[2] and half[2] > (0.3 if ball else 2.0) * spread)
 
 
-def _round_or_box(half: Array, axes: Array, centre: Array, thin: float) -> Form:
+def _round_or_box(half: Array, axes: Array, centre: Array, thin: float) -> Solid:
     """A ball where all half edges are the same, a disc or drum where two are, else a box."""
     a, b, c = half
     if c - a < 1e-6 * c:  # a uniform ball of the same moments: 2/5 r² = 2/3 h²
-        return Form(
+        return Solid(
             "sphere", (float(c * np.sqrt(5.0 / 3.0)),), listed(centre), (0.0, 0.0, 0.0, 1.0)
         )
     if c - b < 1e-6 * c:  # flat: r²/4 = h²/3 across, thickness along the smallest
         size = (float(b * np.sqrt(4.0 / 3.0)), max(2.0 * float(a), thin))
-        return Form("cylinder", size, listed(centre), quaternion(frame_of(axes[:, 0])))
+        return Solid("cylinder", size, listed(centre), quaternion(frame_of(axes[:, 0])))
     if b - a < 1e-6 * c:  # long
         size = (max(float(a * np.sqrt(4.0 / 3.0)), thin), 2.0 * float(c))
-        return Form("cylinder", size, listed(centre), quaternion(frame_of(axes[:, 2])))
+        return Solid("cylinder", size, listed(centre), quaternion(frame_of(axes[:, 2])))
     turn = axes * np.array([1.0, 1.0, np.sign(np.linalg.det(axes))])
     edges = tuple(max(2.0 * float(h), thin) for h in half)
-    return Form("box", edges, listed(centre), quaternion(turn))
+    return Solid("box", edges, listed(centre), quaternion(turn))
 
 
 def _box(mechanism: Mechanism, body: Body) -> tuple[Array, Array]:
@@ -226,10 +236,10 @@ def _box(mechanism: Mechanism, body: Body) -> tuple[Array, Array]:
     return half[order], axes[:, order]
 
 
-def _stick(start: Array, end: Array, radius: float) -> Form:
+def _stick(start: Array, end: Array, radius: float) -> Solid:
     along = end - start
     length = float(np.linalg.norm(along))
-    return Form(
+    return Solid(
         "capsule", (radius, length), listed((start + end) / 2), quaternion(frame_of(along / length))
     )
 

@@ -11,23 +11,21 @@ import numpy as np
 
 from deltac import problems
 from deltac.calls.progress import Progress
-from deltac.diagnosis.inputs.logs import read_log
-from deltac.diagnosis.study.runs import before_blow_up
+from deltac.diagnosis import before_blow_up, read_log
 from deltac.energy import Ledger
 from deltac.errors import InputError
-from deltac.mechanism.mechanism import Mechanism
+from deltac.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.report.files import output_folder
 from deltac.report.page.content import ROWS, made, moving
 from deltac.report.page.document import write_page
-from deltac.report.page.parts import Chapter, Link, Page
-from deltac.report.page.scene import Scene
+from deltac.report.page.parts import Chapter, Hyperlink, Page
+from deltac.report.page.scene import Drawing
 from deltac.report.panels import by_name, energy_plots, motions
 from deltac.report.still import sketch
 from deltac.results import number
-from deltac.simulation.arguments import positive
-from deltac.trajectories import Trajectory
-from deltac.trajectories.formats.mapping import MappingLike
+from deltac.simulation import positive
+from deltac.trajectories import MappingLike, Trajectory
 from deltac.verbs import balance, read_trajectory, simulate
 
 STEP, SOLVER, DURATION = 1e-3, "ode5", 5.0
@@ -166,7 +164,7 @@ def write_gallery(folder: Path, progress: Progress | None = None) -> Iterator[st
         about = f"{problem.title}. Source: {problem.source}"
         page = motion_page(mechanism, run, ledger, about)
         write_page(page, folder / f"{name}.html", f"deltac view {name}")
-        drawn = sketch(page.scene) if isinstance(page.scene, Scene) else ("", "")
+        drawn = sketch(page.scene) if isinstance(page.scene, Drawing) else ("", "")
         cards.append((f"{name}.html", name, problem.title, *drawn))
     index = Page(
         title="deltac",
@@ -174,7 +172,7 @@ def write_gallery(folder: Path, progress: Progress | None = None) -> Iterator[st
         tone="plain",
         word="Gallery",
         sentence=f"{len(cards)} published problems; choose one.",
-        chapters=(Chapter("The problems", (Link("", tuple(cards)),)),),
+        chapters=(Chapter("The problems", (Hyperlink("", tuple(cards)),)),),
         data={"problems": [name for _, name, *_ in cards]},
     )
     write_page(index, folder / "index.html", "deltac problems --gallery")

@@ -20,7 +20,7 @@ from deltac.report.panels import Bars, Flows, HeatMap, LogPlot, Panel, TimePlot
 from deltac.results import Finding, Serialisable, Table, plain
 
 if TYPE_CHECKING:
-    from deltac.report.page.scene import Scene
+    from deltac.report.page.scene import Drawing
 
 NUMBERS = 140_000
 """Numbers of time histories that a page holds, 0.75 MB; all plots together share them."""
@@ -117,7 +117,7 @@ class Words(Panel):
 
 
 @dataclass(frozen=True)
-class Code(Panel):
+class CodeListing(Panel):
     """Text as it is, such as source: lines in `wrong` are marked; `diff` colours added and removed lines."""
 
     title: str
@@ -130,7 +130,7 @@ class Code(Panel):
 
 
 @dataclass(frozen=True)
-class Link(Panel):
+class Hyperlink(Panel):
     """Cards that lead to other pages: where to, name, what it is, a sketch as SVG path data (230 by 130).
 
     The sketch is of bodies, and of the paths of their ends.
@@ -141,7 +141,9 @@ class Link(Panel):
     kind = "links"
 
 
-Part: TypeAlias = "TimePlot | LogPlot | HeatMap | Bars | Flows | Grid | Words | Code | Link"
+Part: TypeAlias = (
+    "TimePlot | LogPlot | HeatMap | Bars | Flows | Grid | Words | CodeListing | Hyperlink"
+)
 
 
 @dataclass(frozen=True)
@@ -187,7 +189,7 @@ class Page:
     sentence: str
     numbers: tuple[tuple[str, str], ...] = ()
     chapters: tuple[Chapter, ...] = ()
-    scene: Scene | None = None
+    scene: Drawing | None = None
     limits: tuple[str, ...] = ()
     made: tuple[tuple[str, str], ...] = ()
     data: Mapping[str, Any] = field(default_factory=dict)

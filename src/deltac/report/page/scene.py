@@ -15,9 +15,7 @@ import numpy as np
 from deltac.analysis.kinematics import Kinematics
 from deltac.analysis.model import Instants, instants
 from deltac.arrays import Array
-from deltac.mechanism.mechanism import Mechanism
-from deltac.mechanism.scope import GROUND
-from deltac.mechanism.shapes import HalfSpace
+from deltac.mechanism import GROUND, HalfSpace, Mechanism
 from deltac.report.page.forces import ARROWS, Arrow, arrows
 from deltac.report.page.geometry import (
     Drawn,
@@ -53,7 +51,7 @@ class Moving:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Drawing:
     """All that moves. Body 0 is the ground; `view` points from the mechanism to the eye, `up` upward.
 
     `half` is how far it reaches from `centre` to the sides, up and down, to the eye; `radius` all around;
@@ -78,7 +76,7 @@ class Scene:
 
 def scene(
     mechanism: Mechanism, runs: Sequence[tuple[str, Trajectory]], side_by_side: bool = False
-) -> Scene | None:
+) -> Drawing | None:
     """The scene of some runs of a mechanism, the first one the main one; None without bodies or rows."""
     if not mechanism.bodies or not runs:
         return None
@@ -100,7 +98,7 @@ def scene(
     for k, ((name, at), poses) in enumerate(zip(sampled, placed)):
         forces = tuple(arrows(mechanism, runs[0][1], at)) if k == 0 else ()
         shown.append(Moving(name, Numbers(at.t, exact=True), Numbers(poses), forces))
-    return Scene(
+    return Drawing(
         bodies,
         tuple(shown),
         tuple(ties(mechanism)),

@@ -15,7 +15,7 @@ from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_
 from deltac.dynamics.independence import independence, row_names
 from deltac.dynamics.singular_inertia import without_inertia
 from deltac.errors import InputError, StateError, UnknownName, closest
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.joints import JOINT_KINDS
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 
@@ -126,7 +126,7 @@ def _held(mechanism: Mechanism, pinned: Collection[str]) -> NDArray[np.bool_]:
         joint = mechanism.joint(entry.joint)
         first_q = mechanism.coordinates.of(joint.name).start
         u_slice = mechanism.speeds.of(joint.name)
-        offset = KINDS[joint.kind].quaternion
+        offset = JOINT_KINDS[joint.kind].quaternion
         within = entry.index - first_q
         if offset is not None and within >= offset:
             vector_part = range(u_slice.stop - 3, u_slice.stop)

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.dynamics.system import trace
 from deltac.errors import NO_NUMBER, InputError, SolverError, StateError, WrongType
 from deltac.mechanism.coordinates import Entries
@@ -18,7 +18,7 @@ from deltac.mechanism.state import State
 from deltac.simulation.arguments import count, whole_steps
 from deltac.simulation.solvers import FixedStep, Solver, find_solver
 
-ROUNDING = 1e-15
+ROUNDING = 4 * EPS
 """A quaternion's length differs from one by so little after a division by it."""
 
 States: TypeAlias = State | Sequence[State] | tuple[ArrayLike, ArrayLike]

@@ -34,7 +34,7 @@ MOST_IMPACTS = 2000
 
 
 @dataclass(frozen=True)
-class Contact:
+class TouchingContact:
     """A contact that may receive an impulse; its normal speed is `normal`·u + `drift`, of free speeds u (n,).
 
     `tangents` (2 by n) and `tangent_drift` (2,) give the slip; empty rows for a stop. The first direction of
@@ -62,7 +62,7 @@ class Contact:
         )
 
 
-class Inertia:
+class ContactInertia:
     """M⁻¹ of a mechanism whose constraints, G Δu = 0, are kept: A = RᵀR."""
 
     def __init__(self, M: Array, G: Array) -> None:
@@ -80,7 +80,7 @@ class Inertia:
 
 
 def resolve(
-    inertia: Inertia, contacts: Sequence[Contact], u: Array
+    inertia: ContactInertia, contacts: Sequence[TouchingContact], u: Array
 ) -> tuple[list[Array], Simultaneous]:
     """Impulses of the contacts by direction (1 or 3 each), so that none approaches any more; by which law."""
     if not any(contact.friction or contact.sequential for contact in contacts):
@@ -90,7 +90,9 @@ def resolve(
     return _one_by_one(inertia, contacts, u), "sequential"
 
 
-def _together(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[Array] | None:
+def _together(
+    inertia: ContactInertia, contacts: Sequence[TouchingContact], u: Array
+) -> list[Array] | None:
     """Newton's law for all contacts at once; None where it would make energy that no e > 1 asked for."""
     from scipy.optimize import nnls
 
@@ -111,7 +113,9 @@ def _together(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[A
     return [np.array([value]) for value in p]
 
 
-def _one_by_one(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list[Array]:
+def _one_by_one(
+    inertia: ContactInertia, contacts: Sequence[TouchingContact], u: Array
+) -> list[Array]:
     total = [np.zeros(len(contact.rows)) for contact in contacts]
     u = u.copy()
     approach = [float(c.normal @ u + c.drift) for c in contacts]
@@ -128,7 +132,9 @@ def _one_by_one(inertia: Inertia, contacts: Sequence[Contact], u: Array) -> list
         total[k] += impulse
         u = u + inertia.R.T @ (C @ impulse)
     # What is left after so many is a plastic impact of all at once.
-    plastic = [Contact(c.normal, c.drift, c.tangents, c.tangent_drift, 0.0, 0.0) for c in contacts]
+    plastic = [
+        TouchingContact(c.normal, c.drift, c.tangents, c.tangent_drift, 0.0, 0.0) for c in contacts
+    ]
     rest = _together(inertia, plastic, u)
     if rest is None:
         raise DeltacError(f"the simultaneous impacts at {len(contacts)} contacts do not converge")
@@ -221,12 +227,12 @@ class Collider:
 
     def _meeting(
         self, touching: Sequence[int], t: float, x: Array, p: Array
-    ) -> tuple[Array, Array, Array, Inertia, list[Array], list[Contact]]:
+    ) -> tuple[Array, Array, Array, ContactInertia, list[Array], list[TouchingContact]]:
         """M, G, u of all joints; what resists impulses; directions and contacts of points that touch."""
         free = self.flow.system.free_u
         M, G_all, u_all, *rest = (np.array(value) for value in self._at(t, x, p))
         u_all = u_all.ravel()
-        inertia = Inertia(M[np.ix_(free, free)], G_all[:, free])
+        inertia = ContactInertia(M[np.ix_(free, free)], G_all[:, free])
         numbers = [rest[6 * k : 6 * k + 6] for k in touching]
         frames = [
             _directions(n.ravel(), push, normal.ravel()) for normal, _, n, push, _, _ in numbers
@@ -237,7 +243,7 @@ class Collider:
             drifts = rows @ u_all - rows[:, free] @ u_all[free]
             drifts[0] += float(drift.item())
             contacts.append(
-                Contact(
+                TouchingContact(
                     rows[0, free],
                     float(drifts[0]),
                     rows[1:, free],

@@ -9,7 +9,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, ROUNDED, Array
 from deltac.calls.caching import derived
 from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import impact_points
@@ -24,13 +24,13 @@ from deltac.simulation.events.witness import Witness, Witnesses
 from deltac.simulation.flow import Flow
 from deltac.simulation.stepping.interpreted import StageRate
 
-HEIGHT = 1e-12
+HEIGHT = ROUNDED
 """Flights that reach no farther than this (m or rad) are lost in rounding."""
 
 TOUCHING = 1e-10
 """Gaps (m or rad) below this are closed; a start that overlaps by more is refused."""
 
-SLOW = 1e-12
+SLOW = ROUNDED
 """Speeds of a contact below this are none, by the speeds of the run or 1 m/s; so with accelerations."""
 
 

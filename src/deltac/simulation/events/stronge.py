@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, SAME, Array
 from deltac.errors import DeltacError
 
-REST = 1e-13
+REST = 512 * EPS
 """Speeds below this fraction of the first approach are rounding."""
 
 TURN = 0.03
@@ -26,7 +26,7 @@ TURN = 0.03
 SLOWEST = 1e3
 """So many times `REST` is the slip that is taken for none: it dies away in a spiral."""
 
-IMMOBILE = 1e-10
+IMMOBILE = SAME
 """A tangent whose mobility is this share of the other's has none."""
 
 MOST_PIECES = 20_000

@@ -9,7 +9,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import PHYSICAL, Array
 from deltac.calls.caching import derived
 from deltac.errors import warn_user
 from deltac.simulation.flow import Flow
@@ -27,9 +27,6 @@ TOLERATED = 1.01
 
 TOUCH = 1.0
 """The largest h |λ| that resolves a touch, which lasts π/|λ|: about three steps within it."""
-
-ABSURD = 1e30
-"""Growth of a state, by its start or by 1, beyond which it means nothing."""
 
 DOUBLED = 2.0
 """Growth of a step with which nothing is followed any more; less is told by the ledger."""
@@ -136,7 +133,7 @@ def _growth(solver: Solver, z: complex) -> float:
 
 def _within_measure(motion: Motion, x0: Array, n: int) -> Motion:
     """The motion up to where its state has grown absurdly."""
-    x, most = motion.x[:, :n], ABSURD * max(1.0, float(np.abs(x0[:n]).max(initial=0.0)))
+    x, most = motion.x[:, :n], PHYSICAL * max(1.0, float(np.abs(x0[:n]).max(initial=0.0)))
     if not max(x.max(initial=0.0), -x.min(initial=0.0)) > most:
         return motion
     size = np.abs(x).max(axis=1)

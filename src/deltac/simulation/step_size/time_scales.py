@@ -19,7 +19,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.calls.caching import LRUCache
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
-from deltac.dynamics.points import BodyPoint
+from deltac.dynamics.points import PlacedPoint
 from deltac.dynamics.recursions import crba
 from deltac.dynamics.system import System, trace
 from deltac.errors import StateError, warn_user
@@ -123,7 +123,7 @@ def _touches(mechanism: Mechanism, state: State) -> tuple[dict[str, list[_Touch]
             for point in points:
                 # Apart, each surface point is taken where it is: it is there that they would touch.
                 one, other = (
-                    BodyPoint.at(system, k, place).velocity
+                    PlacedPoint.at(system, k, place).velocity
                     for k, place in zip(point.links, (point.on_first, point.on_second))
                 )
                 v = one - other

@@ -36,7 +36,7 @@ MOST_PER_STEP = 20_000
 
 
 @dataclass
-class Loop:
+class StepLoop:
     """A run under way: where it is, and what it has recorded.
 
     Attributes:

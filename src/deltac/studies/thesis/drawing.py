@@ -11,7 +11,7 @@ import numpy as np
 from deltac.calls.progress import Progress
 from deltac.problems.triple_pendulum import LENGTHS, START
 from deltac.report.files import output_folder, write_figure, write_json
-from deltac.studies.thesis.experiments import Experiment
+from deltac.studies.thesis.experiments import PublishedExperiment
 from deltac.studies.thesis.figures import (
     Curve,
     angles_figure,
@@ -68,7 +68,9 @@ def write(
     return Written(tuple(paths), results)
 
 
-def draw(reproduction: Reproduction, experiment: Experiment, thesis_axes: bool = False) -> Figure:
+def draw(
+    reproduction: Reproduction, experiment: PublishedExperiment, thesis_axes: bool = False
+) -> Figure:
     """The figure of an experiment."""
     outcomes = reproduction.of(experiment)
     title = experiment.heading

@@ -64,7 +64,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Experiment:
+class PublishedExperiment:
     """What a figure of the thesis shows; `runs` are labelled as in its legend.
 
     `compared` are further runs that claims refer to. `axes` are (from, to, every) of the thesis's panels.
@@ -91,7 +91,7 @@ class Experiment:
         return {**self.runs, **self.compared}
 
 
-def _read() -> tuple[Experiment, ...]:
+def _read() -> tuple[PublishedExperiment, ...]:
     table: dict[str, Any] = tomllib.loads(
         files("deltac.studies.thesis").joinpath("experiments.toml").read_text("utf-8")
     )
@@ -112,7 +112,9 @@ def _read() -> tuple[Experiment, ...]:
             )
             for run, measure, thesis, source, rule, *reasons in entry.pop("claims")
         )
-        experiments.append(Experiment(**entry, runs=runs, compared=compared, claims=claims))
+        experiments.append(
+            PublishedExperiment(**entry, runs=runs, compared=compared, claims=claims)
+        )
     return tuple(experiments)
 
 

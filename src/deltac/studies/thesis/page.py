@@ -12,7 +12,7 @@ from deltac.report.page.parts import Chapter, Grid, Page, Part, Words
 from deltac.report.page.scene import scene
 from deltac.report.panels import Guide, Line, TimePlot
 from deltac.results import Table
-from deltac.studies.thesis.experiments import Experiment
+from deltac.studies.thesis.experiments import PublishedExperiment
 from deltac.studies.thesis.reproduction import Reproduction
 from deltac.studies.thesis.runs import PRESCRIBED, Outcome, absolute_angles, problem
 
@@ -49,7 +49,9 @@ def _(report: Reproduction, beside: Beside) -> Page:
     )
 
 
-def _panels(report: Reproduction, experiment: Experiment, reasons: list[str]) -> Iterator[Part]:
+def _panels(
+    report: Reproduction, experiment: PublishedExperiment, reasons: list[str]
+) -> Iterator[Part]:
     outcomes = report.of(experiment)
     if experiment.shows == "testing functions":
         yield _functions(outcomes, "wang", tall=True)

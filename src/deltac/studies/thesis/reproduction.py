@@ -16,7 +16,7 @@ from deltac.studies.thesis.experiments import (
     EVERYTHING,
     EXPERIMENTS,
     REPORTED,
-    Experiment,
+    PublishedExperiment,
     Reported,
     agrees,
 )
@@ -76,7 +76,7 @@ class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "as
     once. `results` holds the statements of every figure first, then what is only reported.
     """
 
-    experiments: tuple[Experiment, ...]
+    experiments: tuple[PublishedExperiment, ...]
     outcomes: Mapping[Run, Outcome]
     results: tuple[Result, ...]
 
@@ -128,7 +128,7 @@ class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "as
         import_module("deltac.studies.thesis.page")  # which says how
         super().report(path, *more, **keywords)
 
-    def of(self, experiment: Experiment, *, compared: bool = False) -> dict[str, Outcome]:
+    def of(self, experiment: PublishedExperiment, *, compared: bool = False) -> dict[str, Outcome]:
         """What came out of an experiment's runs, by their labels; with those that it is compared with."""
         runs = experiment.all_runs if compared else experiment.runs
         return {label: self.outcomes[run] for label, run in runs.items()}
@@ -167,7 +167,7 @@ def reproduce(only: Iterable[str] | None = None, progress: Progress | None = Non
     return Reproduction(experiments, outcomes, tuple(results))
 
 
-def _experiments(only: Iterable[str] | None) -> tuple[Experiment, ...]:
+def _experiments(only: Iterable[str] | None) -> tuple[PublishedExperiment, ...]:
     names = [experiment.figure for experiment in EVERYTHING]
     if only is None:
         return EXPERIMENTS
@@ -180,7 +180,7 @@ def _experiments(only: Iterable[str] | None) -> tuple[Experiment, ...]:
     return tuple(experiment for experiment in EVERYTHING if experiment.figure in figures)
 
 
-def _results(experiment: Experiment, reproduction: Reproduction) -> Iterator[Result]:
+def _results(experiment: PublishedExperiment, reproduction: Reproduction) -> Iterator[Result]:
     """The claims of an experiment, then what every run of it reports besides."""
     outcomes = reproduction.of(experiment, compared=True)
     for claim in experiment.claims:
@@ -204,7 +204,9 @@ def _results(experiment: Experiment, reproduction: Reproduction) -> Iterator[Res
                 yield Result(experiment.figure, label, quantity, None, value, unit, REPORTED, None)
 
 
-def _reported(experiment: Experiment, outcome: Outcome) -> Iterator[tuple[str, float, str]]:
+def _reported(
+    experiment: PublishedExperiment, outcome: Outcome
+) -> Iterator[tuple[str, float, str]]:
     """(quantity, value, unit) of every run: its testing functions, and where it ends."""
     end = f"{outcome.run.duration:g} s"
     if experiment.shows in ("testing functions", "numbers"):

@@ -13,7 +13,7 @@ from deltac.errors import NO_NUMBER, WrongType
 from deltac.trajectories.formats.raw import Collector, RawLog, entries
 
 
-class Frame(Protocol):
+class FrameLike(Protocol):
     """A DataFrame of pandas or polars."""
 
     @property
@@ -32,7 +32,7 @@ class Dataset(Protocol):
         """Its arrays by name."""
 
 
-Table: TypeAlias = Mapping[str, Any] | npt.NDArray[Any] | Frame | Dataset
+Table: TypeAlias = Mapping[str, Any] | npt.NDArray[Any] | FrameLike | Dataset
 """A log in memory: arrays by name, nested or not; a frame; an array (T, n)."""
 
 LogSource: TypeAlias = str | Path | Table

@@ -16,10 +16,11 @@ from deltac import rotations
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed, shown
 from deltac.mechanism.expressions import Law
 from deltac.mechanism.laws import at_times, symbol_names
+from deltac.results import SHOWN
 from deltac.trajectories.columns import (
     QUATERNION,
-    Kinematics,
     MechanismNames,
+    RateNames,
     si_unit,
     speed_of_force,
     speeds_of,
@@ -471,17 +472,13 @@ def ranges(columns: Sequence[str]) -> str:
             (stem, sorted(several, key=_number)) for stem, several in parts.items()
         )
     ]
-    return ", ".join(texts[:_NAMED]) + (
-        f", … ({len(columns)} columns)" if len(texts) > _NAMED else ""
+    return ", ".join(texts[:SHOWN]) + (
+        f", … ({len(columns)} columns)" if len(texts) > SHOWN else ""
     )
 
 
 def _number(digits: str) -> int:
     return int(digits or 0)
-
-
-_NAMED = 6
-"""Names of columns, or of arrays, that a sentence has."""
 
 
 def _unreadable(one: Meaning, raw: RawLog) -> InputError | None:
@@ -616,7 +613,7 @@ def _check_mixed(readings: list[ColumnReading]) -> None:
     """A coordinate in a unit of length whose speed is in one of angles cannot be right."""
     q = [r for r in readings if r.meaning.startswith("q.")]
     u = [r for r in readings if r.meaning.startswith("u.")]
-    pairs = Kinematics.of(
+    pairs = RateNames.of(
         [r.meaning.removeprefix("q.") for r in q], [r.meaning.removeprefix("u.") for r in u]
     ).rates
     for i, j in pairs:

@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.trajectories.columns import QUATERNION, Kinematics, MechanismNames, si_unit
+from deltac.trajectories.columns import QUATERNION, MechanismNames, RateNames, si_unit
 from deltac.trajectories.formats.floating import (
     Floating,
     Layout,
@@ -156,7 +156,7 @@ class _Search:
         """
         rows = slice(0, _LOOKED_AT)
         coordinates, speeds = list(self.names.coordinates), list(self.names.speeds)
-        kinematics = Kinematics.of(coordinates, speeds)
+        kinematics = RateNames.of(coordinates, speeds)
 
         def table(targets: Sequence[str]) -> FloatArray | None:
             if not all(columns.get(target) in self.raw.columns for target in targets):
@@ -327,7 +327,7 @@ class _Joint:
 
 def _joints(names: MechanismNames) -> Iterator[_Joint]:
     coordinates, speeds = list(names.coordinates), list(names.speeds)
-    speed_of = {coordinates[i]: speeds[j] for i, j in Kinematics.of(coordinates, speeds).rates}
+    speed_of = {coordinates[i]: speeds[j] for i, j in RateNames.of(coordinates, speeds).rates}
     for name in coordinates:
         rates = _of_speed(speed_of[name], names) if name in speed_of else {}
         yield _Joint(words_of(name), {"q": f"q.{name}", **rates})
@@ -817,7 +817,7 @@ def _moving(s: _Search) -> Iterator[Meaning]:
     coordinates, speeds = list(s.names.coordinates), list(s.names.speeds)
     pairs = [
         (f"q.{coordinates[i]}", f"u.{speeds[j]}")
-        for i, j in Kinematics.of(coordinates, speeds).rates
+        for i, j in RateNames.of(coordinates, speeds).rates
     ]
     missing = [pair for pair in pairs if pair[0] not in s.found and pair[1] not in s.found]
     time = s.raw.columns.get(s.found["time"].column) if "time" in s.found else None

@@ -16,12 +16,12 @@ from deltac.dynamics.recursions import rnea
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import Reactions, driving_forces, terms
 from deltac.errors import SolverError
-from deltac.mechanism.joints import KINDS
+from deltac.mechanism.joints import JOINT_KINDS
 from deltac.simulation.flow import Flow
 
 
 @dataclass(frozen=True)
-class Point:
+class StagePoint:
     """An instant of a motion, in symbols: everything the equations of motion speak of."""
 
     t: SX
@@ -40,8 +40,8 @@ class Slots:
     quaternion: int | None
 
 
-class Form:
-    """The unsolved equations of a flow at a `Point`, for the motors' values and parameters of the flow."""
+class UnsolvedForm:
+    """The unsolved equations of a flow at a `StagePoint`, for values of motors and parameters."""
 
     def __init__(self, flow: Flow) -> None:
         """Write them out; InputError for equations by hand whose derivatives are unknown."""
@@ -81,15 +81,15 @@ class Form:
         self._constraints = ca.Function("constraints", place, [phi, psi, G])
         self._energy = ca.Function("E", place, [flow.energies[-2] + flow.energies[-1]])
 
-    def dynamics(self, at: Point) -> SX:
+    def dynamics(self, at: StagePoint) -> SX:
         """M u̇ + h − F − Gᵀλ (nu,), which exact motion keeps at zero."""
         return self._dynamics(*self._values(at))
 
-    def powers(self, at: Point) -> SX:
+    def powers(self, at: StagePoint) -> SX:
         """The rates of all integrals (W), with the point's own u̇ and λ."""
         return self._powers(*self._values(at))[0]
 
-    def nonpotential_power(self, at: Point) -> SX:
+    def nonpotential_power(self, at: StagePoint) -> SX:
         """vᵀF_D, W."""
         return self._powers(*self._values(at))[1]
 
@@ -102,7 +102,7 @@ class Form:
         """K + V, J."""
         return self._energy(t, q, u, self.flow.p)
 
-    def _values(self, at: Point) -> list[SX]:
+    def _values(self, at: StagePoint) -> list[SX]:
         return [at.t, at.q, at.u, at.udot, at.multipliers, self.flow.inputs, self.flow.p]
 
     def halfway(self, q: SX, d: SX) -> SX:
@@ -150,7 +150,7 @@ def _slots(flow: Flow) -> list[Slots]:
             Slots(
                 [q[k] for k in range(in_q.start, in_q.stop)],
                 [u[k] for k in range(in_u.start, in_u.stop)],
-                KINDS[joint.kind].quaternion,
+                JOINT_KINDS[joint.kind].quaternion,
             )
         )
     return slots

@@ -9,7 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, ROOT_EPS, Array
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
 
@@ -17,13 +17,13 @@ MOST_ITERATIONS = 400
 FREE, MOST_HALVED = 8, 40
 """Iterations whose steps are not questioned; how often one step is halved at most."""
 
-TOLERANCE = 1e-13
+TOLERANCE = 512 * EPS
 """Of the speeds, relative to the largest of the run: some rounding errors above the best there is."""
 
 SLOW = 0.01
 """A contraction worse than this calls for a new Jacobian: of small mechanisms it costs next to nothing."""
 
-ROUNDING = 1e-8
+ROUNDING = ROOT_EPS
 """Updates below this (relative) that will not shrink any more are rounding of stiff forces."""
 
 SLOWEST = 1e-3
@@ -34,7 +34,7 @@ SPARSE = 48
 
 
 @dataclass(frozen=True)
-class Outcome:
+class NewtonOutcome:
     """What Newton's method came to: unknowns, whether they solve, iterations, residual."""
 
     y: Array
@@ -75,14 +75,14 @@ class Newton:
         self._r = np.empty(self._size)
         self._solver: Callable[[Array], Array] | None = None
 
-    def solve(self, start: Array, data: Array, fastest: float) -> Outcome:
+    def solve(self, start: Array, data: Array, fastest: float) -> NewtonOutcome:
         """The unknowns near `start`; `fastest` is the largest speed of the run, the measure.
 
         Steps are taken whole at first. Later on one that does not lessen the residual is halved: across the
         kinks of friction and contact Newton's method may else go to and fro for ever.
         """
         if not self._size:  # every joint is prescribed
-            return Outcome(start, True, 0, start)
+            return NewtonOutcome(start, True, 0, start)
         self._in[self._size :] = data
         y, step, size, scale = start.copy(), np.zeros_like(start), np.inf, SLOWEST
         last, smallest, before = np.inf, np.inf, np.inf
@@ -94,17 +94,17 @@ class Newton:
                 residual = float(np.abs(r).max()) if np.isfinite(r).all() else np.inf
                 came = bool(np.any(step))  # by a step that can be shortened
                 if residual == np.inf and not came:
-                    return Outcome(y, False, k, r)
+                    return NewtonOutcome(y, False, k, r)
                 if residual == np.inf or (came and k > FREE and residual >= before):
                     if size <= ROUNDING * scale and residual < np.inf:
-                        return Outcome(y, True, k, r)
+                        return NewtonOutcome(y, True, k, r)
                     if not exact:
                         # The step of an old Jacobian need not go down: back, and make a new one.
                         y, refresh, last, before = y - step, True, np.inf, np.inf
                         step = np.zeros_like(y)
                         continue
                     if halved == MOST_HALVED:
-                        return Outcome(y, False, k, r)
+                        return NewtonOutcome(y, False, k, r)
                     step, halved = step / 2, halved + 1
                     y = y - step
                     continue
@@ -112,7 +112,7 @@ class Newton:
                 step = -self._solver(r)
                 if not np.isfinite(step).all():
                     if fresh:
-                        return Outcome(y, False, k, r, singular=True)
+                        return NewtonOutcome(y, False, k, r, singular=True)
                     self.forget()
                     step = np.zeros_like(y)
                     continue
@@ -127,14 +127,14 @@ class Newton:
                 scale = max(fastest, float(np.abs(y[: self._speeds]).max()), SLOWEST)
                 ahead = size * min(rate, 1.0)  # what the next step would be
                 if size <= TOLERANCE * scale or (k > 2 and ahead <= TOLERANCE * scale):
-                    return Outcome(y, True, k, r)
+                    return NewtonOutcome(y, True, k, r)
                 if fresh and size >= smallest and size <= ROUNDING * scale:
-                    return Outcome(y, True, k, r)
+                    return NewtonOutcome(y, True, k, r)
                 smallest, before, halved = min(size, smallest), residual, 0
                 exact = fresh
                 last, refresh = size, (comparable and rate > SLOW) or k >= FREE
         self.forget()
-        return Outcome(y, False, MOST_ITERATIONS, r)
+        return NewtonOutcome(y, False, MOST_ITERATIONS, r)
 
     def forget(self) -> None:
         """Make a new Jacobian at the next iteration."""

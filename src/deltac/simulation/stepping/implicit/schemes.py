@@ -14,7 +14,7 @@ from typing import TypeAlias
 import casadi as ca
 
 from deltac.dynamics.spatial import SX
-from deltac.simulation.stepping.implicit.form import Form, Point
+from deltac.simulation.stepping.implicit.form import StagePoint, UnsolvedForm
 
 
 @dataclass(frozen=True)
@@ -44,17 +44,17 @@ class StepEquations:
     memory: SX
 
 
-Scheme: TypeAlias = Callable[[Form, Before], StepEquations]
+Scheme: TypeAlias = Callable[[UnsolvedForm, Before], StepEquations]
 
 
-def backward_euler(form: Form, b: Before) -> StepEquations:
+def backward_euler(form: UnsolvedForm, b: Before) -> StepEquations:
     """u₁ = u₀ + h u̇₁, q₁ = q₀ + h W u₁, ψ₁ = 0: first order, and L-stable.
 
     Integrals take P at the end. Positions on the constraints are left to the projection.
     """
     u, impulse = _unknowns(form)
     lam, t = impulse / b.h, b.t + b.h
-    end = Point(t, form.moved(b.q, b.h * u), u, (u - b.u) / b.h, lam)
+    end = StagePoint(t, form.moved(b.q, b.h * u), u, (u - b.u) / b.h, lam)
     _, psi, _ = form.constraints(t, end.q, u)
     P = form.powers(end)
     after = ca.vertcat(end.q, u, b.z + b.h * P)
@@ -62,7 +62,7 @@ def backward_euler(form: Form, b: Before) -> StepEquations:
     return StepEquations(ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1))
 
 
-def implicit_midpoint(form: Form, b: Before) -> StepEquations:
+def implicit_midpoint(form: UnsolvedForm, b: Before) -> StepEquations:
     """The equations of motion at the middle of the step, ψ₁ = 0 at its end: second order, A-stable.
 
     Symplectic for the mechanism's own speeds where the mass matrix is constant; K then closes identically
@@ -78,7 +78,7 @@ def implicit_midpoint(form: Form, b: Before) -> StepEquations:
     return StepEquations(ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1))
 
 
-def generalized_alpha(form: Form, b: Before) -> StepEquations:
+def generalized_alpha(form: UnsolvedForm, b: Before) -> StepEquations:
     """The method of Chung and Hulbert: second order, with numerical damping of what is fast.
 
     J. Appl. Mech. 60 (1993) 371-375; with constraints as by Arnold and Brüls, Multibody Syst. Dyn. 18 (2007)
@@ -111,7 +111,7 @@ def generalized_alpha(form: Form, b: Before) -> StepEquations:
     a0, a1 = aux[:n, :], following(udot, slice(0, n))
     u = b.u + b.h * ((1 - gamma) * a0 + gamma * a1)
     q = form.moved(b.q, b.h * b.u + b.h**2 * ((0.5 - beta) * a0 + beta * a1))
-    end = Point(t, q, u, udot, lam)
+    end = StagePoint(t, q, u, udot, lam)
     phi, psi, _ = form.constraints(t, q, u)
     tied = ca.SX(psi)
     tied[form.holonomic] = phi[form.holonomic, :] / b.h
@@ -124,7 +124,7 @@ def generalized_alpha(form: Form, b: Before) -> StepEquations:
     return StepEquations(ca.vertcat(w, impulse), w.shape[0], residual, after, memory)
 
 
-def discrete_gradient(form: Form, b: Before) -> StepEquations:
+def discrete_gradient(form: UnsolvedForm, b: Before) -> StepEquations:
     """The midpoint rule with a discrete gradient of K + V: second order, and energy is kept.
 
     After Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467: K + V changes by the work of non-potential forces
@@ -142,8 +142,8 @@ def discrete_gradient(form: Form, b: Before) -> StepEquations:
     middle = _middle(form, b, u, impulse / b.h, d)
     q, t = form.halfway(middle.q, d), b.t + b.h
     r = form.dynamics(middle)
-    at_rest = Point(middle.t, middle.q, middle.u, 0 * middle.u, middle.multipliers)
-    velocity = Point(middle.t, middle.q, middle.u, middle.u, middle.multipliers)
+    at_rest = StagePoint(middle.t, middle.q, middle.u, 0 * middle.u, middle.multipliers)
+    velocity = StagePoint(middle.t, middle.q, middle.u, middle.u, middle.multipliers)
     momentum = form.dynamics(velocity) - form.dynamics(at_rest)  # M u_m: r is linear in u̇
     before = form.energy(b.t, b.q, b.u)
     gained = (form.energy(t, q, u) - before) / b.h
@@ -153,7 +153,7 @@ def discrete_gradient(form: Form, b: Before) -> StepEquations:
     mu = gap / (ca.dot(middle.u, momentum) + still)
     phi, psi, _ = form.constraints(t, q, u)
     # What λ does at the middle, where ψ is not zero, the correction has undone: it is no one's work.
-    P = form.powers(Point(middle.t, middle.q, middle.u, middle.udot, 0 * impulse))
+    P = form.powers(StagePoint(middle.t, middle.q, middle.u, middle.udot, 0 * impulse))
     after = ca.vertcat(q, u, b.z + b.h * P)
     residual = ca.vertcat(b.h * (r + mu * momentum), psi, phi[form.holonomic, :] / b.h)
     unknowns = ca.vertcat(u, kappa, impulse)
@@ -170,9 +170,9 @@ SCHEMES: dict[str, Scheme] = {
 """The step of every implicit solver, by its name."""
 
 
-def _unknowns(form: Form) -> tuple[SX, SX]:
+def _unknowns(form: UnsolvedForm) -> tuple[SX, SX]:
     return ca.SX.sym("w", form.flow.u_size), ca.SX.sym("impulse", form.multipliers)
 
 
-def _middle(form: Form, b: Before, u: SX, lam: SX, d: SX) -> Point:
-    return Point(b.t + b.h / 2, form.halfway(b.q, d), (b.u + u) / 2, (u - b.u) / b.h, lam)
+def _middle(form: UnsolvedForm, b: Before, u: SX, lam: SX, d: SX) -> StagePoint:
+    return StagePoint(b.t + b.h / 2, form.halfway(b.q, d), (b.u + u) / 2, (u - b.u) / b.h, lam)

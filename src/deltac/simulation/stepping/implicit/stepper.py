@@ -15,8 +15,8 @@ from deltac.errors import SolverError
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.implicit.form import Form
-from deltac.simulation.stepping.implicit.newton import Newton, Outcome, StepSystem
+from deltac.simulation.stepping.implicit.form import UnsolvedForm
+from deltac.simulation.stepping.implicit.newton import Newton, NewtonOutcome, StepSystem
 from deltac.simulation.stepping.implicit.schemes import SCHEMES, Before, StepEquations
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import Step, StepFailed, Stepper
@@ -37,7 +37,7 @@ class ImplicitMethod:
     def __init__(self, flow: Flow, solver: Solver) -> None:
         """Write the step's equations out; InputError for what the solver cannot do."""
         self.flow, self.solver = flow, solver
-        self.form = Form(flow)
+        self.form = UnsolvedForm(flow)
         if solver.name == "discrete-gradient":
             _check_conservative(flow)
 
@@ -142,7 +142,7 @@ class ImplicitSteps(Stepper):
         u = x[self._method.flow.parts[1]]
         data = np.concatenate([[t, h], x, memory, self._motors.held, self._p, [self._radius]])
         self._fastest = max(self._fastest, float(np.abs(u).max(initial=0.0)))
-        outcome = Outcome(np.empty(0), False, 0, np.empty(0))
+        outcome = NewtonOutcome(np.empty(0), False, 0, np.empty(0))
         for guess in self._guesses(u, h, memory):
             outcome = self._newton.solve(guess, data, self._fastest)
             if outcome.solved:
@@ -190,7 +190,7 @@ class ImplicitSteps(Stepper):
         return np.asarray(self._method.rates(t, x, self._motors.held, self._p)).ravel()
 
 
-def _stopped(method: ImplicitMethod, t: float, h: float, outcome: Outcome) -> str:
+def _stopped(method: ImplicitMethod, t: float, h: float, outcome: NewtonOutcome) -> str:
     """In words, why a step could not be taken."""
     if not np.isfinite(outcome.residual).all():
         why = f"the equations of motion{_worst(method, h, outcome)} are not defined at the states tried"
@@ -208,7 +208,7 @@ def _stopped(method: ImplicitMethod, t: float, h: float, outcome: Outcome) -> st
     )
 
 
-def _worst(method: ImplicitMethod, h: float, outcome: Outcome) -> str:
+def _worst(method: ImplicitMethod, h: float, outcome: NewtonOutcome) -> str:
     """The largest part of what is left of the equations of motion, and the speed it belongs to."""
     flow = method.flow
     forces = np.abs(outcome.residual[: flow.u_size]) / h

@@ -1,0 +1,33 @@
+"""What packages above use, for type checkers and for `__init__.py`, which loads it on first use."""
+
+from deltac.diagnosis.audit.audit import Audit as Audit
+from deltac.diagnosis.audit.audit import audit_together as audit_together
+from deltac.diagnosis.check.check import EquationCheck as EquationCheck
+from deltac.diagnosis.check.localise import Localisation as Localisation
+from deltac.diagnosis.check.location import Blame as Blame
+from deltac.diagnosis.check.location import blame as blame
+from deltac.diagnosis.check.location import blame_at as blame_at
+from deltac.diagnosis.explain.result import Explanation as Explanation
+from deltac.diagnosis.inputs.logs import read_log as read_log
+from deltac.diagnosis.recommend.result import Recommendation as Recommendation
+from deltac.diagnosis.recommend.result import setting_of as setting_of
+from deltac.diagnosis.recommend.work_precision import Trial as Trial
+from deltac.diagnosis.residuals.at_states import LEAST as LEAST
+from deltac.diagnosis.residuals.at_states import EquationTest as EquationTest
+from deltac.diagnosis.residuals.function import Caller as Caller
+from deltac.diagnosis.residuals.kane import Kane as Kane
+from deltac.diagnosis.residuals.states import States as States
+from deltac.diagnosis.residuals.states import draw as draw
+from deltac.diagnosis.residuals.states import natural_scales as natural_scales
+from deltac.diagnosis.residuals.states import told as told
+from deltac.diagnosis.study.convergence import Convergence as Convergence
+from deltac.diagnosis.study.convergence import order_text as order_text
+from deltac.diagnosis.study.runs import StudyRun as StudyRun
+from deltac.diagnosis.study.runs import before_blow_up as before_blow_up
+from deltac.diagnosis.study.study import Study as Study
+from deltac.diagnosis.verdict import EXIT_CODES as EXIT_CODES
+from deltac.diagnosis.verdict import MEANINGS as MEANINGS
+from deltac.diagnosis.verdict import RUN_TOLERANCE as RUN_TOLERANCE
+from deltac.diagnosis.verdict import Judged as Judged
+from deltac.diagnosis.verdict import Verdict as Verdict
+from deltac.diagnosis.verdict import check_tolerance as check_tolerance

@@ -94,3 +94,9 @@ def test_examples_of_docstrings_become_code() -> None:
 def test_links_into_the_code_lead_to_the_reference() -> None:
     place = hooks._reference()["src/deltac/recorders/drake_recorder.py"]
     assert place == "api/recorders.md#deltac.recorders.drake_recorder.DrakeRecorder"
+
+
+def test_the_words_that_columns_are_read_by_are_listed() -> None:
+    text = "\n".join(hooks._column_names())
+    for word in ("qvel", "winkel", "desired", "fps", "`rpm`", "ctrl"):
+        assert word in text

@@ -3,8 +3,9 @@
 - README, NOTATION, ARCHITECTURE, … become pages; links between all documents are rewritten, so that they hold
   on the site as they do in the repository.
 - The reference of commands is made from the command line, that of Python from the public names in
-  `deltac/__init__.pyi` and their docstrings, the keys of the JSON from the classes of results, codes and
-  natural logs from their lists, the page on citing from CITATION.cff, the tutorials from the notebooks.
+  `deltac/__init__.pyi` and their docstrings, the keys of the JSON from the classes of results, codes,
+  names of columns and natural logs from their lists, the page on citing from CITATION.cff, the
+  tutorials from the notebooks.
 - A link to a CSV file that is a paragraph by itself becomes the table.
 - What is built is looked through: nothing may be fetched from another host.
 """
@@ -45,6 +46,7 @@ OUTSIDE = {
     "LICENSE": "license.md",
     "CITATION.cff": "citing.md",
     "src/deltac/codes.py": "codes.md",
+    "src/deltac/trajectories/formats/words.py": "column-names.md",
     "tests/natural_logs/cases.py": "natural-logs.md",
     "action.yml": "action.md",
 }
@@ -99,6 +101,7 @@ def _outside(name: str) -> str:
     made: dict[str, Callable[[], Iterator[str]]] = {
         "CITATION.cff": lambda: _citing(text),
         "src/deltac/codes.py": _codes,
+        "src/deltac/trajectories/formats/words.py": _column_names,
         "tests/natural_logs/cases.py": _natural_logs,
         "action.yml": lambda: _action(text),
     }
@@ -334,6 +337,13 @@ def _holds(kind: type, name: str) -> str:
 
 # --- codes, natural logs, the action --------------------------------------------------------------
 
+KINDS_OF_COLUMNS = {
+    "q": "coordinate",
+    "u": "speed",
+    "udot": "acceleration",
+    "force": "motor force",
+}
+
 CODES = """# Codes of findings and errors
 
 A code keeps its meaning, while the sentences around it may change. JSON contains codes, text shows them
@@ -351,6 +361,13 @@ FINDING = """
 
 A finding has a `weight`: a *cause* explains what is wrong, a *doubt* means that the log cannot be judged
 as it stands, and a *note* is information. Its `kind` is the code in lower case, without the `F-`.
+"""
+
+COLUMNS = """# Names of columns
+
+The words by which a log of another program is read, from the lists that the reader itself uses. A name is
+split into words (`/joint_states/Elbow.position [deg]`: joint, states, elbow, position), and Greek letters,
+dots and primes count as words. [Logs](docs/logs.md#other-peoples-names) says how they are combined.
 """
 
 NATURAL = """# Natural logs
@@ -376,6 +393,34 @@ def _codes() -> Iterator[str]:
     yield _table(head, [(f"`{code}`", text.rstrip(".")) for code, text in errors.items()])
     yield FINDING
     yield _table(head, [(f"`{finding_code(kind)}`", text) for kind, text in FINDINGS.items()])
+
+
+def _column_names() -> Iterator[str]:
+    """The words and units by which columns are recognised, from the reader's own lists."""
+    from deltac.trajectories.formats import recognition, units, words
+
+    arrays = dict(recognition._LAYOUTS)
+    rows = [
+        *((f"{what} of a joint", words.WORDS[kind]) for kind, what in KINDS_OF_COLUMNS.items()),
+        *((f"an array: {what}s", arrays[kind]) for kind, what in KINDS_OF_COLUMNS.items()),
+        ("an array of coordinates and speeds", recognition._STATES),
+        ("an array of commands, which a draft of a mapping only guesses", recognition._COMMANDS),
+        ("a joint that turns", words.TURNS),
+        ("a joint that slides", words.SLIDES),
+        ("derivative of what stands beside it", words.DERIVATIVES),
+        ("place of a floating body", words.PLACES),
+        ("time", words.TIMES),
+        ("no time of the rows", words.NO_TIMES),
+        ("a single number: time between rows, s", words.STEPS),
+        ("a single number: rows per second", words.RATES),
+        ("a single number: steps between two rows", words.SKIPS),
+        ("neutral", words.NEUTRAL),
+        ("not what happened: the column is ignored", words.UNREAL),
+    ]
+    yield COLUMNS
+    yield _table(("meaning", "words"), [(what, " ".join(sorted(some))) for what, some in rows])
+    yield "\n## Units\n\nUnits are products and quotients of these, with powers (`rad/s^2`, `N·m`):\n"
+    yield f"`{'`, `'.join(units._ATOMS)}`"
 
 
 def _natural_logs() -> Iterator[str]:

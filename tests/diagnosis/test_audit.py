@@ -218,7 +218,7 @@ def test_the_ledger_of_a_large_log_keeps_some_rows(monkeypatch: pytest.MonkeyPat
 
     run = hopper_run()
     whole = audit(model_of(HOPPER), run)
-    monkeypatch.setattr(logs, "LARGE", 1000)
+    monkeypatch.setattr(logs, "LARGE_LOG", 1000)
     monkeypatch.setattr(importlib.import_module("deltac.diagnosis.audit.audit"), "KEPT", 20)
     few = audit(model_of(HOPPER), run)
     assert len(few.ledger.t) <= 0.1 * len(run) < len(whole.ledger.t) == len(run)
@@ -234,8 +234,7 @@ def test_a_log_read_in_parts_has_the_same_verdict(
 
     hopper_run().write(tmp_path / "run.parquet")
     whole = audit(model_of(HOPPER), tmp_path / "run.parquet")
-    monkeypatch.setattr(logs, "LARGE", 1000)
-    monkeypatch.setattr(logs, "PART", 200 * len(hopper_run().to_frame().columns))
+    monkeypatch.setattr(logs, "LARGE_LOG", 800 * len(hopper_run().to_frame().columns))
     parts = audit(model_of(HOPPER), tmp_path / "run.parquet")
     assert "read-in-parts" in [f.kind for f in parts.findings]
     assert parts.verdict.kind == whole.verdict.kind

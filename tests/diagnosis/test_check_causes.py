@@ -318,5 +318,5 @@ def test_the_search_for_other_coordinates_is_bounded_by_calls(
         return np.degrees(arm(t, np.radians(q), np.radians(u)))
 
     assert "coordinates" in {f.kind for f in dc.check_equations(ARM, rhs).findings}
-    monkeypatch.setattr(whole, "MOST", 0)
+    monkeypatch.setattr(whole, "MOST_HYPOTHESES", 0)
     assert "coordinates" not in {f.kind for f in dc.check_equations(ARM, rhs).findings}

@@ -281,7 +281,7 @@ def test_models_are_read_once(tmp_path: Path, arm: Path, monkeypatch: pytest.Mon
         raise AssertionError("read again")
 
     with monkeypatch.context() as patch:
-        patch.setattr("deltac.fleets.atlas.Reading", refuse)
+        patch.setattr("deltac.fleets.atlas.ModelReading", refuse)
         assert plan_atlas(tmp_path / "plan.toml").addresses == first.addresses
     arm.write_text(ARM.replace("1.5", "1.4"))
     assert plan_atlas(tmp_path / "plan.toml").addresses != first.addresses

@@ -49,13 +49,13 @@ CONTRACTION = 0.5
 FLOW = SAME
 """Error of the flow over an interval, as a share of the sizes of coordinates and speeds."""
 
-LOST = 1e-3
+LOST_MOTION = 1e-3
 """A motion that the last sweep still moves by so much is not found, as a share of the same sizes."""
 
 BEYOND = 2.0
 """A correction is this many times what is not known of the corrected motion, or the log may be as good."""
 
-LEAST_ROWS = 10
+LEAST_CORRECTED_ROWS = 10
 """Rows of a corrected motion."""
 
 
@@ -158,9 +158,9 @@ def correct_trajectory(
             np.max(np.abs(np.nan_to_num(error, nan=np.inf)) / scale, axis=1)
         )
         lost = now > (np.full(len(now), np.inf) if before is None else CONTRACTION * before + FLOW)
-        lost |= now > (LOST if len(sizes) == SWEEPS - 1 else np.finfo(float).max)
+        lost |= now > (LOST_MOTION if len(sizes) == SWEEPS - 1 else np.finfo(float).max)
         count = int(np.argmax(lost)) if lost.any() else len(now)
-        if count < LEAST_ROWS:
+        if count < LEAST_CORRECTED_ROWS:
             raise _refused(
                 f"from t = {rows.t[count]:.4g} s on corrections do not become smaller: the motion is "
                 "chaotic, or the steps are far too long"

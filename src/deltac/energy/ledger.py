@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import ROUNDED, Array
 from deltac.calls.caching import FrozenDict
-from deltac.energy.works import NEGLIGIBLE, unresolved
+from deltac.energy.works import NEGLIGIBLE_WORK, unresolved
 from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.results import Report, Section, Table, number, percent
 
@@ -122,7 +122,7 @@ class Ledger(
 
         Errors below a millionth of the energy exchanged do not count, nor does rounding of the energies.
         """
-        negligible = max(NEGLIGIBLE * self.energy_exchanged, self._rounding)
+        negligible = max(NEGLIGIBLE_WORK * self.energy_exchanged, self._rounding)
         return unresolved(self.work, self.work_error, negligible)
 
     @property

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, Array
 from deltac.mechanism.channels import ByChannel, ChannelName
 
-RESOLVED = 0.1
+RESOLVED_WORK = 0.1
 """A work is resolved if its bar is at most this part of it …"""
 
-NEGLIGIBLE = 1e-6
+NEGLIGIBLE_WORK = 1e-6
 """… or this part of the energy exchanged …"""
 
 LIKELY = 2.0
@@ -125,5 +125,5 @@ def unresolved(works: ByChannel, bars: ByChannel, negligible: float) -> tuple[Ch
     return tuple(
         name
         for name, work in works.items()
-        if bars[name].max() > max(RESOLVED * np.abs(work - work[0]).max(), negligible)
+        if bars[name].max() > max(RESOLVED_WORK * np.abs(work - work[0]).max(), negligible)
     )

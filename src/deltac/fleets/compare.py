@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from deltac.arrays import SAME
 from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError
-from deltac.fleets.result import SHOWN, shown_cell
+from deltac.fleets.result import CASES_SHOWN, shown_cell
 from deltac.fleets.rows import FAILED, is_point
 from deltac.fleets.store import Store
 from deltac.results import Report, Section, Table
@@ -140,7 +140,7 @@ def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) ->
         better=int((both["change"] < 0).sum()),
         grown=int(both["grown"].sum()),
         shrunk=int(both["shrunk"].sum()),
-        listed=tuple(bad.head(SHOWN).select(columns).to_dicts()),
+        listed=tuple(bad.head(CASES_SHOWN).select(columns).to_dicts()),
         factor=float(factor),
     )
 

@@ -27,7 +27,7 @@ OUTSIDE = "outside of the table"
 OF_AUDITS = ("log", "episode", "verdict", "relative", "energy_error", "findings", "code")
 """Columns of the worst audits that are listed."""
 
-SHOWN = 10
+CASES_SHOWN = 10
 """Worst cases that are listed."""
 
 
@@ -283,7 +283,7 @@ def summarise(store: Store, frame: polars.DataFrame, total: int, others: int) ->
         aside=len(store.aside()),
         others=others,
         exit_codes=_exit_codes(frame),
-        worst=_worst(frame, SHOWN),
+        worst=_worst(frame, CASES_SHOWN),
         skipped=tuple(map(str, store.head.get("skipped", ()))),
     )
 

@@ -27,7 +27,7 @@ from deltac.foreign.isolation import Failure
 from deltac.mechanism import State
 from deltac.models import Model, ModelLike, load_model
 
-LARGEST = 16384
+LARGEST_PIECE = 16384
 """Runs in a piece, at most: their records and states take some MB."""
 
 SHARES = 4
@@ -73,7 +73,7 @@ class SweepPlan(Plan):
         setting = self.design.setting[once]
         for one in dict.fromkeys(setting.tolist()):
             rows = once[setting == one].tolist()
-            most = STUDIES if self.spec.verb == "study" else LARGEST
+            most = STUDIES if self.spec.verb == "study" else LARGEST_PIECE
             share = math.ceil(len(rows) / (SHARES * workers))
             # Whole vectors of any machine, and not so few that calls cost more than they do.
             size = chunk or max(1, min(most, max(64, -(-share // 64) * 64)))

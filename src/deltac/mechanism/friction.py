@@ -54,8 +54,12 @@ class FrictionLaw(Declared):
     a force or moment, at points and in contacts a coefficient on the normal force. The excess after
     B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, Automatica 30 (1994) 1083-1138, equation (4).
 
-    Of Coulomb's friction (s = c, b = 0) tanh leaves out the part 1 − tanh(v/w) < 2 e^{−2v/w}: beyond
-    19 w nothing that double precision could tell. By default s = c; `static` comes with `stribeck`.
+    Compared with ideal Coulomb friction μ N (s = c, b = 0), the width w has these effects. In slip the force
+    is less by the fraction 1 − tanh(v/w) < 2 e^{−2v/w}, equal in double precision beyond 19 w. Under a load
+    F < μ N, instead of rest, it creeps at w artanh(F/μN). The heat over a time t is less by at most
+    0.2785 w μ N t, since v (1 − tanh(v/w)) ≤ 0.2785 w. Slip decays within τ = m_eff w/(μ N), which limits an
+    explicit step. Take w below a tenth of v_S, or the law never reaches s. By default s = c; `static` comes
+    with `stribeck`.
 
     >>> steel = friction_law(0.15, static=0.2, stribeck=0.01, width=1e-4)
     """

@@ -24,7 +24,7 @@ from deltac.trajectories import Trajectory
 REPRODUCED = 1e-4
 """A row is arrived at if it is missed by less than this share of what changes from row to row."""
 
-DIGITS = 8.0
+DIGITS_ALLOWED = 8.0
 """Units in the last digit of the log that are allowed for besides."""
 
 WHOLE = 1e-3
@@ -33,7 +33,7 @@ WHOLE = 1e-3
 MOST_LOOKED_AT = 10_000
 """Numbers whose digits are counted."""
 
-TRIED = 32
+REPLAYS_TRIED = 32
 """Rows on which it is tried whether controls belong to the steps after their row, or before it."""
 
 
@@ -116,7 +116,7 @@ def replay_mujoco(
             f"whole number of the model's steps of {h:g} s, the same between all rows (elsewhere {steps}). "
             "Give the model the timestep of the run, and log at equal distances"
         )
-    rows = range(min(len(t) - 1, TRIED))
+    rows = range(min(len(t) - 1, REPLAYS_TRIED))
     shifts = (0, 1) if own.nu else (0,)
     misses = [
         _missed(_stepped(own, t, q, u, ctrl, act, steps, rows, shift)[1], q, u) for shift in shifts
@@ -124,7 +124,7 @@ def replay_mujoco(
     late = len(misses) > 1 and float(np.median(misses[1])) < 0.1 * float(np.median(misses[0]))
     run, ends = _stepped(own, t, q, u, ctrl, act, steps, range(len(t) - 1), int(late))
     missed = _missed(ends, q, u)
-    digits = DIGITS * max(_resolution(q) / _change(q), _resolution(u) / _change(u))
+    digits = DIGITS_ALLOWED * max(_resolution(q) / _change(q), _resolution(u) / _change(u))
     arrivals = np.array([q for q, _ in ends]), np.array([u for _, u in ends])
     return Replay(
         run, arrivals, missed, np.full(len(missed), REPRODUCED + digits * steps), t, steps, late

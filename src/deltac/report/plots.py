@@ -37,7 +37,6 @@ from deltac.report.panels import (
 from deltac.report.picture import blank
 from deltac.report.style import (
     BAD,
-    BESIDE,
     COLOURS,
     DASHED,
     DOTTED,
@@ -45,8 +44,9 @@ from deltac.report.style import (
     GOOD,
     GREY,
     INK,
+    LEGEND_WIDTH,
     SHADES,
-    SMALL,
+    SMALL_TEXT,
     WIDTH,
     align_labels,
     entitle,
@@ -162,7 +162,7 @@ def _drawn(title: str, *panels: Panel) -> Figure:
     ratios = [heights[0]]
     for height in heights[1:]:
         ratios += [GAP, height]
-    drawing = blank(sum(ratios) + 1.12, title, right=BESIDE)
+    drawing = blank(sum(ratios) + 1.12, title, right=LEGEND_WIDTH)
     grid = drawing.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.0)
     for k, panel in enumerate(shown):
         _DRAWERS[type(panel)](drawing.add_subplot(grid[2 * k, 0]), panel)
@@ -270,7 +270,7 @@ def _flows(panel: Axes, plot: Flows) -> None:
     panel.set_yticks(places, [""] * len(places))
     panel.tick_params(axis="y", length=0)
     for place, flow, colour in zip(places, plot.flows, of):
-        look: dict[str, Any] = {"va": "center", "fontsize": SMALL, "annotation_clip": False}
+        look: dict[str, Any] = {"va": "center", "fontsize": SMALL_TEXT, "annotation_clip": False}
         panel.annotate(
             f"{fitted(flow.name, 22).splitlines()[0]}  {number(flow.energy, 'J', 3)}".replace(
                 "-", "−"
@@ -360,7 +360,7 @@ def _localisation(report: Localisation) -> Figure:
 def _explanation(report: Explanation) -> Figure:
     """What each cause explains of the residual of the equations."""
     causes = report.causes
-    drawing = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {report.kind}", right=BESIDE)
+    drawing = blank(1.6 + 0.34 * max(len(causes), 2), f"Causes: {report.kind}", right=LEGEND_WIDTH)
     panel = drawing.subplots()
     places = np.arange(len(causes))
     panel.barh(places, [100.0 * c.share for c in causes], color=BAD, height=0.6)
@@ -373,7 +373,7 @@ def _explanation(report: Explanation) -> Figure:
             (1.01, place),
             xycoords=panel.get_yaxis_transform(),
             va="center",
-            fontsize=SMALL,
+            fontsize=SMALL_TEXT,
             annotation_clip=False,
         )
     panel.set_title(f"Together they explain {percent(report.explained)} of the squared residual")
@@ -404,10 +404,10 @@ def _mutants(report: MutationReport) -> Figure:
     panel.imshow(share, cmap="viridis", vmin=0.0, vmax=1.0, aspect="auto")
     for (row, column), value in np.ndenumerate(share):
         text = "–" if math.isnan(value) else f"{100 * value:.0f} %"
-        look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": SMALL}
+        look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": SMALL_TEXT}
         panel.text(column, row, text, color="black" if value > 0.55 else "white", **look)
     panel.set_xticks(
-        range(len(report.tests)), [fitted(t, 14) for t in report.tests], fontsize=SMALL
+        range(len(report.tests)), [fitted(t, 14) for t in report.tests], fontsize=SMALL_TEXT
     )
     panel.set_yticks(range(len(kinds)), [f"{k} ({m})" for k, m in zip(kinds, mistakes)])
     panel.xaxis.tick_top()
@@ -433,7 +433,7 @@ def _examination(report: Examination) -> Figure:
 
 def _linearisation(report: Linearisation) -> Figure:
     """The eigenvalues in the complex plane; what grows is right of the line."""
-    drawing = blank(4.4, "Eigenvalues", right=BESIDE)
+    drawing = blank(4.4, "Eigenvalues", right=LEGEND_WIDTH)
     panel = drawing.subplots()
     values = report.eigenvalues
     size = 1e-9 * float(np.abs(values).max(initial=0.0))

@@ -23,7 +23,7 @@ DPI = 150
 WIDTH = 7.6
 """Of every figure."""
 
-BESIDE = 1.75
+LEGEND_WIDTH = 1.75
 """Of that, what legends beside the axes take."""
 
 COLOURS = (
@@ -47,7 +47,7 @@ DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
 POINTS = 2500
 """As many as a curve is drawn with, at most; more cannot be told apart."""
 
-SMALL = 7.5
+SMALL_TEXT = 7.5
 """Size (pt) of what stands beside or inside the axes."""
 
 LABEL = 27
@@ -99,7 +99,7 @@ def legend_beside(panel: Axes) -> None:
         [fitted(label) for label in labels],
         loc="upper left",
         bbox_to_anchor=(1.01, 1.0),
-        fontsize=SMALL,
+        fontsize=SMALL_TEXT,
         borderaxespad=0.0,
         handlelength=1.6,
         labelspacing=0.35,

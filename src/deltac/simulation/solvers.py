@@ -158,7 +158,10 @@ class Adaptive(Options):
 
 @dataclass(frozen=True)
 class Scipy(Adaptive):
-    """An adaptive solver of SciPy: RK23, RK45, DOP853, Radau, BDF or LSODA; `tolerance` as for `Adaptive`."""
+    """An adaptive solver of SciPy: RK23, RK45, DOP853, Radau, BDF or LSODA.
+
+    `tolerance` is relative to each state; near zero, to a thousandth of its size.
+    """
 
     name: str = "DOP853"
     families: ClassVar[tuple[str, ...]] = ("scipy",)
@@ -166,7 +169,10 @@ class Scipy(Adaptive):
 
 @dataclass(frozen=True)
 class Sundials(Adaptive):
-    """CVODES, of u̇ = f, or IDAS, of the equations of motion unsolved; `tolerance` as for `Adaptive`."""
+    """CVODES, of u̇ = f, or IDAS, of the equations of motion unsolved.
+
+    `tolerance` is relative to each state; near zero, to a thousandth of its size.
+    """
 
     name: str = "CVODES"
     families: ClassVar[tuple[str, ...]] = ("sundials",)

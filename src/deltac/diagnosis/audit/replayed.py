@@ -20,7 +20,7 @@ from deltac.errors import ArgumentsError, InputError, LogError, listed
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
 from deltac.recorders.mujoco_recorder import compiled_model
-from deltac.recorders.replay import TRIED, Replay, replay_mujoco
+from deltac.recorders.replay import REPLAYS_TRIED, Replay, replay_mujoco
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.files import log_reading, naming
 from deltac.trajectories.formats.mapping import MappingLike
@@ -139,7 +139,7 @@ def _unasked(
         return Attempt(None)
     try:
         start = time.monotonic()
-        replay, _ = _stepped(program, mechanism, reading, TRIED + 1)
+        replay, _ = _stepped(program, mechanism, reading, REPLAYS_TRIED + 1)
         if 2 * len(replay.departures) > len(replay.missed):
             departs = replace(_of(replay), kind="not-replayed", weight="note")
             return Attempt(None, (departs,))

@@ -17,7 +17,7 @@ from deltac.diagnosis.check.example import Example, simplest_failure
 from deltac.diagnosis.check.location import Blame, blame, blame_at, explained, without_sums
 from deltac.diagnosis.check.whole import causes_of_model, whole_causes
 from deltac.diagnosis.inputs.equations import load_equations
-from deltac.diagnosis.residuals.at_samples import CLEAR
+from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -175,7 +175,7 @@ TOLERANCE = ROOT_EPS
 """Relative residual that is accepted: half of a double's digits. Rounding stays far below, and a
 constant typed with seven digits shows."""
 
-MOST_ROWS = 256
+ROWS_OF_A_RUN = 256
 """States of a run at which equations are tested."""
 
 RATES = "rates as speeds"
@@ -245,7 +245,7 @@ def check_equations(
     if states is None:
         drawn = _drawn(kane, scales, where, count=count, seed=seed)
     elif isinstance(states, Trajectory):
-        drawn = states_along(kane, states, some_rows(states, MOST_ROWS))
+        drawn = states_along(kane, states, some_rows(states, ROWS_OF_A_RUN))
     else:
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn, scales=scales)
@@ -270,7 +270,7 @@ def check_equations(
     ordinary = int(finite[:count].sum()) if states is None else len(test.states)
     rough = noise(caller, test, speeds, ordinary or len(test.states)) / typical
     rough = np.where(np.isfinite(rough), rough, 0.0)
-    limit = np.maximum(tolerance, uncertainty(rough, CLEAR))
+    limit = np.maximum(tolerance, uncertainty(rough, CLEAR_OF_ROUNDING))
     rates = _wrong_rates(caller, test)
     judged = _judged(
         test,

@@ -11,7 +11,12 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.matching import Match, explain_residual
-from deltac.diagnosis.residuals.at_samples import LEAST, MOST_ROWS, RunResidual, run_residual
+from deltac.diagnosis.residuals.at_samples import (
+    LEAST_RESIDUAL,
+    MOST_ROWS,
+    RunResidual,
+    run_residual,
+)
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import some_rows
 from deltac.diagnosis.verdict import percent
@@ -157,7 +162,7 @@ def _by_momenta(
         joints[joint] = joints.get(joint, 0.0) - run.u[rows, int(index)] * force
     residual, departures = forces(own), []
     for k, (name, size) in enumerate(own.momenta().items()):
-        if size["delta_p"] > size["error_bar"] and size["relative"] > LEAST:
+        if size["delta_p"] > size["error_bar"] and size["relative"] > LEAST_RESIDUAL:
             span = _span(t, residual[name])
             departures.append(Departure(name, k + 1, size["relative"], span, (), EXCHANGED))
     departures.sort(key=lambda departure: -departure.relative)

@@ -19,7 +19,7 @@ import numpy as np
 
 from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.check.terms import (
-    MOST_SPEEDS,
+    MOST_WRITTEN_SPEEDS,
     Summand,
     circular,
     inertia_term,
@@ -79,7 +79,7 @@ class Match(Serialisable, also=("words",)):
             number = self.ratio if number == "1" else f"{number}·{self.ratio}"
             return f"{part} enters with the factor {number}"
         for factor, words in FACTORS.items():
-            if abs(self.factor - factor) < CLOSE:
+            if abs(self.factor - factor) < SIX_DIGITS:
                 return f"{part} {'' if factor == 0.0 else 'enters '}{words}"
         number = _factor(self.factor)
         if any(c.isalpha() for c in self.formula):
@@ -168,7 +168,9 @@ def _told(
         if varied is not None and (not matches or varied[1] < price):
             match, _, part = varied
             return (replace(match, symbols=_written(test, part)),)
-    if own and any(p.name == own and not p.symbols and abs(c - 1.0) < CLOSE for p, c in matches):
+    if own and any(
+        p.name == own and not p.symbols and abs(c - 1.0) < SIX_DIGITS for p, c in matches
+    ):
         return ()
     terms = []
     for part, c in matches:
@@ -206,7 +208,7 @@ def _with_ratio(
             multiple = formula(number, test.kane.mechanism.parameters, term or "1")
             price = float(prices[k]) + (
                 0.0
-                if abs(abs(number) - 1.0) < CLOSE
+                if abs(abs(number) - 1.0) < SIX_DIGITS
                 else 2.0
                 if multiple is None
                 else 0.5 + multiple.cost
@@ -221,11 +223,11 @@ def ratios(test: EquationTest) -> tuple[list[str], Array, Array]:
     """Plain functions of the state that are forgotten, put in, or stand for others: texts, values, costs."""
     states = test.states
     one = np.ones(len(states))
-    own = list(zip(states.coordinates, states.q))[:MOST_SPEEDS]
+    own = list(zip(states.coordinates, states.q))[:MOST_WRITTEN_SPEEDS]
     shapes = [s for name, x in own for s in (*circular(name, x), (name, x))]
     for (a, x), (b, y) in combinations(own, 2):
         shapes += [s for text, angle in sums(a, b, x, y) for s in circular(text, angle)]
-    u = [(f"u.{name}", x) for name, x in zip(states.speeds, states.u)][:MOST_SPEEDS]
+    u = [(f"u.{name}", x) for name, x in zip(states.speeds, states.u)][:MOST_WRITTEN_SPEEDS]
     pairs = combinations(u, 2)
     rates = [*u, *((f"({text})", z) for (a, x), (b, y) in pairs for text, z in sums(b, a, y, x))]
     texts: list[str] = []
@@ -259,7 +261,7 @@ def explain_plainly(
     """The plain functions of what it depends on that a residual (B,) consists of; empty if it is no sum."""
     names = test.states.coordinates
     some = [k for k, n in enumerate(names) if depends is None or f"q.{n}" in depends]
-    if len(some) > MOST_SPEEDS:
+    if len(some) > MOST_WRITTEN_SPEEDS:
         return ()
     parts = plain_parts(test.states, udot, some)
     if depends is not None:
@@ -285,7 +287,7 @@ def explain_by(
     columns = np.array([p.values for p in usable])
     columns = columns / np.linalg.norm(columns, axis=1)[:, None]
     along = columns @ (residual / size)
-    singles = [(int(k),) for k in np.flatnonzero(1.0 - along**2 < CLOSE)]
+    singles = [(int(k),) for k in np.flatnonzero(1.0 - along**2 < SIX_DIGITS)]
     best = _cheapest(residual, usable, singles, exact, cost)
     if best or len(residual) < 8:
         return best
@@ -316,7 +318,7 @@ def _pairs(columns: Array, along: Array) -> list[tuple[int, ...]]:
     cosine = (columns @ columns.T)[i, j]
     with np.errstate(all="ignore"):
         share = (along[i] ** 2 - 2 * along[i] * along[j] * cosine + along[j] ** 2) / (1 - cosine**2)
-    fits = np.flatnonzero((np.abs(1.0 - share) < CLOSE) & (np.abs(cosine) < 1.0 - 1e-9))
+    fits = np.flatnonzero((np.abs(1.0 - share) < SIX_DIGITS) & (np.abs(cosine) < 1.0 - 1e-9))
     return [(int(i[k]), int(j[k])) for k in fits]
 
 
@@ -352,13 +354,13 @@ def _fitted(
 
 def _is_plain(factor: float) -> bool:
     """Whether a factor is −1, 0, 2 or ½."""
-    return any(abs(factor - plain) < CLOSE for plain in FACTORS)
+    return any(abs(factor - plain) < SIX_DIGITS for plain in FACTORS)
 
 
 # --- numbers as formulas in a model's parameters: 0.583 as l2/l1, 0.102 as 1/g -------------------
 
 
-CLOSE = 1e-5
+SIX_DIGITS = 1e-5
 """Differences that six digits do not show: of a factor from one, and by normal equations, which lose half of
 the digits."""
 
@@ -370,7 +372,7 @@ FRACTIONS = tuple(
 )
 """Numbers that people forget or put in, the plainest first."""
 
-MOST = 24
+MOST_PARAMETERS = 24
 """Parameters of which pairs are tried."""
 
 
@@ -390,13 +392,13 @@ def formula(
     None if it is none. Parameters that are 0 or 1 are never named. `within` is the term whose factor the
     number is: what is divided by must be in it.
     """
-    if not np.isfinite(number) or number == 0.0 or abs(abs(number) - 1.0) < CLOSE:
+    if not np.isfinite(number) or number == 0.0 or abs(abs(number) - 1.0) < SIX_DIGITS:
         return None
     named = tuple(
         (name, abs(value))
         for name, value in parameters.items()
         if value != 0.0 and abs(abs(value) - 1.0) > HALF_DIGITS
-    )[:MOST]
+    )[:MOST_PARAMETERS]
     logs, powers = _products(named)
     sign = "-" if number < 0 else ""
     inside = None if not within else set(re.findall(r"[A-Za-z_]\w*", within))

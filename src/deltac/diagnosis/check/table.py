@@ -17,7 +17,7 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.check.check import EquationCheck, check_states
 from deltac.diagnosis.measurements.digits import resolution
-from deltac.diagnosis.residuals.at_samples import CLEAR
+from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import States, draw, from_told, natural_scales, told
@@ -143,7 +143,9 @@ def _rounding(udot: Array) -> float:
     """What the digits of accelerations (n, B) leave open, as a share of the largest of each."""
     size = np.abs(udot).max(axis=1)
     digit = 2.0 * resolution(udot.T).max(axis=0)
-    return CLEAR * float(np.divide(digit, size, out=np.zeros_like(size), where=size > 0.0).max())
+    return CLEAR_OF_ROUNDING * float(
+        np.divide(digit, size, out=np.zeros_like(size), where=size > 0.0).max()
+    )
 
 
 def _finite(path: str | Path, names: list[str], values: Array) -> None:

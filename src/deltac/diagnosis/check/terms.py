@@ -24,7 +24,7 @@ from deltac.errors import InputError
 from deltac.kernels.lowering import to_sympy
 from deltac.mechanism.expressions import symbol_of
 
-MOST_SPEEDS = 4
+MOST_WRITTEN_SPEEDS = 4
 """Terms grow exponentially with the number of speeds, and so does the time to simplify them;
 so many coordinates and speeds have plain functions of a residual or a factor."""
 
@@ -34,7 +34,7 @@ MOST_INSTRUCTIONS, MOST_NODES = 300, 500
 MOST_SUMMANDS = 24
 """Summands into which a term is divided."""
 
-LONGEST = 100
+LONGEST_TERM = 100
 """Characters of a term that is still worth reading."""
 
 PLAIN = 12
@@ -52,7 +52,7 @@ def written(kane: Kane, key: Key, row: int) -> str:
     import sympy
 
     text = _as_text(sympy.factor(expression))
-    return text if len(text) <= LONGEST else ""
+    return text if len(text) <= LONGEST_TERM else ""
 
 
 def summands(kane: Kane, key: Key, row: int) -> list[tuple[str, Any]]:
@@ -88,7 +88,7 @@ def _names(kane: Kane) -> tuple[list[str], ...]:
 
 def _in_symbols(kane: Kane, key: Key, row: int) -> Any:
     """A term in SymPy's symbols, sines collected; None where it is too long to be read."""
-    if len(kane.speed_names) > MOST_SPEEDS or key[0] == "inertia by body":
+    if len(kane.speed_names) > MOST_WRITTEN_SPEEDS or key[0] == "inertia by body":
         return None
     mechanism = kane.mechanism
     system = trace(mechanism, vary=tuple(mechanism.parameters))
@@ -192,7 +192,7 @@ def _proportional(term: SX, u: SX, rates: tuple[int, ...] | None) -> SX:
 # model's own terms, and where none fits with products of sines, cosines and rates.
 
 
-FEW = 8
+MOST_DIVIDED_SPEEDS = 8
 """Speeds up to which terms are divided by bodies and pairs of rates."""
 
 SUMMED = ("channel", "gyroscopic", "inertia")
@@ -231,12 +231,12 @@ def own_parts(test: EquationTest, udot: Array, row: int) -> list[Summand]:
         add(_called(channel), force[row], ("channel", channel, None))
     inertia = -test.M[:, row, :].T * udot
     add("the sum of the gyroscopic terms", -test.bias[row], ("gyroscopic", "", None))
-    by_rates = _by_rates(test, row) if len(names) <= FEW else ()
+    by_rates = _by_rates(test, row) if len(names) <= MOST_DIVIDED_SPEEDS else ()
     for name, values, key in by_rates:
         add(name, values, key)
     for j, name in enumerate(names):
         add(inertia_term(name), inertia[j], ("inertia", name, None))
-    if len(names) <= FEW:
+    if len(names) <= MOST_DIVIDED_SPEEDS:
         for name, values, key in _by_bodies(test, udot, row):
             add(name, values, key)
     for part in [p for p in own if p.key is not None and p.key[0] in SUMMED and p.key[2] is None]:

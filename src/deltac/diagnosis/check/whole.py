@@ -27,7 +27,7 @@ from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
 from deltac.trajectories import Provenance, Trajectory
 
-MOST = 600
+MOST_HYPOTHESES = 600
 """Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
 
 SMALL = (1e-2, 1e-3)
@@ -76,7 +76,7 @@ def _coordinates(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
     # One state refutes nearly every hypothesis, and functions may be slow.
     k = int(np.argmax(np.abs(right).max(axis=0)))
     one = some.take(np.array([k]))
-    for frame in islice(_frames(test), MOST):
+    for frame in islice(_frames(test), MOST_HYPOTHESES):
         if _agree(_called(caller, frame.seen(one)), frame.B @ right[:, [k]]) and _agree(
             _called(caller, frame.seen(some)), frame.B @ right
         ):
@@ -147,12 +147,12 @@ def _parameters(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
         return ()
     model = _Varied(test, some)
     values = model.known
-    for name, value in islice(values.items(), MOST):
+    for name, value in islice(values.items(), MOST_HYPOTHESES):
         factor = _factor(model, udot, name, value)
         if factor is not None:
             right, remedy = f"{name} = {factor * value:.6g}", f"Give {name} the same value in both"
             return (_value(right, f"{name} = {value:.6g}", remedy, name),)
-    for a, b in islice(combinations(values, 2), MOST):
+    for a, b in islice(combinations(values, 2), MOST_HYPOTHESES):
         if values[a] == values[b]:
             continue
         exchanged = model.changed({a: values[b], b: values[a]})

@@ -24,7 +24,7 @@ from deltac.errors import FileError, InputError, PackageError, SourceError
 from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.files import naming
 
-TRIALS = 3
+RATE_TRIALS = 3
 """States at which rates are compared with states."""
 
 EVENTS = 100
@@ -158,7 +158,7 @@ def _order(
     """The places of the coordinates, then of their speeds, among the unit's states."""
     n = len(names)
     rng = np.random.default_rng(0)
-    trials = [rng.uniform(0.3, 1.3, n) for _ in range(TRIALS)]
+    trials = [rng.uniform(0.3, 1.3, n) for _ in range(RATE_TRIALS)]
     evaluated = [(x, unit(0.0, x)) for x in trials]
     pairs: list[tuple[int, int]] = []
     for i in range(n):

@@ -92,7 +92,7 @@ def _more(names: Sequence[str]) -> str:
 
 # --- what a user calls a log ---------------------------------------------------------------------
 
-LARGE = 16_000_000
+LARGE_LOG = 16_000_000
 """Numbers in a log (128 MB; a ledger of all rows takes several times that) above which an audit's ledger
 keeps some rows, and a Parquet file is read in parts."""
 
@@ -164,8 +164,8 @@ def read_log(
     What an ODE solver returned (see `Trajectory.from_scipy`) is taken as a log, and so is a table.
     `work` is as for `balance`, by default as the log's engine took it. `mapping` says what the columns of
     another program's file are: a path, or a `LogMapping`. A run that is not `measured`, since it was just
-    computed here, is not searched for slips of its columns. Of a log of more than
-    `LARGE` numbers the ledger may `keep` about so many rows, as `balance` does. `progress` is told the share
+    computed here, is not searched for slips of its columns. Of a log of more than `LARGE_LOG`
+    numbers the ledger may `keep` about so many rows, as `balance` does. `progress` is told the share
     of the rows that are read, where they are read in parts.
 
     Raises InputError for a log that cannot be read, or is of another model.
@@ -173,8 +173,8 @@ def read_log(
     if isinstance(source, str | Path):
         path = Path(source)
         rows, columns = _size(path)
-        if rows * columns > LARGE:
-            part = max(4, LARGE // 4 // columns // 4 * 4)
+        if rows * columns > LARGE_LOG:
+            part = max(4, LARGE_LOG // 4 // columns // 4 * 4)
             return _in_parts(mechanism, path, work, mapping, part, progress)
     run = read_run(mechanism, source, mapping)
     return _whole(mechanism, run, work, measured=measured, keep=keep)
@@ -227,7 +227,7 @@ def _whole(
     ]
     _refuse_garbage(run)
     numbers = len(run) * (run.q.shape[1] + (2 + len(run.forces)) * run.u.shape[1])
-    keep = keep if numbers > LARGE else None
+    keep = keep if numbers > LARGE_LOG else None
     if not measured:
         return balanced(mechanism, run, work, tuple(findings), keep=keep)
     from deltac.diagnosis.measurements.cleaning import cleaned

@@ -30,9 +30,9 @@ from deltac.diagnosis.recommend.result import (
     setting_of,
 )
 from deltac.diagnosis.recommend.work_precision import (
-    ALIKE,
     LEAST_BUDGET,
     ROUNDING,
+    SAME_TIME,
     Deadline,
     Family,
     OutOfTime,
@@ -60,7 +60,7 @@ STEPS = 50
 MORE_STEPS = 10
 """Settings further there are ten times as many steps: what these cost shows, where so few take no time."""
 
-RESOLVED = 0.1
+HAS_ORDER = 0.1
 """A run whose error is below this share of the ranges has the order of its solver, until more is known."""
 
 REDUCED = 0.5
@@ -73,7 +73,7 @@ SLACK = 2.0
 REFINEMENT = 4.0
 """By what factor a step is divided that has no order yet, because the run broke down."""
 
-SAFETY = 1.03
+STEP_MARGIN = 1.03
 """Margin on a step that an order predicts, so that it seldom fails its verification."""
 
 
@@ -199,7 +199,7 @@ class SolverCandidate:
 
     def _resolved(self, place: int) -> bool:
         """Whether the order can be relied on: a trial's error is a small part of the motion."""
-        return self.trials[place].excess(1.0, 1.0) <= RESOLVED
+        return self.trials[place].excess(1.0, 1.0) <= HAS_ORDER
 
     @property
     def resolved(self) -> bool:
@@ -214,7 +214,7 @@ class SolverCandidate:
         limits, and then tell nothing of the steps that accuracy needs.
         """
         family, errors = self.family, {k: t.motion for k, t in self.trials.items()}
-        telling = [k for k, error in errors.items() if self.tolerances[1] < error <= RESOLVED]
+        telling = [k for k, error in errors.items() if self.tolerances[1] < error <= HAS_ORDER]
         if family.knob != "step" or not telling:
             return 0.0
         order = family.order or 1
@@ -283,9 +283,9 @@ class SolverCandidate:
         if math.isinf(excess):
             return setting / REFINEMENT
         if self._resolved(tried):
-            return setting / (SAFETY * float(max(excess, EPS) ** (1.0 / self.order)))
-        # Coarser than anything that has an order: the error has still to fall from `RESOLVED`.
-        rest = 1.0 if first else float((RESOLVED / min(self.tolerances)) ** (1.0 / self.order))
+            return setting / (STEP_MARGIN * float(max(excess, EPS) ** (1.0 / self.order)))
+        # Coarser than anything that has an order: the error has still to fall from `HAS_ORDER`.
+        rest = 1.0 if first else float((HAS_ORDER / min(self.tolerances)) ** (1.0 / self.order))
         return setting / (2.0 * max(rest, 1.0))
 
     def _within(self, setting: float) -> int:
@@ -393,7 +393,7 @@ class Search:
             return min(alive, key=self._wait)
         times = {id(c): self._least(c) for c in alive}
         least = min(times.values())
-        equals = [c for c in alive if times[id(c)] <= ALIKE * least]
+        equals = [c for c in alive if times[id(c)] <= SAME_TIME * least]
         return min(equals, key=self._evaluations)
 
     def _wait(self, candidate: SolverCandidate) -> float:

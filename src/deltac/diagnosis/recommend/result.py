@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from deltac.diagnosis.inputs.channels import told
-from deltac.diagnosis.recommend.work_precision import ALIKE, Trial
+from deltac.diagnosis.recommend.work_precision import SAME_TIME, Trial
 from deltac.results import Report, Section, Table, number, percent
 
 if TYPE_CHECKING:
@@ -214,7 +214,7 @@ def _everywhere(best: Trial) -> str:
 
 
 def _longer(ratio: float) -> str:
-    return f"{ratio:.2g} times as long" if ratio > ALIKE else "as long"
+    return f"{ratio:.2g} times as long" if ratio > SAME_TIME else "as long"
 
 
 def failing(trial: Trial, tolerance: float, motion: float) -> str:

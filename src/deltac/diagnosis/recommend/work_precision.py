@@ -29,7 +29,7 @@ from deltac.trajectories import Trajectory
 
 Made = TypeVar("Made")
 
-REPEATS = 3
+TIMED_RUNS = 3
 """Times a run is timed, in seconds of the processor; the least counts, because other work only adds."""
 
 LEAST_BUDGET = 0.1
@@ -38,13 +38,13 @@ LEAST_BUDGET = 0.1
 BRIEF = 0.5 * LEAST_BUDGET
 """Seconds after which a run is not timed once more."""
 
-ALIKE = 1.2
+SAME_TIME = 1.2
 """Times within this factor are the same."""
 
 NATIVE = 1e-9
 """Seconds that native code takes for an instruction, at most: it is 0.2 to 1 ns."""
 
-SURE = 0.05
+SURE_REFERENCE = 0.05
 """A motion's error is known if that of its reference is below this share of it, or of the tolerance."""
 
 ORDERLY = 0.75
@@ -336,7 +336,7 @@ class Trials:
             if gain >= piece.gain**ORDERLY:
                 doubt = error / (min(gain, piece.gain) - 1.0)
         for coarser, finest in itertools.pairwise(divisors):
-            if doubt <= SURE * max(error, self._tolerance):
+            if doubt <= SURE_REFERENCE * max(error, self._tolerance):
                 break
             error, doubt = apart(run, finer(finest)), apart(finer(coarser), finer(finest))
         return (error + doubt, doubt), spans
@@ -348,12 +348,12 @@ class Trials:
         """
         earlier = [(self._runs.get((family.name, setting / k)), k) for k in (1.0, 2.0)]
         spans = [run.seconds / k for run, k in earlier if isinstance(run, _Run)]
-        if not family.recorder and len(spans) > 1 and BRIEF < max(spans) <= ALIKE * min(spans):
+        if not family.recorder and len(spans) > 1 and BRIEF < max(spans) <= SAME_TIME * min(spans):
             return min(spans)
         work: Callable[[float], object] = family.work or family.run
         times: list[float] = []
         with quietly():
-            while len(times) < REPEATS and sum(times) < BRIEF:
+            while len(times) < TIMED_RUNS and sum(times) < BRIEF:
                 start = time.process_time()
                 work(setting)
                 times.append(time.process_time() - start)

@@ -26,11 +26,11 @@ MOST_ROWS = 3000
 """Samples that are looked at, evenly over the log: enough for every statistic that is made of them."""
 
 PERTURBATIONS = 2
-CLEAR = 50.0
+CLEAR_OF_ROUNDING = 50.0
 """A residual this many times above what digits allow is no rounding: terms are sums of some tens
 of products."""
 
-LEAST = 1e-6
+LEAST_RESIDUAL = 1e-6
 """Relative residuals below this are not called a mistake: constraint solvers stop there."""
 
 
@@ -61,7 +61,9 @@ class RunResidual:
         """Root mean square as a fraction of `scale` (n,); zero where digits or rounding explain it."""
         size = rms(self.residual)
         relative = size / self.scale
-        return np.where((size > CLEAR * self.precision) & (relative > LEAST), relative, 0.0)
+        return np.where(
+            (size > CLEAR_OF_ROUNDING * self.precision) & (relative > LEAST_RESIDUAL), relative, 0.0
+        )
 
     def constraints(self, run: Trajectory) -> dict[str, float]:
         """ψ̇ of each constraint as a share of its terms; 0 where digits or a stabilisation explain it.
@@ -78,12 +80,12 @@ class RunResidual:
         scale = rms(np.abs(test.gamma) + times(G, np.abs(self.udot)))
         scale = scale + rms(times(G, np.abs(test.states.u))) / float(np.ptp(run.t))
         # What a row has no terms of, such as the height of a ball on a table, has no size of its own.
-        scale = np.maximum(scale, LEAST * scale.max())
+        scale = np.maximum(scale, LEAST_RESIDUAL * scale.max())
         decay = STIFFEST / (run.provenance.step or float(np.median(np.diff(run.t))))
         restoring = 2.0 * decay * np.abs(test.terms.psi) + decay**2 * np.abs(test.terms.phi)
         size = rms(self.rates)
-        explained = CLEAR * (self.rate_precision + 4.0 * EPS * scale) + rms(restoring)
-        shares = np.where((size > explained) & (size > LEAST * scale), size / scale, 0.0)
+        explained = CLEAR_OF_ROUNDING * (self.rate_precision + 4.0 * EPS * scale) + rms(restoring)
+        shares = np.where((size > explained) & (size > LEAST_RESIDUAL * scale), size / scale, 0.0)
         names = test.kane.rows.names
         return {n: float(max(s for s, m in zip(shares, names) if m == n)) for n in names}
 

@@ -36,7 +36,7 @@ from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 
-LEAST = 1e-3
+LEAST_TERMS = 1e-3
 """A speed's terms count as at least this share of its natural inertia force: rounding has no size."""
 
 
@@ -214,7 +214,7 @@ class EquationTest:
     @cached_property
     def floor(self) -> Array:
         """Least typical scale of each equation (n,): a small share of its natural inertia force."""
-        return LEAST * rms(times(self._M_size, self._natural)) + TINY
+        return LEAST_TERMS * rms(times(self._M_size, self._natural)) + TINY
 
     @cached_property
     def _natural(self) -> Array:
@@ -254,7 +254,9 @@ class EquationTest:
         power, momentum, violation = self.powers(udot), self.momenta(udot), self.violation(udot)
         watts = _dot(np.abs(self.states.u), scale)
         # No floor of a row is zero: a ball's height on a table has no terms at all.
-        pull = np.abs(self.gamma) + times(np.abs(self.G), np.abs(udot) + LEAST * self._natural)
+        pull = np.abs(self.gamma) + times(
+            np.abs(self.G), np.abs(udot) + LEAST_TERMS * self._natural
+        )
         typical_watts = _typical(watts)
         newtons = {
             n: scalar.size(np.abs(udot) + self._natural) for n, scalar in self._scalars[1].items()

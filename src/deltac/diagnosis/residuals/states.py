@@ -57,7 +57,7 @@ ON_PATH, PATH = 1e-13, 1e-4
 REGULAR = 1e-11
 """A mass matrix with a smaller eigenvalue than this, scaled to a diagonal of ones, is singular."""
 
-FAR = 1e6
+FARTHEST = 1e6
 """No coordinate or speed of an admissible state is larger than this, in its natural scale."""
 
 
@@ -369,7 +369,7 @@ def admissible(
     if len(t) > 1 and not regular.any() and (error := singular_inertia(kane.mechanism, terms.M)):
         raise error
     good &= regular
-    good &= (np.abs(point.u) < FAR * scales.speed[:, None]).all(axis=0)
+    good &= (np.abs(point.u) < FARTHEST * scales.speed[:, None]).all(axis=0)
     good &= np.abs(terms.phi).max(axis=0, initial=0.0) < ASSEMBLED
     speed = np.maximum(1.0, np.abs(point.u).max(axis=0, initial=0.0))
     good &= np.abs(terms.psi).max(axis=0, initial=0.0) < ASSEMBLED * speed
@@ -406,7 +406,7 @@ COVERED = (0.2, 4.0)
 OTHERS = 30.0
 """All other motion is slowed to this many times the slip: a small difference of large speeds is rounding."""
 
-ROUNDED = 1e5
+LEAST_SLIP = 1e5
 """A slip this many times smaller than the speeds it is the difference of is not used."""
 
 DEPTH = 0.1
@@ -593,7 +593,7 @@ def _about(place: Place, states: States, speed: float | None) -> NDArray[np.bool
         return touching
     size = np.linalg.norm(slip, axis=0)
     slow = (COVERED[0] * speed <= size) & (size <= COVERED[1] * speed)
-    return np.asarray(touching & slow & (_parts(slope, point.u) < ROUNDED * size))
+    return np.asarray(touching & slow & (_parts(slope, point.u) < LEAST_SLIP * size))
 
 
 # --- what was not seen -------------------------------------------------------------------------------

@@ -32,7 +32,7 @@ WELL_CLEAR = 30.0
 SAFETY = 1.25
 """Roache's factor on the extrapolated correction, for its uncertainty with three or more steps."""
 
-SURE = 10.0
+SURE_LIMIT = 10.0
 """A limit counts as not zero from so many of its uncertainties on."""
 
 LEAST_ORDER = 0.5
@@ -143,7 +143,7 @@ def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
     clear = clear[first:]
     count = len(h) if clear.all() else int(np.argmin(clear))
     limit, limit_error, three = _limit(h, y, floors)
-    if three is not None and abs(limit) > SURE * limit_error:
+    if three is not None and abs(limit) > SURE_LIMIT * limit_error:
         return Convergence(
             "tends to a limit", *three, limit, limit_error, tuple(map(float, h[-3:]))
         )

@@ -20,13 +20,13 @@ from deltac.trajectories import Trajectory
 SYMPLECTIC = ("semi-implicit-euler",)
 """Solvers whose energy error stays bounded while no force takes energy out."""
 
-JUMP = 10.0
+SPEED_JUMP = 10.0
 """A change of speed so many times its neighbours' is a jump."""
 
 NOTICEABLE = 0.01
 """Share of the largest speed of its unit that a jump must reach."""
 
-STILL = 1e-3
+WORKLESS = 1e-3
 """Share of the energy exchanged below which works that are no potential count as none."""
 
 
@@ -120,7 +120,7 @@ def of_growth(
     flowing = sum(
         float(np.abs(w - w[0]).max()) for n, w in ledger.work.items() if n not in ledger.potential
     )
-    if solver in SYMPLECTIC and how != "bounded" and flowing <= STILL * ledger.energy_exchanged:
+    if solver in SYMPLECTIC and how != "bounded" and flowing <= WORKLESS * ledger.energy_exchanged:
         yield Finding(
             "symplectic-drift",
             f"ΔC drifts, though {solver} is symplectic and no force takes energy out",
@@ -226,7 +226,7 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     around = np.maximum(change[:-2], change[2:])
     # A constant speed that begins to change is no jump: compare with the changes that are usual.
     usual = np.median(change, axis=0)
-    sudden = (change[1:-1] > JUMP * np.maximum(around, usual)) & (
+    sudden = (change[1:-1] > SPEED_JUMP * np.maximum(around, usual)) & (
         change[1:-1] > NOTICEABLE * np.maximum(top, TINY)
     )
     if not sudden.any():

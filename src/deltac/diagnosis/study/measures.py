@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from deltac.diagnosis.residuals.at_samples import RunResidual
     from deltac.diagnosis.residuals.kane import Kane
 
-SHARE = 0.02
+LEAST_BLAMED = 0.02
 """Equations whose residual is below this share of the worst one's are not blamed."""
 
 
@@ -68,7 +68,7 @@ class SampleResiduals(Serialisable, omit=("findings",)):
         """Places of the equations that do not close, worst first."""
         worst = float(self.relative.max(initial=0.0))
         order = np.argsort(-self.relative)
-        return tuple(int(k) for k in order if self.relative[k] > max(SHARE * worst, 0.0))
+        return tuple(int(k) for k in order if self.relative[k] > max(LEAST_BLAMED * worst, 0.0))
 
     def finding(self) -> Finding:
         """Which equations to look at."""

@@ -49,13 +49,13 @@ def before_blow_up(run: Trajectory) -> Trajectory:
 # --- the runs of a study -------------------------------------------------------------------------
 
 Simulator: TypeAlias = Callable[[float], Trajectory]
-LEAST_ROWS = 3
+LEAST_LEDGER_ROWS = 3
 """Rows that a run needs for a ledger."""
 
 REFINES = 1.1
 """Steps whose ratio is smaller say nothing about an order: its error grows as 1/log of it."""
 
-DIGITS = 3.0
+DIGIT_SPREAD = 3.0
 """How many times farther than one random rounding moved it a quantity may be off."""
 
 
@@ -255,8 +255,8 @@ def _balanced(
     mechanism: Mechanism, whole: Trajectory, step: float, *, trusted: bool, simulated: bool = False
 ) -> StudyRun:
     run = before_blow_up(whole)
-    if len(run) < LEAST_ROWS:
-        few = f"{len(run)} rows; a balance needs {LEAST_ROWS} or more"
+    if len(run) < LEAST_LEDGER_ROWS:
+        few = f"{len(run)} rows; a balance needs {LEAST_LEDGER_ROWS} or more"
         if run is whole:
             return StudyRun(step, failure=f"the run has {few}")
         return StudyRun(
@@ -390,7 +390,7 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
     was, now = log.ledger, ledger
     pairs = [(was.delta_c, now.delta_c), (was.momentum, now.momentum)]
     return {
-        n: DIGITS * float(np.abs(after[n] - x).max())
+        n: DIGIT_SPREAD * float(np.abs(after[n] - x).max())
         for before, after in pairs
         for n, x in before.items()
     }

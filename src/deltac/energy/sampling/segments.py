@@ -32,10 +32,10 @@ INWARD = SAME
 is that of the piece.
 """
 
-UNEVEN = 0.02
+UNEVEN_ROWS = 0.02
 """Least interval among four rows, as a fraction of the largest."""
 
-LONG = 9
+LONG_PIECE = 9
 """Rows of a piece from which on its error can be estimated by leaving some of them out."""
 
 
@@ -137,7 +137,7 @@ def integrate_pieces(
     rules, orders = [], []
     for first, stop in pairwise((0, *starts, len(samples.t))):
         inner = slice(first + (first > 0), stop - (stop < len(samples.t)))
-        long = inner.stop - inner.start >= LONG
+        long = inner.stop - inner.start >= LONG_PIECE
         for rows in ((first, first + 4), (stop - 4, stop)) if long else ((first, stop),):
             if rows[1] - rows[0] >= 4 and _even(width[rows[0] : rows[1] - 1]):
                 piece, places = slice(*rows), slice(rows[0], rows[1] - 1)
@@ -168,7 +168,7 @@ def integrate_pieces(
 
 def _even(widths: Array) -> bool:
     """Whether intervals are alike enough for a polynomial through all of their ends."""
-    return bool(widths.min() > UNEVEN * widths.max())
+    return bool(widths.min() > UNEVEN_ROWS * widths.max())
 
 
 def _cumulated(parts: Array) -> Array:

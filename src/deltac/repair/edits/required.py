@@ -24,7 +24,7 @@ from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.samples import RIGHT
 from deltac.repair.tracing.tape import Slot, TapeChange
 
-NEWTON_STEPS = 10
+EDIT_ITERATIONS = 10
 STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
 """Newton's method starts from these multiples of the value, where the earlier ones led nowhere."""
 
@@ -217,7 +217,7 @@ def _newton(
     for multiple in STARTS:
         x = multiple * start
         r = residual(x)[rows]
-        for _ in range(NEWTON_STEPS):
+        for _ in range(EDIT_ITERATIONS):
             dx = nearest((residual(x + h)[rows] - r) / h, r)
             x = np.where(np.isfinite(dx), x + dx, x)
             r = residual(x)[rows]

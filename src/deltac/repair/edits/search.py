@@ -18,7 +18,7 @@ from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
-from deltac.repair.edits.required import NEWTON_STEPS, Requirement, Requirements
+from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements
 from deltac.repair.edits.single import additions, edits, structure
 from deltac.repair.edits.unsolved_form import unsolved_form
 from deltac.repair.tracing.program import Program, at, reading
@@ -302,7 +302,7 @@ def _closing(search: EditSearch) -> list[First]:
     firsts: list[First] = []
     right = np.abs(program.original_residual).max(axis=1) < RIGHT
     closings = itertools.product(program.numbers, np.flatnonzero(~right).tolist())
-    for place, row in itertools.islice(closings, _turns(program, NEWTON_STEPS)):
+    for place, row in itertools.islice(closings, _turns(program, EDIT_ITERATIONS)):
         if time.monotonic() > search.deadline:
             break
         r = search.requirements.closing(place, row)

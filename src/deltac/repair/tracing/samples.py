@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import ROOT_EPS, Array
-from deltac.diagnosis import LEAST as FLOOR
+from deltac.diagnosis import LEAST_TERMS as FLOOR
 from deltac.diagnosis import EquationTest, Kane, draw, natural_scales, told
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap, Mechanism, State

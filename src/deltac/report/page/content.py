@@ -335,7 +335,7 @@ def _(report: Explanation, context: Beside) -> Page:
     )
 
 
-ROWS = 20_000
+LEDGER_ROWS = 20_000
 """Steps of a motion that is simulated for a page only, at most."""
 
 
@@ -344,7 +344,7 @@ def _motion_of(model: Model, equations: Equations | None = None) -> Trajectory |
     problem = model.problem
     if problem is None:
         return None
-    duration = min(problem.duration, ROWS * problem.step)
+    duration = min(problem.duration, LEDGER_ROWS * problem.step)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a motion that breaks off is shown up to there
@@ -467,7 +467,7 @@ def _recommended(model: Model, best: Trial, duration: float) -> Trajectory | Non
     """The motion by the setting that is recommended, if a solver of ours made it."""
     if best.knob != "step" or ":" in best.solver or not model.starts:
         return None
-    lasting = min(duration, ROWS * best.setting)
+    lasting = min(duration, LEDGER_ROWS * best.setting)
     try:
         return simulate(model.mechanism, model.start(), lasting, best.setting, best.solver)
     except DeltacError:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 NUMBERS = 140_000
 """Numbers of time histories that a page holds, 0.75 MB; all plots together share them."""
 
-STRETCHES = 4000
+HISTORY_STRETCHES = 4000
 """Stretches of which a history keeps the extremes: more than any screen has columns of pixels."""
 
 Tone = Literal["good", "bad", "doubt", "plain"]
@@ -197,7 +197,7 @@ class Page:
     def packed(self) -> dict[str, Any]:
         """The page in terms of JSON."""
         plots = [p for chapter in self.chapters for p in chapter.parts if isinstance(p, TimePlot)]
-        stretches = STRETCHES
+        stretches = HISTORY_STRETCHES
         while stretches > 250 and sum(_numbers(plot, stretches) for plot in plots) > NUMBERS:
             stretches //= 2
 

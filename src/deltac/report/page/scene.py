@@ -33,7 +33,7 @@ from deltac.report.page.geometry import (
 from deltac.report.page.parts import Numbers
 from deltac.trajectories import Trajectory
 
-NUMBERS = 100_000
+SCENE_NUMBERS = 100_000
 """Numbers that a page holds of what moves, seven for each body and frame, six for each force: 0.5 MB."""
 
 FRAMES = 3000
@@ -121,7 +121,7 @@ def scene(
 def _frames(mechanism: Mechanism, run: Trajectory, share: int) -> Instants:
     """The run at as many of its rows as the page holds, evenly in time."""
     of_frame = 7 * len(mechanism.bodies) * share + 6 * min(ARROWS, len(run.forces))
-    count = int(max(60, min(FRAMES, NUMBERS / of_frame)))
+    count = int(max(60, min(FRAMES, SCENE_NUMBERS / of_frame)))
     at = instants(mechanism, run)
     if len(at.t) <= count:
         return at

@@ -274,6 +274,11 @@ class RowBalance:
         """Works by quadrature, of channels without a potential."""
         return dict(zip(self.kernels.channels, self.columns.sums["channels"]))
 
+    @cached_property
+    def lost_by_samples(self) -> dict[ChannelName, Work]:
+        """Works of channels with a potential, with that of ∂V/∂t by quadrature."""
+        return self.lost(self.sampled)
+
     def lost(self, works: Mapping[ChannelName, Work]) -> dict[ChannelName, Work]:
         """Works of channels with a potential: what it lost; `works` has that of ∂V/∂t."""
         in_time = {n: ChannelName("prescribed", n.element) for n in self.symbols.driven}
@@ -311,7 +316,7 @@ class RowBalance:
             flowed = self.discrete.of(function.name) + jump
             yield from ((name, Work(flowed, nothing)) for name in names)
             return
-        potential = self.lost(self.sampled)
+        potential = self.lost_by_samples
         entering = [
             potential[n] if n in potential else Work.exact(self.recorded[n], "in-loop")
             for n in sorted(self.kernels.entering(function.name))
@@ -336,7 +341,7 @@ class RowBalance:
             unaccounted = np.maximum.accumulate(np.max(errors, axis=0))
             for name in works.keys() & self.recorded.keys():
                 works[name] = in_loop(self.recorded[name], works[name], unaccounted)
-        works |= self.lost(works)
+        works |= self.lost(works) if self.recorded else self.lost_by_samples
         return {name: works[name] for name in self.kernels.powers}
 
     def flow(self, rows: slice) -> float:

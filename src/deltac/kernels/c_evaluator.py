@@ -20,6 +20,7 @@ import casadi
 from deltac.calls.interrupts import waiting
 from deltac.errors import PackageError
 from deltac.kernels.cache import compiled, our_code
+from deltac.kernels.lowering import simplified
 from deltac.kernels.native import FUNCTIONS, NativeEvaluator
 
 OPTIONS = "-O2 -march=native -fPIC -shared"
@@ -62,7 +63,12 @@ def c_evaluator(function: Any) -> NativeEvaluator:
     Raises PackageError where there is no C compiler, or it fails.
     """
     source = (our_code(), _compiler(), OPTIONS, function.serialize())
-    code = compiled(repr(source), lambda: waiting(lambda: _made(function)))
+
+    def make() -> bytes:
+        simple = simplified(function)
+        return waiting(lambda: _made(simple))
+
+    code = compiled(repr(source), make)
     return NativeEvaluator(function, _loaded(code), 1)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from deltac.arrays import Array
 from deltac.errors import PackageError, UnknownName, closest, warn_user
+from deltac.kernels.lowering import simplified
 
 if TYPE_CHECKING:
     from deltac.kernels.native import NativeEvaluator
@@ -78,7 +79,8 @@ def compile_function(function: Any, batches: bool = True) -> Evaluator:
     """Compile a CasADi function with two dense columns in, (x, p), and one out.
 
     Args:
-        function: the `casadi.Function`, of `SX` expressions.
+        function: the `casadi.Function`, of `SX` expressions; simplified where it is compiled: code that is
+            read from the cache needs none of that.
         batches: for many states a call, in SIMD code, else for one state (llvm only).
 
     Raises:
@@ -88,7 +90,7 @@ def compile_function(function: Any, batches: bool = True) -> Evaluator:
         return native
     from deltac.kernels.casadi_evaluator import CasadiEvaluator
 
-    return CasadiEvaluator(function)
+    return CasadiEvaluator(simplified(function))
 
 
 def compile_loop(function: Any) -> Loop:
@@ -97,7 +99,7 @@ def compile_loop(function: Any) -> Loop:
         return native
     from deltac.kernels.casadi_evaluator import CasadiLoop
 
-    return CasadiLoop(function)
+    return CasadiLoop(simplified(function))
 
 
 def _machine_code(function: Any, batches: bool) -> NativeEvaluator | None:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName, closest
 from deltac.kernels.evaluators import Evaluator, Loop, compile_function, compile_loop
+from deltac.kernels.lowering import simplified
 from deltac.kernels.native import Call
 
 SX: TypeAlias = Any  # casadi.SX
@@ -40,7 +41,6 @@ class Kernel:
         input_slices, output_slices: where each name lies in x and y.
         output_shapes: (rows, columns) of each output.
         n_in, n_out, n_parameters: sizes of x, y and the parameters.
-        function: the simplified CasADi function (x, p) -> y, dense.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Kernel:
         *,
         name: str = "kernel",
     ) -> None:
-        """Simplify the expressions; compilation waits for the first call.
+        """Take the expressions; simplification and compilation wait for the first call.
 
         Args:
             inputs: symbolic dense columns by name.
@@ -84,7 +84,7 @@ class Kernel:
         if self.n_in == 0:
             raise InputError(f"{name}: no inputs; expected at least one")
         _check_symbols(name, casadi.vertcat(x, p), results)
-        self.function = casadi.Function("kernel", [x, p], [casadi.cse(casadi.densify(y))])
+        self._written = casadi.Function("kernel", [x, p], [casadi.densify(y)])
 
     def __repr__(self) -> str:
         ins, outs = ", ".join(self.input_slices), ", ".join(self.output_slices)
@@ -100,6 +100,11 @@ class Kernel:
         """The names of the outputs, in the order of y."""
         return tuple(self.output_slices)
 
+    @cached_property
+    def function(self) -> Any:
+        """The simplified CasADi function (x, p) -> y, dense."""
+        return simplified(self._written)
+
     @property
     def instructions(self) -> int:
         """The number of scalar instructions, with reads of inputs and writes of outputs."""
@@ -107,20 +112,20 @@ class Kernel:
 
     @cached_property
     def _for_one(self) -> Evaluator:
-        return compile_function(self.function, batches=False)
+        return compile_function(self._written, batches=False)
 
     @cached_property
     def _for_batches(self) -> Evaluator:
-        return compile_function(self.function)
+        return compile_function(self._written)
 
-    @property
+    @cached_property
     def width(self) -> int:
         """How many columns of a batch the code evaluates at a time."""
         return self._for_batches.width if self.n_out else 1
 
     @cached_property
     def _loop(self) -> Loop:
-        return compile_loop(self.function)
+        return compile_loop(self._written)
 
     def compile(self, *, single: bool = False) -> Kernel:
         """Compile now, for batches or for `single` states, not at the first call; returns the kernel."""

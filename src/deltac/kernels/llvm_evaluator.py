@@ -15,7 +15,7 @@ import llvmlite.binding as llvm
 
 from deltac.calls.interrupts import waiting
 from deltac.kernels.cache import compiled, our_code
-from deltac.kernels.lowering import LIBRARY, PREFIX
+from deltac.kernels.lowering import LIBRARY, PREFIX, simplified
 from deltac.kernels.native import FUNCTIONS, NativeEvaluator
 from deltac.kernels.simd import AVX512_WIDTH, simd_width
 
@@ -27,7 +27,12 @@ def llvm_evaluator(function: Any, batches: bool = True) -> NativeEvaluator:
     """A function of dense columns (x, p), for many states at a time or for one; compiled, or cached."""
     width = simd_width() if batches else 1
     source = (our_code(), _target(), width, batches, function.serialize())
-    code = compiled(repr(source), lambda: waiting(lambda: _made(function, width, batches)))
+
+    def make() -> bytes:
+        simple = simplified(function)
+        return waiting(lambda: _made(simple, width, batches))
+
+    code = compiled(repr(source), make)
     return NativeEvaluator(function, _loaded(code, FUNCTIONS), width)
 
 

@@ -118,6 +118,15 @@ def _polynomial(coefficients: Sequence[float], z: Scalar) -> Scalar:
 # (CasADi's own evaluator follows C and drops it).
 
 Function: TypeAlias = Any  # casadi.Function
+
+
+def simplified(function: Function) -> Function:
+    """A function of expressions without common subexpressions."""
+    inputs = function.sx_in()
+    outputs = [casadi.cse(out) for out in function.call(inputs)]
+    return casadi.Function(function.name(), inputs, outputs)
+
+
 Operation: TypeAlias = Callable[..., Scalar]
 
 

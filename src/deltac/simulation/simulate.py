@@ -60,7 +60,7 @@ from deltac.simulation.step_size.stiffness import explained
 from deltac.simulation.step_size.time_scales import check_start
 from deltac.simulation.stepping.explicit import FixedMethod, FixedSteps
 from deltac.simulation.stepping.interpreted import Finish, StageRate
-from deltac.simulation.stepping.loop import StepLoop
+from deltac.simulation.stepping.loop import SteppingLoop
 from deltac.simulation.stepping.protocol import StepGrid, Stepper
 from deltac.trajectories import Provenance, Trajectory
 
@@ -143,7 +143,7 @@ def simulate(
 
         explicit = scheme if scheme.step else find_solver("ode5")
         careful = CarefulStep(flow_in_motion, explicit, p_run, getattr(options, "tolerance", 0.0))
-    loop = StepLoop(
+    loop = SteppingLoop(
         stepper,
         rate,
         Finish(flow_in_motion, p_run),

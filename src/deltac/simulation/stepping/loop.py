@@ -36,7 +36,7 @@ MOST_PER_STEP = 20_000
 
 
 @dataclass
-class StepLoop:
+class SteppingLoop:
     """A run under way: where it is, and what it has recorded.
 
     Attributes:

@@ -19,7 +19,7 @@ from deltac.dynamics.terms import forward
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.step_size.sizes import NEAR_ZERO
-from deltac.simulation.stepping.implicit.form import StagePoint, UnsolvedForm
+from deltac.simulation.stepping.implicit.form import ImplicitForm, StagePoint
 from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid, Stepper
 
 FEW, CHUNK = 8, 64
@@ -105,7 +105,7 @@ def _implicit(flow: Flow) -> dict[str, Any]:
 
     ψ̇ is with Baumgarte's terms where the run has them, as in forward dynamics: G a = −γ is read off it.
     """
-    form = UnsolvedForm(flow)
+    form = ImplicitForm(flow)
     a, lam = ca.SX.sym("a", flow.u_size), ca.SX.sym("lambda", form.multipliers)
     at = StagePoint(flow.t, form.q, form.u, a, lam)
     ode = ca.vertcat(flow.xdot[: flow.q_size], a, form.powers(at))

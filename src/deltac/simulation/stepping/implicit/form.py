@@ -40,7 +40,7 @@ class Slots:
     quaternion: int | None
 
 
-class UnsolvedForm:
+class ImplicitForm:
     """The unsolved equations of a flow at a `StagePoint`, for values of motors and parameters."""
 
     def __init__(self, flow: Flow) -> None:

@@ -14,7 +14,7 @@ from typing import TypeAlias
 import casadi as ca
 
 from deltac.dynamics.spatial import SX
-from deltac.simulation.stepping.implicit.form import StagePoint, UnsolvedForm
+from deltac.simulation.stepping.implicit.form import ImplicitForm, StagePoint
 
 
 @dataclass(frozen=True)
@@ -44,10 +44,10 @@ class StepEquations:
     memory: SX
 
 
-Scheme: TypeAlias = Callable[[UnsolvedForm, Before], StepEquations]
+Scheme: TypeAlias = Callable[[ImplicitForm, Before], StepEquations]
 
 
-def backward_euler(form: UnsolvedForm, b: Before) -> StepEquations:
+def backward_euler(form: ImplicitForm, b: Before) -> StepEquations:
     """u₁ = u₀ + h u̇₁, q₁ = q₀ + h W u₁, ψ₁ = 0: first order, and L-stable.
 
     Integrals take P at the end. Positions on the constraints are left to the projection.
@@ -62,7 +62,7 @@ def backward_euler(form: UnsolvedForm, b: Before) -> StepEquations:
     return StepEquations(ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1))
 
 
-def implicit_midpoint(form: UnsolvedForm, b: Before) -> StepEquations:
+def implicit_midpoint(form: ImplicitForm, b: Before) -> StepEquations:
     """The equations of motion at the middle of the step, ψ₁ = 0 at its end: second order, A-stable.
 
     Symplectic for the mechanism's own speeds where the mass matrix is constant; K then closes identically
@@ -78,7 +78,7 @@ def implicit_midpoint(form: UnsolvedForm, b: Before) -> StepEquations:
     return StepEquations(ca.vertcat(u, impulse), u.shape[0], residual, after, ca.SX(0, 1))
 
 
-def generalized_alpha(form: UnsolvedForm, b: Before) -> StepEquations:
+def generalized_alpha(form: ImplicitForm, b: Before) -> StepEquations:
     """The method of Chung and Hulbert: second order, with numerical damping of what is fast.
 
     J. Appl. Mech. 60 (1993) 371-375; with constraints as by Arnold and Brüls, Multibody Syst. Dyn. 18 (2007)
@@ -124,7 +124,7 @@ def generalized_alpha(form: UnsolvedForm, b: Before) -> StepEquations:
     return StepEquations(ca.vertcat(w, impulse), w.shape[0], residual, after, memory)
 
 
-def discrete_gradient(form: UnsolvedForm, b: Before) -> StepEquations:
+def discrete_gradient(form: ImplicitForm, b: Before) -> StepEquations:
     """The midpoint rule with a discrete gradient of K + V: second order, and energy is kept.
 
     After Gonzalez, J. Nonlinear Sci. 6 (1996) 449-467: K + V changes by the work of non-potential forces
@@ -170,9 +170,9 @@ SCHEMES: dict[str, Scheme] = {
 """The step of every implicit solver, by its name."""
 
 
-def _unknowns(form: UnsolvedForm) -> tuple[SX, SX]:
+def _unknowns(form: ImplicitForm) -> tuple[SX, SX]:
     return ca.SX.sym("w", form.flow.u_size), ca.SX.sym("impulse", form.multipliers)
 
 
-def _middle(form: UnsolvedForm, b: Before, u: SX, lam: SX, d: SX) -> StagePoint:
+def _middle(form: ImplicitForm, b: Before, u: SX, lam: SX, d: SX) -> StagePoint:
     return StagePoint(b.t + b.h / 2, form.halfway(b.q, d), (b.u + u) / 2, (u - b.u) / b.h, lam)

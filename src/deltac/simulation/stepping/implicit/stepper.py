@@ -15,7 +15,7 @@ from deltac.errors import SolverError
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.implicit.form import UnsolvedForm
+from deltac.simulation.stepping.implicit.form import ImplicitForm
 from deltac.simulation.stepping.implicit.newton import Newton, NewtonOutcome, StepSystem
 from deltac.simulation.stepping.implicit.schemes import SCHEMES, Before, StepEquations
 from deltac.simulation.stepping.interpreted import StageRate
@@ -37,7 +37,7 @@ class ImplicitMethod:
     def __init__(self, flow: Flow, solver: Solver) -> None:
         """Write the step's equations out; InputError for what the solver cannot do."""
         self.flow, self.solver = flow, solver
-        self.form = UnsolvedForm(flow)
+        self.form = ImplicitForm(flow)
         if solver.name == "discrete-gradient":
             _check_conservative(flow)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson, solve_ivp
 
 import deltac as dc
 from deltac.diagnosis.inference.inference import infer
@@ -168,11 +169,54 @@ def test_rows_at_random_tell_no_gear() -> None:
     assert not any(f.weight == "doubt" for f in dc.audit(MECHANISM, lost).findings)
 
 
-def test_coordinates_of_the_row_before_are_a_doubt_of_the_log() -> None:
-    """Implicit Euler's are so late by kinematics as another method's."""
+def test_coordinates_of_the_row_before_accuse_nobody() -> None:
+    """Nothing but the integrator has energy in them, and no more than in the log without the slip."""
     run = log(RIGHT, "implicit-euler", accelerations=False)
+    right = dc.audit(MECHANISM, run)
     found = dc.audit(MECHANISM, replace(run, q=np.vstack([run.q[:1], run.q[:-1]])))
-    assert found.verdict.kind == "unresolved" and not found.causes
+    assert found.verdict.kind in ("unresolved", right.verdict.kind) and not found.causes
+    told, true = (a.attribution.integrator.energy for a in (found, right))
+    assert told == pytest.approx(true, rel=0.05)
+
+
+def solved(
+    system: CartPole, method: str, tolerance: float = 1e-3
+) -> tuple[dc.Trajectory, np.ndarray]:
+    """SciPy's `solve_ivp`, by default at its own tolerance, rows of its dense output; their ΔC by hand, J."""
+    t = np.arange(0.0, 4.0, 0.01)
+    rate = lambda t, x: np.concatenate([x[2:], system.acceleration(t, x[:2], x[2:])])  # noqa: E731
+    x = solve_ivp(rate, (0.0, 4.0), [0.0, -1.2, 0.4, 0.0], method, t, rtol=tolerance).y
+    (_, angle, v, w), m, l = x, system.pole, system.length
+    a, b, c = system.cart + m, -m * l * np.sin(angle), system.inertia + m * l**2
+    energy = 0.5 * a * v**2 + b * v * w + 0.5 * c * w**2 - m * system.gravity * l * np.sin(angle)
+    power = system.force(t) * v - system.slide * v**2 - system.hinge * w**2
+    work = cumulative_simpson(power, x=t, initial=0.0)
+    force = np.column_stack([system.force(t), np.zeros_like(t)])
+    run = dc.Trajectory(
+        t=t, q=x[:2].T, u=x[2:].T, coordinates=("slide", "hinge"), speeds=("slide", "hinge"),
+        forces={"actuator motor": force}, provenance=dc.Provenance("solve_ivp"),
+    )  # fmt: skip
+    return run, energy - energy[0] - work
+
+
+@pytest.mark.parametrize("method", ["RK45", "RK23", "BDF"])
+def test_errors_of_steps_that_a_solver_chose_are_the_integrators(method: str) -> None:
+    """Rows of its dense output depart from the flow as no force makes them depart."""
+    run, true = solved(RIGHT, method)
+    found = dc.audit(MECHANISM, run)
+    allowed = found.tolerance * found.reference_energy
+    beyond = np.abs(true).max() > allowed
+    assert found.verdict.kind == ("integration-error" if beyond else "consistent")
+    assert found.attribution is not None and not found.causes
+    told = found.attribution.integrator
+    assert told.energy == pytest.approx(true[-1], rel=0.02, abs=2.0 * told.error)
+
+
+@pytest.mark.parametrize("method", ["RK45", "BDF"])
+def test_a_mistake_beside_errors_of_such_steps(method: str) -> None:
+    found = dc.audit(MECHANISM, solved(WRONG, method, 1e-5)[0])
+    assert found.verdict.kind == "equation-error"
+    assert found.causes[0].kind == "gravity"
 
 
 def test_integrators_that_close_alike_are_listed() -> None:

@@ -46,6 +46,18 @@ def test_half_precision_is_not_taken_for_decimals() -> None:
     assert np.all(np.abs(VALUES.astype(np.float16) - VALUES) <= half)
 
 
+def test_a_column_that_hardly_changes_is_written_as_the_others() -> None:
+    """Two numbers alone do not tell how they were rounded; those beside them do."""
+    written = VALUES.astype(np.float16).astype(float)
+    steady = np.where(np.arange(1000) < 400, 1.1640625, 1.16308594)  # neighbours in half precision
+    steady = steady.astype(np.float16).astype(float)
+    half = resolution(np.column_stack([written, steady, 0.0 * steady]))
+    np.testing.assert_array_equal(half[:, 1], 0.5 * np.spacing(np.float16(1.1640625)))
+    assert not half[:, 2].any()
+    alone = resolution(np.column_stack([VALUES, steady]))
+    assert np.all(alone[:, 1] <= np.finfo(float).eps * steady)
+
+
 def test_a_number_beyond_half_precision_between_the_probes_has_a_last_digit() -> None:
     column = np.tile(np.arange(8.0) / 3.0, 500).astype(np.float16).astype(float)[:, None]
     expected = resolution(column)

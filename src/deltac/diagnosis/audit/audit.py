@@ -194,7 +194,7 @@ class Audit(
             return "the equations of the model are not those of the log"
         if self.mechanism.constraints or self.run.events:
             return "errors at constraints and impacts have no order that could predict"
-        if not self.integrator.names or "higher-order" in self.integrator.names:
+        if not self.integrator.names or {"higher-order", "adaptive"} & set(self.integrator.names):
             return f"{self.integrator.sentence}, and its joules cannot be told from those of others"
         energy, error = self.attribution.integrator.largest
         if energy <= SIGNIFICANT * error:

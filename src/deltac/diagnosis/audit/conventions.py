@@ -249,6 +249,10 @@ def _derivatives(t: Array, x: Array) -> list[Array]:
     return [x, *(np.asarray(spline(t, k)) for k in (1, 2, 3))]
 
 
+EVEN, EARLY = 0.1, 0.5
+"""Differences of intervals as a share of them, of a clock that jitters; steps by which a filter is early that
+is symmetric in time."""
+
 DELAYS = (1.0, 8.0)
 """Steps by which a filter is late where its numbers are begun."""
 
@@ -258,9 +262,13 @@ def filtered(
 ) -> tuple[Finding, Inference] | None:
     """A filter of all states, or all columns, and the inference of what went into it, if that follows itself.
 
-    Asked only where a cause was found: states of a filter depart from the equations as those of others do.
+    Asked only where a cause was found: states of a filter depart from the equations as those of others do. A
+    filter has rows at even times, and is not early.
     """
     a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0])
+    h = np.diff(run.t[a:b])
+    if np.ptp(h) > EVEN * h.mean():
+        return None
     derived = "u" in run.provenance.derived or inference.model.quaternions
     if not inference.finds_something or derived or inference.model.rows_of_G or b - a < 2 * ROWS:
         return None
@@ -273,7 +281,7 @@ def filtered(
     ]
     fit, forces = min(fits, key=lambda item: float(item[0].cost))
     left = float(np.sqrt(2.0 * fit.cost))
-    if not left < LEFT * was:
+    if not left < LEFT * was or fit.x[0] < -EARLY:
         return None
     before = _Filtered(mechanism, run.take(slice(a, b))).before(fit.x, forces)
     other = infer_alone(mechanism, before)

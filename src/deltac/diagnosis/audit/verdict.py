@@ -21,7 +21,7 @@ from deltac.diagnosis.explain.result import Explanation, Outcome
 from deltac.diagnosis.inference.attribution import Attribution, Share
 from deltac.diagnosis.inference.flow import FORCES
 from deltac.diagnosis.inference.hypotheses import CERTAIN
-from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference
+from deltac.diagnosis.inference.inference import OF_THE_LOG, SLIGHT, Inference
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 from deltac.energy import Ledger
 from deltac.results import HEADINGS
@@ -170,6 +170,11 @@ class Judgement:
         joules = np.abs(inference.gradient * inference.residual)[active].sum() * inference.whole
         return bool(joules > self.allowed_flow)
 
+    @property
+    def incomplete(self) -> bool:
+        """Whether what looks like a mistake leaves as much that it is none; what acts now and then is one."""
+        return self.inference is not None and self.inference.incomplete and not self.intermittent
+
     @cached_property
     def integrator(self) -> float:
         """Probability that the integrator's joules exceed what is allowed."""
@@ -183,6 +188,15 @@ class Judgement:
             bar = self.ledger.error_bar[self.function]
             mistakes = self.attribution.equations.curve_error if self.causes else 0.0
             error = np.minimum(error, np.hypot(bar, mistakes))
+        # What nothing explains may be its own; so may what is left beside causes that are not all.
+        others = self.inference.unexplained if self.inference is not None else 0.0
+        error = np.hypot(error, others)
+        if self.inference is not None and (self.incomplete or self.lacking):
+            left = np.einsum("km,km->k", self.inference.gradient, self.inference.residual)
+            net = np.abs(np.cumsum(left)).max() * self.inference.whole
+            generic = self.inference.generic
+            terms = generic.exchanged if generic.log_odds > CERTAIN else 0.0
+            error = np.sqrt(error**2 + self.attribution.equations.curve**2 + net**2 + terms**2)
         # Where it is largest: of many rows one is likely to be beyond by chance.
         largest = int(np.argmax(np.abs(share.curve)))
         return float(self._beyond(share.curve, error)[largest])
@@ -222,7 +236,7 @@ class Judgement:
         error, bar = self.energy_error
         if self.inference is None:
             return 1.0 if error > self.allowed else float(bar > self.allowed)
-        if self.inference.incomplete:  # what looks like a mistake is nobody's, nor is what is left
+        if self.incomplete:  # what looks like a mistake is nobody's, nor is what is left
             return max(self.mistake[1], float(self.inference.unexplained > self.allowed))
         # Forces that varied between the rows, which no row shows, did work that was taken in the loop.
         varying = set(map(str, self.run.forces)) - set(map(str, self.run.provenance.held or ()))
@@ -242,12 +256,11 @@ class Judgement:
             }
         wrong = max(self.mistake[1], 1.0 if self.certain else 0.0)
         unknown = max(self.unexplained, self.hidden)
-        incomplete = self.inference is not None and self.inference.incomplete
-        if (self.lacking or incomplete) and wrong > 0.0 and not self.certain:
+        if (self.lacking or self.incomplete) and wrong > 0.0 and not self.certain:
             unknown, wrong = wrong, 0.0
-        # A mistake that may be hidden acquits no integrator; what nothing explains may be anybody's.
+        # A mistake that may be hidden acquits no integrator; what nothing explains is in its bar.
         right = 1.0 - wrong
-        blamed = right * (1.0 - min(unknown, self.unexplained)) * self.integrator
+        blamed = right * self.integrator
         consistent = right * (1.0 - unknown) * (1.0 - self.integrator)
         return {
             "consistent": consistent,
@@ -412,9 +425,11 @@ def _findings(e: Judgement) -> tuple[Finding, ...]:
     departing = _departing_equations(e) if kind == "equation-error" else None
     if departing is not None:
         own.append(departing)
+    first = next(filter(of_model, named), None)
     small = kind != "equation-error" and e.mistake[1] < 1.0 - PROBABLE["medium"]
-    if small and not e.smoothed and e.mistake[0] > PROBABLE["high"] and any(map(of_model, named)):
-        own.append(_small(e, next(filter(of_model, named))))
+    clear = e.inference is not None and e.inference.unnamed <= SLIGHT and not e.incomplete
+    if small and first and clear and not e.smoothed and e.mistake[0] > PROBABLE["high"]:
+        own.append(_small(e, first))
     if kind == "equation-error" and not any(f.weight == "cause" for f in (*own, *e.noticed)):
         own.append(_unnamed(e))
     if kind == "unresolved":
@@ -608,7 +623,7 @@ def _undecided(e: Judgement) -> Finding:
         )  # fmt: skip
     if e.impacts is not None and (e.mistake[1] > 0.0 or e.integrator > 0.5):
         return finding("impacts may be all that is wrong", e.impacts.evidence, e.impacts.remedy)
-    if e.mistake[1] > 0.5 and inference is not None and inference.incomplete:
+    if e.mistake[1] > 0.5 and inference is not None and e.incomplete:
         return finding(
             "the causes found explain less than is left, which is no noise of the rows",
             f"{percent(inference.explained)} are explained; what is left has {inference.excess:.2g} times "

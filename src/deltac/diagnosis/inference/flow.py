@@ -86,13 +86,15 @@ SUBDIVISIONS = 4
 class LoggedForce:
     """Logged forces (N, m) between the rows: at the start, their change, and the bends of a spline.
 
-    `doubt` (N, m): by how much their mean over an interval differs between splines of two orders.
+    `doubt` (N, m): by how much their mean over an interval differs between splines of two orders, at most;
+    `gap` (N, m): by how much it does.
     """
 
     first: Array
     change: Array
     bends: tuple[Array, Array]
     doubt: Array
+    gap: Array
 
     def parts(self, s: float) -> tuple[Array, Array, Array]:
         """What a, b and c multiply at the fraction s."""
@@ -148,7 +150,7 @@ class LoggedForce:
         """Those of intervals in pieces of consecutive ones."""
         first, change, h = intervals.start.F, intervals.end.F - intervals.start.F, intervals.h
         slopes = [np.zeros_like(first), np.zeros_like(first)]
-        doubt = np.zeros_like(first)
+        doubt, gap = np.zeros_like(first), np.zeros_like(first)
         for a, b in pieces:
             t = np.append(intervals.start.t[a:b], intervals.end.t[b - 1])
             F = np.concatenate([first[a:b], intervals.end.F[b - 1 : b]])
@@ -157,10 +159,11 @@ class LoggedForce:
                 rate = CubicSpline(t, F, axis=0)(t, 1)
             slopes[0][a:b], slopes[1][a:b] = rate[:-1], rate[1:]
             # The mean of s(1 − s)² and of s²(1 − s) is 1/12 each.
-            gap = np.abs(rate - lower)
-            doubt[a:b] = h[a:b] * (gap[:-1] + gap[1:]) / 12.0
+            by = rate - lower
+            doubt[a:b] = h[a:b] * (np.abs(by[:-1]) + np.abs(by[1:])) / 12.0
+            gap[a:b] = h[a:b] * (by[:-1] - by[1:]) / 12.0
         bends = h * slopes[0] - change, h * slopes[1] - change
-        return LoggedForce(first, change, bends, doubt)
+        return LoggedForce(first, change, bends, doubt, gap)
 
 
 @dataclass(frozen=True, eq=False)

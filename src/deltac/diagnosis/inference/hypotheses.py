@@ -49,6 +49,7 @@ class Block:
     prior     standard deviation of their coefficients
     causes    places of the columns of causes, the same causes in all blocks
     rounding  least variance of the noise: what digits alone make of it
+    spread    log det of the Cholesky factor by which r and D were whitened
     noise     variance beside which the prior of nuisance columns counts; 0: what all columns together leave
     origin    coefficients of the causes (P,) at which r was taken; zeros where empty
     """
@@ -59,6 +60,7 @@ class Block:
     prior: Array
     causes: NDArray[np.intp]
     rounding: float = 0.0
+    spread: float = 0.0
     noise: float = 0.0
     origin: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -165,6 +167,9 @@ class Block:
         return np.asarray(self.r - self.D[:, :, columns] @ np.concatenate([x, change[acting]]))
 
 
+ALL_COLUMNS = slice(None)
+
+
 @dataclass(frozen=True, eq=False)
 class Projected:
     """The causes' Gram matrix after the nuisance columns, with Dᵀr, RSS and nuisance numbers at an origin."""
@@ -191,10 +196,10 @@ class Projected:
         gain = 2.0 * float(self.b[some] @ x) - float(x @ self.A[some[:, None], some] @ x)
         return max(self.rss - gain, CANCELLED * self.total)
 
-    def slope(self, coefficients: Array) -> Array:
-        """Dᵀr with coefficients of causes: half the derivative of the RSS, negative."""
+    def slope(self, coefficients: Array, columns: NDArray[np.intp] | slice = ALL_COLUMNS) -> Array:
+        """Dᵀr of some columns with coefficients of causes: half the derivative of the RSS, negative."""
         some, x = self._change(coefficients)
-        return np.asarray(self.b - self.A[:, some] @ x)
+        return np.asarray(self.b[columns] - self.A[columns][:, some] @ x)
 
     def nuisance_at(self, coefficients: Array) -> Array:
         """Coefficients of the nuisance columns beside those of causes."""
@@ -208,11 +213,12 @@ def _inverse_sizes(squares: Array) -> Array:
 
 
 def least_squares(A: Array, b: Array) -> Array:
-    """Solve A x = b, A a Gram matrix in which columns may be alike; of b one column or several."""
-    d = _inverse_sizes(np.diag(A))
-    scaled = d[:, None] * A * d
-    scaled.flat[:: len(A) + 1] += RIDGE
-    return np.asarray((d * np.linalg.solve(scaled, (d * b.T).T).T).T)
+    """Solve A x = b, A (…, n, n) Gram matrices in which columns may be alike; b (n,) or (…, n, m)."""
+    if b.ndim == 1:
+        return least_squares(A, b[:, None])[:, 0]
+    d = _inverse_sizes(np.diagonal(A, axis1=-2, axis2=-1))[..., None]
+    scaled = d * A * np.swapaxes(d, -2, -1) + RIDGE * np.eye(A.shape[-1])
+    return np.asarray(d * np.linalg.solve(scaled, d * b))
 
 
 RIDGE = 1e-10
@@ -275,41 +281,45 @@ def fitted(
 ) -> Fit | None:
     """The numbers of causes together by maximum likelihood; None where they are not told apart."""
     P = len(blocks[0].causes)
-    sizes = [c.size for c in chosen]
     theta = [np.array(x) for x in start] + [np.zeros(c.size) for c in chosen[len(start) :]]
     variance = [b.misfit(np.zeros(P)) / b.count for b in blocks]
 
+    # Of the columns of all causes, hundreds of them, those of the chosen ones alone have coefficients.
+    own, places = np.unique(np.concatenate([c.columns for c in chosen]), return_inverse=True)
+    ends = np.cumsum([len(c.columns) for c in chosen])
+    rows = np.split(places, ends[:-1])
+    sizes = [c.size for c in chosen]
+    numbers = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist())]
+    raw = [b.gram[0][np.ix_(b.causes[own], b.causes[own])] for b in blocks]
+    left = [b.projected.A[np.ix_(own, own)] for b in blocks]
+
     def coefficients(theta: Sequence[Array]) -> Array:
+        mine = np.zeros(len(own))
+        for c, x, at in zip(chosen, theta, rows):
+            mine[at] += c.coefficients(x)
         made = np.zeros(P)
-        for c, x in zip(chosen, theta):
-            np.add.at(made, list(c.columns), c.coefficients(x))
+        made[own] = mine
         return made
 
-    def normal() -> tuple[Array, Array, Array]:
-        """Tangent, normal matrix and right side at the numbers as they are."""
-        T = np.zeros((P, sum(sizes)))
-        at = 0
-        for c, x in zip(chosen, theta):
-            T[list(c.columns), at : at + c.size] += c.tangent(x)
-            at += c.size
-        acting = np.flatnonzero(T.any(axis=1))
-        few, now = T[acting], coefficients(theta)
-        X, y = np.zeros((at, at)), np.zeros(at)
-        for b, s in zip(blocks, variance):
-            p = b.projected
-            X += few.T @ p.A[acting[:, None], acting] @ few / s
-            y += few.T @ p.slope(now)[acting] / s
-        return T, X, y
+    def tangent(theta: Sequence[Array]) -> Array:
+        """Derivatives (columns of the chosen causes, numbers) of the coefficients."""
+        T = np.zeros((len(own), sum(sizes)))
+        for c, x, at, of in zip(chosen, theta, rows, numbers):
+            T[at, of] += c.tangent(x)
+        return T
+
+    def normal(T: Array) -> tuple[Array, Array]:
+        """Normal matrix and right side at the numbers as they are."""
+        now = coefficients(theta)
+        X = np.asarray(sum(T.T @ A @ T / s for A, s in zip(left, variance)))
+        y = sum(T.T @ b.projected.slope(now, own) / s for b, s in zip(blocks, variance))
+        return X, np.asarray(y)
 
     def inverted(T: Array, X: Array) -> Array | None:
-        acting = np.flatnonzero(T.any(axis=1))
-        raw = np.zeros(len(X))
-        for b, s in zip(blocks, variance):
-            c = b.causes[acting]
-            raw += np.einsum("ij,ik,kj->j", T[acting], b.gram[0][c[:, None], c], T[acting]) / s
-        if not np.all(raw > 0.0):
+        squares = np.asarray(sum(((G @ T) * T).sum(axis=0) / s for G, s in zip(raw, variance)))
+        if not np.all(squares > 0.0):
             return None
-        d = _inverse_sizes(raw)
+        d = _inverse_sizes(squares)
         values, vectors = np.linalg.eigh(d[:, None] * X * d)
         if not values[0] >= SINGULAR:
             return None
@@ -317,24 +327,25 @@ def fitted(
 
     curved = len(blocks) > 1 or any(c.quadratic is not None for c in chosen)
     for _ in range(ITERATIONS if curved else 1):
-        T, X, y = normal()
+        T = tangent(theta)
+        X, y = normal(T)
         inverse = inverted(T, X)
         if inverse is None:
             return None
-        step, at = inverse @ y, 0
-        for k, c in enumerate(chosen):
-            theta[k] = theta[k] + step[at : at + c.size]
-            at += c.size
+        step = inverse @ y
+        theta = [x + step[of] for x, of in zip(theta, numbers)]
         made, before = coefficients(theta), variance
         variance = [b.misfit(made) / b.count for b in blocks]
         covariance = inverse * (variance[0] / before[0])
     if curved:
-        T, X, _ = normal()
-        inverse = inverted(T, X)
+        T = tangent(theta)
+        inverse = inverted(T, normal(T)[0])
         if inverse is None:
             return None
         covariance = inverse
-    return Fit(tuple(chosen), tuple(theta), coefficients(theta), 0.0, covariance, T)
+    along = np.zeros((P, sum(sizes)))
+    along[own] = T
+    return Fit(tuple(chosen), tuple(theta), coefficients(theta), 0.0, covariance, along)
 
 
 def evidence(
@@ -416,29 +427,44 @@ def _ordered(
         rows += block.count
         least += block.least / variance
 
-    def gain(parts: list[tuple[Array, Array]], c: Candidate, L: Array) -> float:
-        columns = np.array(c.columns)
-        A = np.asarray(sum(L.T @ gram[columns[:, None], columns] @ L for gram, _ in parts))
-        b = np.asarray(sum(L.T @ right[columns] for _, right in parts))
-        if L.shape[1] == 1:  # most causes, and quick
-            size = float(A[0, 0])
-            return float(b[0]) ** 2 / (size * (1.0 + RIDGE)) if size > 0.0 else 0.0
-        return float(b @ least_squares(A, b))
-
     free = [
         c
         for c in candidates
         if not any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen)
     ]
-    free.sort(key=lambda c: -gain(alone, c, c.linear))
+    order = np.argsort(-_gains(alone, free, [c.linear for c in free]), kind="stable")
+    promising = [free[k] for k in order[:PROMISING].tolist()]
+    numbers = [c.linear if c.quadratic is None else np.eye(len(c.columns)) for c in promising]
     bounds = []
-    for c in free[:PROMISING]:
-        L = c.linear if c.quadratic is None else np.eye(len(c.columns))
-        left = max(rows - gain(beside, c, L), least, 1e-300)
+    for c, gain in zip(promising, _gains(beside, promising, numbers).tolist()):
+        left = max(rows - gain, least, 1e-300)
         most = 0.5 * rows * float(np.log(rows / left))
         bounds.append((most - _price(c.size, rows, len(candidates)), c))
     bounds.sort(key=lambda item: -item[0])
     return bounds
+
+
+def _gains(
+    parts: Sequence[tuple[Array, Array]], causes: Sequence[Candidate], numbers: Sequence[Array]
+) -> Array:
+    """What each cause takes off the sums of squares of parts (DᵀD, Dᵀr), its columns D times its `numbers`.
+
+    Causes that have as many columns and numbers as each other are solved for at once.
+    """
+    gains = np.zeros(len(causes))
+    alike: dict[tuple[int, ...], list[int]] = {}
+    for k, L in enumerate(numbers):
+        alike.setdefault(L.shape, []).append(k)
+    for places in alike.values():
+        columns = np.array([causes[k].columns for k in places])
+        L = np.array([numbers[k] for k in places])
+        A = np.zeros((len(places), L.shape[2], L.shape[2]))
+        b = np.zeros((len(places), L.shape[2], 1))
+        for gram, right in parts:
+            A += L.transpose(0, 2, 1) @ gram[columns[:, :, None], columns[:, None, :]] @ L
+            b += L.transpose(0, 2, 1) @ right[columns][:, :, None]
+        gains[places] = np.sum(b * least_squares(A, b), axis=(1, 2))
+    return gains
 
 
 def _price(numbers: int, rows: float, alternatives: int) -> float:

@@ -128,9 +128,16 @@ HALF = 0.5
 """Standard deviation of what forces do between rows that a method does not see, in units of the difference
 between held and ramped ones: the latter are those of one in four."""
 
-STRUCTURED = 9.0
-"""Variance of what is left, in units of what noise explains, from which on it is something else: three
-standard deviations."""
+KNOWN = 4.0
+"""Variance of what is left, in units of noise, up to which it may be noise: that is known to half of it."""
+
+UNNAMED, SLIGHT = 0.25, 0.1
+"""Share of what the integrator leaves of the rows that causes may leave, beside noise: half of its amplitude;
+and where they stand beside habits of the log, or do little."""
+
+FORCED = 0.5
+"""Square of what coordinates depart by beyond what their speeds do to them, in units of both squares, that no
+force makes: a smooth one makes none, what is of each on its own is one."""
 
 COLOURED = 0.1
 """Share of what forces did between rows that goes with the motion as a cause does."""
@@ -148,7 +155,8 @@ STILL = 1e-6
 """Share of the errors of the rows below which states that move by it are the likeliest."""
 
 FAR = 1e4
-"""Ratio of sums of squares beyond which a method at its likeliest states is not tried any further."""
+"""Ratio of sums of squares beyond which a method at its likeliest states is not tried any further, and an
+interval is none of those of an integrator's errors."""
 
 ENOUGH = 300
 """Intervals of which the energy that a cause exchanges is summed."""
@@ -205,6 +213,7 @@ class Inference:
         unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
             by its name.
         lost: whether forces between rows are not in the log.
+        scattered: whether most of what the rows depart by is of no force: errors of steps of many sizes.
         between: standard error (J) of the integrator's energy by forces that may be held over a step or not.
         residual: what is left of the rows (N, 2n), in the units of the state.
         acceleration: u̇ (N, n) of the model at the starts of the intervals.
@@ -235,6 +244,7 @@ class Inference:
     unseen: dict[str, float]
     between: float
     lost: bool
+    scattered: bool
     residual: Array
     acceleration: Array
     w: Array
@@ -275,13 +285,24 @@ class Inference:
         return 1.0 - block.projected.left(best) / whole if whole > 0.0 else 0.0
 
     @property
-    def incomplete(self) -> bool:
-        """Whether more is left than causes explain, of no noise of the rows, or far more of lost forces.
+    def unnamed(self) -> float:
+        """Share of what the integrator leaves of the rows that is neither noise nor of the causes."""
+        if self.scattered:
+            return 0.0
+        beyond_noise = max(1.0 - KNOWN / max(self.excess, KNOWN), self.generic.share)
+        return (1.0 - self.explained) * beyond_noise
 
-        What forces did between rows that were left out is no white noise: it goes with the motion.
+    @property
+    def incomplete(self) -> bool:
+        """Whether too much is left of the rows that is no noise for the causes to be what is wrong.
+
+        What a log does to its rows, as a filter does, is in part like any cause, the more so if one of its
+        habits is found; so is what forces did between rows that were left out.
         """
-        structured = self.excess > STRUCTURED and self.explained < 0.5
-        return structured or (self.lost and self.explained < COLOURED)
+        doubted = any(c.kind in OF_THE_LOG for c in self.posterior.best.chosen)
+        return self.unnamed > (SLIGHT if doubted else UNNAMED) or (
+            self.lost and self.explained < COLOURED
+        )
 
     @property
     def knows_stages(self) -> bool:
@@ -392,11 +413,11 @@ def _with_places(
             # Only then is it asked for places and axes: their columns are as many again.
             inferring.add(geometry_columns(inferring.equations))
             result = inferring.result()
-        if not result.posterior.best.chosen or (
+        if result.posterior.best.chosen and not (
             limit is not None and limit.passed("causes linearised at themselves")
         ):
-            return result
-        return inferring.refined()
+            result = inferring.refined()
+        return inferring.of_steps(result)
     except (FlowError, np.linalg.LinAlgError):
         return None
 
@@ -632,7 +653,13 @@ class _Inferring:
     def _unknown(self) -> Array:
         """The covariance of what the flow does not know, of forces between rows by likelihood."""
         Q, between, across = unknown(
-            self.plant, self.log, self.flow, self.force, self.kinds, self.w, self.thinned
+            self.plant,
+            self.log,
+            self.flow,
+            self.force,
+            self.kinds,
+            self.w,
+            self.thinned,
         )
         h = self.log.intervals.h
         beyond = remainder(self.J[0], self.fields[0][:, :, :FIRST_ORDER], h, self._h)
@@ -694,10 +721,8 @@ class _Inferring:
         posterior = self._compare()
         # What mistakes do looks like filters and those like mistakes: filters are asked for beside causes.
         # Where a method closes the rows, forces act as they do in it.
-        closed = self._closed_otherwise()
-        if closed is not None:
-            posterior = closed
-        elif not self._closing(posterior) and self._act(
+        posterior = self._otherwise(posterior)
+        if not self._closing(posterior) and self._act(
             self._of_equations(posterior.best), filters=True
         ):
             posterior = self._compare()
@@ -715,26 +740,36 @@ class _Inferring:
         left = self.of_rows.projected.left(posterior.best.coefficients)
         return bool(self.methods) and left <= self.of_rows.count
 
-    def _closed_otherwise(self) -> Posterior | None:
+    def _evidence(self, posterior: Posterior) -> float:
+        """Log evidence of the rows, as likely as their noise is small."""
+        rows, best = self.of_rows, posterior.best
+        tau = autocorrelation_time(rows.residual(best.coefficients))
+        return rows.evidence(best, tau) - rows.spread
+
+    def _otherwise(self, posterior: Posterior) -> Posterior:
         """The posterior of forces that are held, or straight between rows, if a method closes the rows then.
 
         With a mistake in the rows the likelihood without its cause does not tell how forces act: what it does
         is smooth, and kinks of forces are noise.
         """
         told = all(self.declared) or self.log.intervals.stages or self.filter is not None
-        state, before, noise = dict(self.__dict__), self.kinds, self.log.noise[1]
+        first = dict(self.__dict__)
+        best = self._evidence(posterior), first
         for kind in () if told or not self.kinds else ("start", "ramp"):
+            self.__dict__.update(first)
             self.kinds = tuple(own or kind for own in self.declared)
-            if self.kinds != before:
-                self._predict()
-                self.log = self.log.with_noise(self._errors(self.flow.end, self.Phi))
-                if np.any(LESS * self.log.noise[1] < noise):
-                    self.Q = self._unknown()
-                    posterior = self._compare()
-                    if self._closing(posterior):
-                        return posterior
-            self.__dict__.update(state)
-        return None
+            if self.kinds == first["kinds"]:
+                continue
+            self._predict()
+            self.log = self.log.with_noise(self._errors(self.flow.end, self.Phi))
+            if np.any(LESS * self.log.noise[1] < first["log"].noise[1]):
+                self.Q = self._unknown()
+                other = self._compare()
+                evidence = self._evidence(other)
+                if self._closing(other) and evidence > best[0]:
+                    posterior, best = other, (evidence, dict(self.__dict__))
+        self.__dict__.update(best[1])
+        return posterior
 
     def _held(self) -> bool:
         """Hold forces of which the method takes the row's own; whether that is otherwise than before.
@@ -821,6 +856,34 @@ class _Inferring:
             self.__dict__.update(state)
         return self._made(self.posterior)
 
+    def of_steps(self, result: Inference) -> Inference:
+        """The result, with what is left as errors of steps where most of it is of no force and of no term.
+
+        A force moves coordinates by what it moves speeds, times half the interval. Errors of a step that an
+        adaptive method chose, or of the polynomial in it, move each on its own.
+        """
+        n, half, log = self.model.n, 0.5 * self.log.intervals.h, self.log
+        rows, best, left = self.of_rows, result.posterior.best.coefficients, result.residual
+        whole, rest = (rows.projected.left(x) for x in (0.0 * best, best))
+        named = rest - rows.count < SLIGHT * whole or result.generic.share > 0.0
+        if named or log.unknown.any() or self.blocks[0] is not rows:
+            return result
+        start = log.intervals.start
+        inertia = np.einsum("kii->ki", self.model.matrices(start.t, start.q)[0])
+
+        def squares(x: Array) -> Array:
+            return np.asarray((inertia * x**2).sum(axis=1))
+
+        of_q, of_u = left[:, :n], half * left[:, n:]
+        alone = squares(of_q) + squares(of_u)
+        noise = sum(squares(x[:, :n]) + squares(half * x[:, n:]) for x in log.noise)
+        # In most intervals: blows are of a few, and leave the others.
+        ratio = np.where(alone > KNOWN * noise, squares(of_q - of_u) / (alone + 1e-300), 0.0)
+        if not np.median(ratio) > FORCED:
+            return result
+        none = nothing(len(self.coefficients))
+        return self._made(replace(result.posterior, best=none, alternatives=()), scattered=True)
+
     def _errors(self, end: Rows, Phi: Array, log: Observations | None = None) -> Array:
         """Prediction errors (N, 2n) of the rows, of the flow or of a method's map with its derivatives."""
         log = log or self.log
@@ -895,7 +958,7 @@ class _Inferring:
             floors = [(pairs[k], closest.floors[k]) for k in order]
             self.alike = [pair for pair, floor in floors if floor <= digits]
             return self.alike[0][1]
-        return at(w - self.B[:, :, :ni] @ rows.projected.nuisance_at(best.coefficients))
+        return at(w - self.B[:, :, :ni] @ rows.projected.nuisance_at(best.coefficients)[:ni])
 
     def _moved(self, of: Map, log: Observations) -> tuple[Map, Observations]:
         """A method's map at other states."""
@@ -912,7 +975,8 @@ class _Inferring:
         ni, P = self.fields[0].shape[2], self.causes[0].shape[2]
         places = ni + np.arange(P)
         Phi, w = self.Phi, self._errors(self.flow.end, self.Phi)
-        columns = np.concatenate([w[:, :, None], self.B], axis=2)
+        self.bent = self._between_rows()
+        columns = np.concatenate([w[:, :, None], self.B, self.bent], axis=2)
         # The integrator moves the noise of a row and what causes do otherwise than the flow does, by its
         # fields of first order.
         white, _ = log.innovations(Phi, self.Q)(columns[:, :, : 1 + ni])
@@ -925,9 +989,9 @@ class _Inferring:
             Phi = Phi + log.intervals.h[:, :, None] * change @ Phi
             columns[:, :, 0] = self._errors(self.flow.end, Phi)
         self.innovations = log.innovations(Phi, self.Q)
-        white, _ = self.innovations(columns)
-        series = self._block(white[:, :, 0], white[:, :, 1:], ni, places)
-        self.D = np.ascontiguousarray(white[:, :, places + 1])
+        white, spread = self.innovations(columns)
+        series = self._block(white[:, :, 0], white[:, :, 1:], ni, places, spread)
+        self.D = np.ascontiguousarray(white[:, :, ni + 1 :])
         self.gradient, self.slack = self._weights()
         self.bias, self.omitted = self._attenuation(), self._remainder(series)
         measured = self._of_rates() if self._knows_accelerations else None
@@ -958,6 +1022,22 @@ class _Inferring:
             self.promising = self.promising or first
         self.blocks: tuple[Block, ...] = (measured[0] if measured else self.of_rows,)
         return posterior
+
+    def _between_rows(self) -> Array:
+        """What forces do that are otherwise between rows, by a unit of that (N, 2n, k).
+
+        Splines of two orders differ by what the lower one lacks, and that by what the higher one lacks; it
+        goes with the motion, as what a cause does.
+        """
+        force, h = self.force, self.log.intervals.h
+        other = {"smooth": force.gap, "ramp": (force.bends[0] - force.bends[1]) / 12.0}
+        columns = [np.zeros((*self.w.shape, 0))]
+        doubted = [k for k, kind in enumerate(self.kinds) if kind in other and not self.declared[k]]
+        for k, response in enumerate(self._force_responses if doubted else ()):
+            if k in doubted and np.any(size := other[self.kinds[k]][:, k : k + 1]):
+                du = response * h * size
+                columns.append(np.concatenate([0.5 * h * du, du], axis=1)[:, :, None])
+        return np.concatenate(columns, axis=2)
 
     def _by_own_steps(self, methods: _Methods, places: NDArray[np.intp]) -> _Methods:
         """The methods, with the floor that causes leave in their own steps where the series' leave some."""
@@ -1057,7 +1137,7 @@ class _Inferring:
     def _numbers(self, series: Block, best: Fit) -> tuple[Array, Array]:
         """The integrator's numbers beside causes, and their covariance, of the fields of the series."""
         p, some = series.projected, slice(0, len(FIELDS))
-        variance = p.left(best.coefficients) / series.count
+        variance = series.misfit(best.coefficients) / series.count
         tau = autocorrelation_time(series.residual(best.coefficients))
         return p.nuisance_at(best.coefficients)[some], (p.inverse * variance * tau)[some, some]
 
@@ -1069,7 +1149,8 @@ class _Inferring:
         white, _ = self.innovations(
             np.stack([self._errors(of.end, Phi, log) for of, log in ends], axis=2)
         )
-        return _Methods.of([of for of, _ in ends], white, self.D, self.log.rounding)
+        rounding = self.log.rounding
+        return _Methods.of([of for of, _ in ends], white, self.D, rounding)
 
     def _weights(self) -> tuple[Array, Array]:
         """What a defect of an interval adds to ΔC, (N, 2n): ∂E/∂x at its end and, by the flow, at its start.
@@ -1121,7 +1202,8 @@ class _Inferring:
         # Known accelerations are linear in almost all causes: small ones beside large ones are real.
         many = (MANY, 0.0) if self._knows_accelerations else (TOGETHER, BESIDE)
         # What the series leaves out is no matter of known accelerations, nor of a method's own map.
-        least = max(self.bias, self.omitted if len(block.nuisance) else 0.0)
+        series = len(block.nuisance) > self.bent.shape[2]
+        least = max(self.bias, self.omitted if series else 0.0)
         joules, negligible = lambda fit: self._exchanged(fit)[0], NEGLIGIBLE * self.energy
         return search((block,), self.candidates, joules, least, negligible, *many)
 
@@ -1130,16 +1212,21 @@ class _Inferring:
         log = self.log
         own = transition(self.plant, of, log.intervals, self.force(self.kinds))
         Phi = self.Phi if own is None else own
-        columns = np.concatenate([self._errors(of.end, Phi)[:, :, None], self.B], axis=2)
+        errors = self._errors(of.end, Phi)[:, :, None]
+        columns = np.concatenate([errors, self.B, self.bent], axis=2)
         columns[:, :, places + 1] = self._moved_in(of)
-        white, _ = log.innovations(Phi, self.Q)(columns)
-        return self._block(white[:, :, 0], white[:, :, 1:], 0, places)
+        white, spread = log.innovations(Phi, self.Q)(columns)
+        return self._block(white[:, :, 0], white[:, :, 1:], 0, places, spread)
 
-    def _block(self, r: Array, D: Array, nuisance: int, places: NDArray[np.intp]) -> Block:
+    def _block(
+        self, r: Array, D: Array, nuisance: int, places: NDArray[np.intp], spread: float = 0.0
+    ) -> Block:
         weight = np.sqrt(robust_weights(r))[:, None]
+        bent = np.arange(self.fields[0].shape[2] + len(places), D.shape[2])
+        prior = np.concatenate([self.prior[:nuisance], np.ones(len(bent))])
         return Block(
-            r * weight, D * weight[:, :, None], np.arange(nuisance), self.prior[:nuisance], places,
-            self.log.rounding, origin=self.coefficients[: len(places)],
+            r * weight, D * weight[:, :, None], np.append(np.arange(nuisance), bent), prior, places,
+            self.log.rounding, spread, origin=self.coefficients[: len(places)],
         )  # fmt: skip
 
     def _exchanged(self, fit: Fit) -> tuple[Array, Array, Array]:
@@ -1171,10 +1258,9 @@ class _Inferring:
         motion = np.concatenate(
             [np.cumsum(displacement[a:b], axis=0) for a, b in self.log.pieces], axis=0
         )
-        weight = np.mean(self.gradient**2, axis=0)
-        noise = float(weight @ np.mean(self.log.noise[1] ** 2, axis=0))
-        ratio = noise / max(float(weight @ np.var(motion, axis=0)), 1e-300)
-        return min(ratio, 1.0) * self.whole * float(np.abs(self.gradient * displacement).sum())
+        noise = np.mean(self.log.noise[1] ** 2, axis=0)
+        ratio = np.minimum(noise / np.maximum(np.var(motion, axis=0), 1e-300), 1.0)
+        return self.whole * float((ratio * np.abs(self.gradient * displacement)).sum())
 
     def _remainder(self, series: Block) -> float:
         """Joules that the first order beyond the series may exchange.
@@ -1287,14 +1373,14 @@ class _Inferring:
 
     # --- the result ---
 
-    def _made(self, posterior: Posterior) -> Inference:
+    def _made(self, posterior: Posterior, scattered: bool = False) -> Inference:
         log, best, ni = self.log, posterior.best, self.fields[0].shape[2]
         rows = self.of_rows
         residual = rows.residual(best.coefficients)
         tau = autocorrelation_time(residual)
-        p, variance = rows.projected, rows.projected.left(best.coefficients) / rows.count
-        c = p.nuisance_at(best.coefficients)
-        covariance = p.inverse * variance * tau
+        p, variance = rows.projected, rows.misfit(best.coefficients) / rows.count
+        c = p.nuisance_at(best.coefficients)[:ni]
+        covariance = (p.inverse * variance * tau)[:ni, :ni]
         power = np.einsum("km,kmp->kp", self.gradient, self.B)
         gradient, ends = self.model.energy_gradient, (self.as_logged.end, log.intervals.end)
         slope, w = 0.5 * sum(map(gradient, ends)), self.model.difference(*ends)
@@ -1315,21 +1401,37 @@ class _Inferring:
             between = float(np.abs(forces - curves[0]).max(initial=0.0)) if forces else 0.0
             others = np.stack([*curves, *forces])
             left = self.w - self.defects[0] - causes
-            # Where they leave more than the rows' noise, the rest may be the integrator's.
-            known = np.where(log.unknown, 0.0, self.gradient)
+            # Where they leave more than the rows' noise, the rest may be the integrator's, or lost forces'.
+            known = np.where(log.unknown | (self.between > 1)[:, None], 0.0, self.gradient)
             rest = np.cumsum(np.einsum("km,km->k", known**2, left**2))
             beyond = np.sqrt(max(1.0 - 1.0 / max(variance, 1.0), 0.0) * tau * rest)
             integrator = Share(curves[0], np.hypot(np.abs(others - curves[0]).max(axis=0), beyond))
         else:
-            curves = log.running(power[:, :ni])
-            if log.unknown.any():
-                curves[:, 0] += self._of_rates_of_q(log)
-            spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
-            # The order beyond the series is no noise: its joules grow with the motion.
-            beyond = self._remainder(rows) * np.linspace(0.0, 1.0, len(self.w))
-            some = np.cumsum(np.einsum("km,km->k", self.gradient**2, self.beyond**2))
-            integrator = Share(curves @ c, np.sqrt(spread + beyond**2 + some * tau))
+            # What the series leaves out is the integrator's too: as much of what is left as is likely.
             left = self.w - self.B[:, :, :ni] @ c - causes
+            noise = log.noise[0] ** 2 + log.noise[1] ** 2
+            noise += np.einsum("kii->ki", sum(self.uncertain))
+            own = self.beyond**2 / (self.beyond**2 + noise + 1e-300) / max(variance, 1.0)
+            own *= not log.unknown.any()
+            partly = self.gradient * (1.0 - own)
+            curves = log.running(np.einsum("km,kmp->kp", partly, self.B[:, :, :ni]))
+            curve = log.running(power[:, :ni]) @ c
+            late = np.einsum("km,km->k", self.gradient, own * left)
+            curve += log.running(late)
+            # Or it is of something else that the series hides.
+            either = np.cumsum(np.abs(late))
+            if log.unknown.any():
+                rates = self._of_rates_of_q(log)
+                curves[:, 0] += rates
+                curve += rates * c[0]
+            spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
+            # The order beyond the series is no noise: its joules grow with the motion, hidden in noise.
+            most = np.cumsum(np.einsum("km,km->k", np.abs(self.gradient), np.sqrt(noise)))
+            beyond = np.minimum(self._remainder(rows) * np.linspace(0.0, 1.0, len(self.w)), most)
+            rest = np.cumsum(np.einsum("km,km->k", partly**2, self.beyond**2))
+            error = np.sqrt(spread + beyond**2 + rest * tau + either**2)
+            integrator = Share(curve, error)
+            left = (1.0 - own) * left
         integrator = self._on_path(integrator, self.w - left - causes, left)
         gaps = log.in_gaps(np.einsum("km,km->k", self.gradient, self.w - left - causes))
         integrator = replace(integrator, curve_error=np.hypot(integrator.curve_error, gaps))
@@ -1358,12 +1460,37 @@ class _Inferring:
             of_log,
             tau,
         )
+        if scattered:
+            # The joules of blows, if there are any, may be of something that the model lacks.
+            work = np.einsum("km,km->k", self.gradient, left)
+            blows = np.where(work**2 > FAR * np.median(work**2), work, 0.0)
+            of_log = of_log + np.cumsum(blows)
+            curve = integrator.curve + attribution.log.curve - of_log
+            each = np.sqrt(2.0 * np.mean((work - blows) ** 2))
+            of_blows = np.cumsum(np.abs(blows))
+            error = np.sqrt(attribution.log.curve_error**2 + each**2 + of_blows**2)
+            attribution = replace(
+                attribution,
+                integrator=Share(curve, error),
+                log=Share(of_log, attribution.log.curve_error),
+            )
+            unexplained = float(np.abs(blows).sum())
+        intermittent = self._intermittent(rows, best, left)
+        if scattered:
+            intermittent = intermittent[0], intermittent[1] & (blows != 0.0)
         exchanged, errors, energy = self._exchanged(best)
         odds, explained, coefficients = _generic(self.blocks[0], best)
         unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
-        if unnamed < max(NEGLIGIBLE * self.energy, self.bias, self.omitted):
+        if scattered or unnamed < max(NEGLIGIBLE * self.energy, self.bias, self.omitted):
             odds = -np.inf
-        damped = self.plant.damped
+        if self.methods:
+            step = float(np.median(log.intervals.h[:, 0] / self.between))
+            estimated = identified((*self.methods, *(of.method for of, _ in self._others)), step)
+        else:
+            some = slice(0, len(FIELDS))
+            estimated = estimate(c[some], covariance[some, some], self.plant.damped, self.step)
+        if scattered:
+            estimated = replace(estimated, names=("adaptive",))
         return Inference(
             model=self.model,
             log=log,
@@ -1374,16 +1501,7 @@ class _Inferring:
             blocks=self.blocks,
             posterior=posterior,
             candidates=self.candidates,
-            integrator=(
-                identified(
-                    (*self.methods, *(of.method for of, _ in self._others)),
-                    float(np.median(log.intervals.h[:, 0] / self.between)),
-                )
-                if self.methods
-                else estimate(
-                    c[: len(FIELDS)], covariance[: len(FIELDS), : len(FIELDS)], damped, self.step
-                )
-            ),
+            integrator=estimated,
             attribution=attribution,
             tau=tau,
             excess=variance,
@@ -1393,10 +1511,11 @@ class _Inferring:
             energy=energy,
             generic=Generic(odds, float(unnamed), explained),
             unexplained=unexplained,
-            intermittent=self._intermittent(rows, best, left),
+            intermittent=intermittent,
             unseen=unseen,
             between=between,
             lost=bool(self.thinned.any() and not all(self.declared)),
+            scattered=scattered,
             residual=left,
             acceleration=self.model.at(self.nominal.nodes[0]),
             w=w,
@@ -1604,6 +1723,11 @@ class Generic:
     log_odds: float
     exchanged: float
     explained: float
+
+    @property
+    def share(self) -> float:
+        """Of what is left, that of terms of a model; 0 where these have no odds."""
+        return self.explained if self.log_odds > CERTAIN else 0.0
 
 
 def _generic(block: Block, best: Fit) -> tuple[float, float, Array]:

@@ -402,7 +402,8 @@ class IntegratorEstimate:
 
     Attributes:
         names: methods whose own map closes the rows; else those whose numbers agree with those of the log.
-            "higher-order" stands for all of order three and more, whose error is smaller than the fields.
+            "higher-order" stands for all of order three and more, whose error is smaller than the fields,
+            "adaptive" for a solver that chooses its steps, or whose rows lie between these.
         coefficients: numbers c of the elementary differentials, by their names.
         errors: their standard errors; 0 for a method that closes.
         order: of the error; that of the methods named, else of the lowest field that is seen.

@@ -64,11 +64,17 @@ class Digits:
         rows = np.linspace(0, len(values) - 1, PROBES).astype(np.intp)
         ordered = np.sort(np.ascontiguousarray(values.T), axis=1)
         different = 1 + np.count_nonzero(ordered[:, 1:] != ordered[:, :-1], axis=1)
-        return {
+        rules = {
             k: _of_column(values[:, k], rows, self._least)
             for k, probe in enumerate(values[rows[PROBES // 2]].tolist())
             if different[k] <= REPEATS * len(values) or not _of_many_digits(probe)
         }
+        # Columns are written alike: one that hardly changes has the digits of the others if it fits them.
+        told = next((values[rows, k] for k in rules if different[k] >= LEVELS), None)
+        few = np.flatnonzero((different < self._least) & values.any(axis=0))
+        for k in few.tolist() if told is not None else ():
+            rules[k] = _of_probes(np.concatenate([told, values[rows, k]])) or rules[k]
+        return rules
 
     @property
     def few(self) -> bool:
@@ -144,12 +150,20 @@ def _of_column(column: Array, rows: NDArray[np.intp], least: int) -> Rule:
     probes = probes[probes != 0.0]
     if values < least or not len(probes):
         return lambda size: EPS * size
-    readings = [rule for find in (_significant, _decimals, _binary) if (rule := find(probes))]
-    if readings:  # numbers of few decimals have few significant digits too: the coarser is meant
-        size = np.abs(column)
-        return max(readings, key=lambda rule: float(rule(size).sum()))
+    rule = _of_probes(probes)
+    if rule is not None:
+        return rule
     count = 0.5 * _count(column)
     return lambda size: np.maximum(EPS * size, count)
+
+
+def _of_probes(probes: Array) -> Rule | None:
+    """The rule of numbers of few digits or bits."""
+    probes = np.unique(probes[probes != 0.0])
+    readings = [rule for find in (_significant, _decimals, _binary) if (rule := find(probes))]
+    # Numbers of few decimals have few significant digits too: the coarser is meant.
+    size = np.abs(probes)
+    return max(readings, key=lambda rule: float(rule(size).sum()), default=None)
 
 
 def _binary(probes: Array) -> Rule | None:

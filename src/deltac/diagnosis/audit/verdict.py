@@ -427,8 +427,7 @@ def _findings(e: Judgement) -> tuple[Finding, ...]:
         own.append(departing)
     first = next(filter(of_model, named), None)
     small = kind != "equation-error" and e.mistake[1] < 1.0 - PROBABLE["medium"]
-    clear = e.inference is not None and e.inference.unnamed <= SLIGHT and not e.incomplete
-    if small and first and clear and not e.smoothed and e.mistake[0] > PROBABLE["high"]:
+    if small and first and _clear(e) and e.mistake[0] > PROBABLE["high"]:
         own.append(_small(e, first))
     if kind == "equation-error" and not any(f.weight == "cause" for f in (*own, *e.noticed)):
         own.append(_unnamed(e))
@@ -452,6 +451,17 @@ def _unnamed(e: Judgement) -> Finding:
         "Compare the equations of model and simulator: `check_equations` tests them without a log",
         "cause",
     )
+
+
+def _clear(e: Judgement) -> bool:
+    """Whether a mistake that exchanges little stands out: of all that is left, and of the integrator's work.
+
+    Another method that is much like the one found does to the rows what a small cause does.
+    """
+    inference = e.inference
+    if inference is None or e.smoothed or e.incomplete or inference.unnamed > SLIGHT:
+        return False
+    return e.attribution is None or inference.flow > SLIGHT * e.attribution.integrator.largest[0]
 
 
 def _small(e: Judgement, cause: Finding) -> Finding:

@@ -289,10 +289,7 @@ class _Regression:
 
     def sizes(self, fit: Fit) -> Array:
         """How much each cause of a fit changes the equations."""
-        effects = [
-            self.block.D[..., list(c.columns)] @ c.coefficients(theta)
-            for c, theta in zip(fit.chosen, fit.theta, strict=True)
-        ]
+        effects = [self.block.D[..., list(c.columns)] @ fit.of(k) for k, c in enumerate(fit.chosen)]
         return np.array([float(np.linalg.norm(effect)) for effect in effects])
 
 

@@ -34,7 +34,7 @@ def joint_explanation(inferences: Sequence[Inference], each: Sequence[Explanatio
         named = []
         for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
             others = fit.coefficients.copy()
-            np.subtract.at(others, list(c.columns), c.coefficients(theta))
+            np.subtract.at(others, list(c.columns), fit.of(k))
             share = (joint.left(others) - joint.left(fit.coefficients)) / total
             odds = fit.each[k] if k < len(fit.each) else fit.log_odds
             named.append(_cause(mechanism, c, theta, joint.deviation(fit, k), share, odds))
@@ -95,7 +95,7 @@ def causes_of(inference: Inference, fit: Fit) -> tuple[Cause, ...]:
     causes = []
     for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
         others = fit.coefficients.copy()
-        np.subtract.at(others, list(c.columns), c.coefficients(theta))
+        np.subtract.at(others, list(c.columns), fit.of(k))
         share = (residual(others) - residual(fit.coefficients)) / total
         odds = fit.each[k] if k < len(fit.each) else fit.log_odds
         errors = fit.deviation(k) * np.sqrt(inference.tau)
@@ -204,8 +204,8 @@ def _effects(inference: Inference, samples: Samples, fits: list[Fit]) -> list[Ar
     effects = []
     for fit in fits:
         total = np.zeros(X.shape[:2])
-        for c, theta in zip(fit.chosen, fit.theta, strict=True):
-            effect = X[..., list(c.columns)] @ c.coefficients(theta)
+        for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
+            effect = X[..., list(c.columns)] @ fit.of(k)
             if c.touching is not None:  # it pushes to one side, wherever else the motion goes
                 effect = np.where(effect * (theta[1] - theta[0] * c.touching[0]) > 0.0, effect, 0.0)
             total += effect

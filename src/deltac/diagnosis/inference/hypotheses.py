@@ -11,7 +11,7 @@ N/τ, with
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -258,6 +258,12 @@ class Fit:
     tangent: Array = field(repr=False)
     each: tuple[float, ...] = ()
 
+    def of(self, place: int) -> Array:
+        """Coefficients of the columns of one of the causes, beside the others."""
+        return _factor(self.chosen, self.theta, place) * self.chosen[place].coefficients(
+            self.theta[place]
+        )
+
     def repeats(self, other: Fit) -> bool:
         """Whether it is another set in more numbers, of which those that the other lacks are none."""
         gap = np.abs(self.coefficients - other.coefficients)
@@ -269,6 +275,12 @@ class Fit:
         start = sum(c.size for c in self.chosen[:place])
         some = slice(start, start + self.chosen[place].size)
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance)[some], 0.0)))
+
+
+def _factor(chosen: Sequence[Candidate], theta: Sequence[Array], place: int) -> float:
+    """What other causes multiply one by: the mass centre of a heavier body moves a heavier mass."""
+    grown = (c.scales(chosen[place]) * float(x[0]) for c, x in zip(chosen, theta))
+    return 1.0 + sum(grown)
 
 
 def nothing(columns: int) -> Fit:
@@ -295,8 +307,8 @@ def fitted(
 
     def coefficients(theta: Sequence[Array]) -> Array:
         mine = np.zeros(len(own))
-        for c, x, at in zip(chosen, theta, rows):
-            mine[at] += c.coefficients(x)
+        for k, (c, x, at) in enumerate(zip(chosen, theta, rows)):
+            mine[at] += _factor(chosen, theta, k) * c.coefficients(x)
         made = np.zeros(P)
         made[own] = mine
         return made
@@ -304,8 +316,11 @@ def fitted(
     def tangent(theta: Sequence[Array]) -> Array:
         """Derivatives (columns of the chosen causes, numbers) of the coefficients."""
         T = np.zeros((len(own), sum(sizes)))
-        for c, x, at, of in zip(chosen, theta, rows, numbers):
-            T[at, of] += c.tangent(x)
+        for k, (c, x, at, of) in enumerate(zip(chosen, theta, rows, numbers)):
+            T[at, of] += _factor(chosen, theta, k) * c.tangent(x)
+            for other, its in zip(chosen, numbers):
+                if unit := other.scales(c):
+                    T[at, its.start] += unit * c.coefficients(x)
         return T
 
     def normal(T: Array) -> tuple[Array, Array]:
@@ -325,7 +340,8 @@ def fitted(
             return None
         return np.asarray(d[:, None] * ((vectors / values) @ vectors.T) * d)
 
-    curved = len(blocks) > 1 or any(c.quadratic is not None for c in chosen)
+    products = any(one.scales(other) for one in chosen for other in chosen)
+    curved = products or len(blocks) > 1 or any(c.quadratic is not None for c in chosen)
     for _ in range(ITERATIONS if curved else 1):
         T = tangent(theta)
         X, y = normal(T)
@@ -505,6 +521,12 @@ def search(
                 continue
             fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
             top = max(top, fits[-1][0])
+        for pair in _of_one_body(best, candidates):
+            fit = fitted(blocks, (*best.chosen, *pair), best.theta)
+            if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
+                continue
+            if exchanged(fit).min() >= max(least, negligible):
+                fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
         fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))
         if not scores:
             scores = [(e, f.chosen[-1], float(exchanged(f)[0])) for e, f in fits[:SHORTLIST]]
@@ -513,6 +535,18 @@ def search(
         near = [f for e, f in fits if e >= fits[0][0] - EQUAL]
         best = min(near, key=lambda f: f.chosen[-1].rank(f.theta[-1]))
     return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
+
+
+def _of_one_body(
+    best: Fit, candidates: Sequence[Candidate]
+) -> Iterator[tuple[Candidate, Candidate]]:
+    """Mass and mass centre of a body: neither alone looks like both."""
+    free = [c for c in candidates if not any(c is x or c.excludes(x) for x in best.chosen)]
+    centres = [c for c in free if c.kind == "body-centre"]
+    for mass in free:
+        own = [c for c in centres if c.element == mass.element and mass.kind == "body-mass"]
+        if own:
+            yield mass, max(own, key=lambda c: c.size)
 
 
 def _explains_all(blocks: Sequence[Block], without: Fit, fit: Fit) -> bool:
@@ -548,7 +582,10 @@ def refitted(
         tau = max(autocorrelation_time(b.residual(fit.coefficients)) for fit in fits)
         odds += [b.evidence(fit, tau) for fit in fits]
     equal = [fit for fit, e in zip(fits, odds) if e >= odds.max() - EQUAL]
-    best = min(equal, key=lambda f: sum(c.rank(x) for c, x in zip(f.chosen, f.theta)))
+    best = min(
+        equal,
+        key=lambda f: (sum(c.rank(x) for c, x in zip(f.chosen, f.theta)), sum(map(len, f.theta))),
+    )
     best, near = _pruned(blocks, best, [f for f in equal if f is not best], len(candidates))
     return Posterior(best, near, before.scores)
 

@@ -1175,7 +1175,10 @@ class _Inferring:
         """The equations by known accelerations, and their posterior; the same wherever it is linearised."""
         if self.by_rates is None or len(self.by_rates[0].causes) != len(self.coefficients):
             block, _ = self._measured(np.arange(len(self.w)))
-            self.by_rates = block, self._search(block)
+            posterior = self._search(block)
+            if posterior.best.chosen:  # causes of several numbers, found together, may need fewer
+                posterior = refitted((block,), posterior, self.candidates)
+            self.by_rates = block, posterior
         return self.by_rates
 
     def _of_series(self, series: Block) -> tuple[Posterior, Block]:
@@ -1239,7 +1242,7 @@ class _Inferring:
         B = self.B[::every, :, self.fields[0].shape[2] :]
         exchanged, errors, energies = [], [], []
         for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
-            work = gradient * (B[:, :, list(c.columns)] @ c.coefficients(theta))
+            work = gradient * (B[:, :, list(c.columns)] @ fit.of(k))
             exchanged.append(scale * float(np.abs(work).sum(axis=1).mean()))
             energies.append(scale * float(work.sum(axis=1).mean()))
             relative = fit.deviation(k) / np.maximum(np.abs(theta), 1e-300)
@@ -1532,9 +1535,9 @@ class _Inferring:
         C = best.covariance[np.ix_(some, some)] * tau
         spread = np.maximum(np.einsum("ki,ij,kj->k", T, C, T), 0.0)
         coefficients = np.zeros_like(best.coefficients)
-        for c, theta, counts in zip(best.chosen, best.theta, own, strict=True):
-            if counts:
-                np.add.at(coefficients, list(c.columns), c.coefficients(theta))
+        for k, c in enumerate(best.chosen):
+            if own[k]:
+                np.add.at(coefficients, list(c.columns), best.of(k))
         known = np.where(self.of_log == of_log, self.coefficients, 0.0)
         ends = (self.as_logged, self.nominal) if of_log else (self.nominal, self.flow)
         # What the causes do that the flow has is known however large it is, the rest to first order.

@@ -63,8 +63,8 @@ def joint_posterior(inferences: Sequence[Inference]) -> Joint:
     def effects(fit: Fit) -> Array:
         """Size of what each cause adds to the whitened equations of all logs."""
         squares = np.zeros(len(fit.chosen))
-        for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
-            some, x = list(c.columns), c.coefficients(theta)
+        for k, c in enumerate(fit.chosen):
+            some, x = list(c.columns), fit.of(k)
             squares[k] = sum(float(x @ b.projected.A[np.ix_(some, some)] @ x) for b in blocks)
         return np.sqrt(squares)
 

@@ -45,6 +45,9 @@ COASTING = 1e6
 MOST = 0.9
 """Share of what is left that terms of a model must explain to be a mistake without a name."""
 
+EXACT = 1e-6
+"""Noise of rows as a share of their changes below which they are as a simulator computed them."""
+
 SCATTER = 3.0
 """Standard deviations of the noise within which what is left of the rows is noise."""
 
@@ -456,12 +459,15 @@ def _unnamed(e: Judgement) -> Finding:
 def _clear(e: Judgement) -> bool:
     """Whether a mistake that exchanges little stands out: of all that is left, and of the integrator's work.
 
-    Another method that is much like the one found does to the rows what a small cause does.
+    In rows with noise or few digits, another method much like the one found does what a small cause does.
     """
     inference = e.inference
     if inference is None or e.smoothed or e.incomplete or inference.unnamed > SLIGHT:
         return False
-    return e.attribution is None or inference.flow > SLIGHT * e.attribution.integrator.largest[0]
+    exact = float(inference.relative[1].max()) < EXACT
+    return exact or (
+        e.attribution is None or inference.flow > SLIGHT * e.attribution.integrator.largest[0]
+    )
 
 
 def _small(e: Judgement, cause: Finding) -> Finding:

@@ -340,21 +340,10 @@ class Candidate:
     def scales(self, other: Candidate) -> float:
         """By how much the coefficients of another cause grow with a unit of this one's number.
 
-        A mass that is larger and moved has its product in the residual; so have gear and delay of a
-        motor, stiffness and rest angle of a spring.
+        The product of a mass that is larger and a mass centre that is elsewhere is in the residual.
         """
-        if other.kind == "body-centre" and (
-            self.kind == "mass-scale"
-            or (self.kind in ("body-mass", "body-inertia") and self.element == other.element)
-        ):
-            return 1.0
-        if self.element != other.element:
-            return 0.0
-        if (self.kind, other.kind) == ("actuator-gear", "actuator-delay"):
-            return 1.0
-        if (self.kind, other.kind) == ("stiffness", "rest-angle"):
-            return float(1.0 / self.base[0])
-        return 0.0
+        product = (self.kind, other.kind) == ("body-mass", "body-centre")
+        return float(product and self.element == other.element)
 
     def excludes(self, other: Candidate) -> bool:
         """Whether both together would tell one number of a body twice, in sentences that contradict."""

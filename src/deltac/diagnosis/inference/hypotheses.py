@@ -248,6 +248,7 @@ class Fit:
     coefficients  of all causes' columns (P,)
     log_odds      against the hypothesis without the last of them
     covariance    of all numbers
+    factors       what the others multiply each by
     """
 
     chosen: tuple[Candidate, ...]
@@ -258,11 +259,12 @@ class Fit:
     tangent: Array = field(repr=False)
     each: tuple[float, ...] = ()
 
+    factors: tuple[float, ...] = ()
+
     def of(self, place: int) -> Array:
         """Coefficients of the columns of one of the causes, beside the others."""
-        return _factor(self.chosen, self.theta, place) * self.chosen[place].coefficients(
-            self.theta[place]
-        )
+        factor = self.factors[place] if self.factors else 1.0
+        return factor * self.chosen[place].coefficients(self.theta[place])
 
     def repeats(self, other: Fit) -> bool:
         """Whether it is another set in more numbers, of which those that the other lacks are none."""
@@ -275,12 +277,6 @@ class Fit:
         start = sum(c.size for c in self.chosen[:place])
         some = slice(start, start + self.chosen[place].size)
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance)[some], 0.0)))
-
-
-def _factor(chosen: Sequence[Candidate], theta: Sequence[Array], place: int) -> float:
-    """What other causes multiply one by: the mass centre of a heavier body moves a heavier mass."""
-    grown = (c.scales(chosen[place]) * float(x[0]) for c, x in zip(chosen, theta))
-    return 1.0 + sum(grown)
 
 
 def nothing(columns: int) -> Fit:
@@ -305,10 +301,18 @@ def fitted(
     raw = [b.gram[0][np.ix_(b.causes[own], b.causes[own])] for b in blocks]
     left = [b.projected.A[np.ix_(own, own)] for b in blocks]
 
+    # Where the flow is taken again with the causes in it, their products are in that.
+    units = np.array([[one.scales(other) for other in chosen] for one in chosen])
+    units *= not len(blocks[0].nuisance)
+
+    def factors(theta: Sequence[Array]) -> tuple[float, ...]:
+        """What the others multiply each by: the mass centre of a heavier body moves a heavier mass."""
+        return tuple((1.0 + np.array([x[0] for x in theta]) @ units).tolist())
+
     def coefficients(theta: Sequence[Array]) -> Array:
         mine = np.zeros(len(own))
-        for k, (c, x, at) in enumerate(zip(chosen, theta, rows)):
-            mine[at] += _factor(chosen, theta, k) * c.coefficients(x)
+        for c, x, at, factor in zip(chosen, theta, rows, factors(theta)):
+            mine[at] += factor * c.coefficients(x)
         made = np.zeros(P)
         made[own] = mine
         return made
@@ -316,11 +320,11 @@ def fitted(
     def tangent(theta: Sequence[Array]) -> Array:
         """Derivatives (columns of the chosen causes, numbers) of the coefficients."""
         T = np.zeros((len(own), sum(sizes)))
-        for k, (c, x, at, of) in enumerate(zip(chosen, theta, rows, numbers)):
-            T[at, of] += _factor(chosen, theta, k) * c.tangent(x)
-            for other, its in zip(chosen, numbers):
-                if unit := other.scales(c):
-                    T[at, its.start] += unit * c.coefficients(x)
+        grown = zip(chosen, theta, rows, numbers, factors(theta), units.T)
+        for c, x, at, of, factor, by in grown:
+            T[at, of] += factor * c.tangent(x)
+            for k in np.flatnonzero(by):
+                T[at, numbers[k].start] += by[k] * c.coefficients(x)
         return T
 
     def normal(T: Array) -> tuple[Array, Array]:
@@ -340,8 +344,7 @@ def fitted(
             return None
         return np.asarray(d[:, None] * ((vectors / values) @ vectors.T) * d)
 
-    products = any(one.scales(other) for one in chosen for other in chosen)
-    curved = products or len(blocks) > 1 or any(c.quadratic is not None for c in chosen)
+    curved = units.any() or len(blocks) > 1 or any(c.quadratic is not None for c in chosen)
     for _ in range(ITERATIONS if curved else 1):
         T = tangent(theta)
         X, y = normal(T)
@@ -361,7 +364,8 @@ def fitted(
         covariance = inverse
     along = np.zeros((P, sum(sizes)))
     along[own] = T
-    return Fit(tuple(chosen), tuple(theta), coefficients(theta), 0.0, covariance, along)
+    made = coefficients(theta)
+    return Fit(tuple(chosen), tuple(theta), made, 0.0, covariance, along, factors=factors(theta))
 
 
 def evidence(
@@ -416,6 +420,9 @@ its own size looks like a small one of another kind."""
 
 ALL = 1e-3
 """Share of a sum of squares that a cause leaves which explains all: three per cent of the errors."""
+
+PAIR = 0.05
+"""Share of what one cause leaves that two causes of a body, found at once, must leave at most."""
 
 PROMISING = 48
 """Causes that are fitted in full at most."""
@@ -496,12 +503,14 @@ def search(
     negligible: float = 0.0,
     most: int = TOGETHER,
     beside: float = BESIDE,
+    pairs: bool = False,
 ) -> Posterior:
     """The causes with the best odds, one after the other, each beside all before.
 
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told,
     one of less than `negligible` only if it leaves next to nothing (`ALL`) of what was left before. `most`
-    are found together, each with a share of `beside` of the largest at least.
+    are found together, each with a share of `beside` of the largest at least; `pairs`: mass and mass centre
+    of a body at once.
     """
     best, near = nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
@@ -521,11 +530,13 @@ def search(
                 continue
             fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
             top = max(top, fits[-1][0])
-        for pair in _of_one_body(best, candidates):
+        alone = max(fits, key=lambda item: item[0])[1] if fits else best
+        for pair in _of_one_body(best, candidates) if pairs else ():
             fit = fitted(blocks, (*best.chosen, *pair), best.theta)
             if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
                 continue
-            if exchanged(fit).min() >= max(least, negligible):
+            left = [b.misfit(fit.coefficients) / b.misfit(alone.coefficients) for b in blocks]
+            if exchanged(fit).min() >= max(least, negligible) and max(left) < PAIR:
                 fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
         fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))
         if not scores:
@@ -582,10 +593,10 @@ def refitted(
         tau = max(autocorrelation_time(b.residual(fit.coefficients)) for fit in fits)
         odds += [b.evidence(fit, tau) for fit in fits]
     equal = [fit for fit, e in zip(fits, odds) if e >= odds.max() - EQUAL]
-    best = min(
-        equal,
-        key=lambda f: (sum(c.rank(x) for c, x in zip(f.chosen, f.theta)), sum(map(len, f.theta))),
-    )
+    best = min(equal, key=lambda f: sum(c.rank(x) for c, x in zip(f.chosen, f.theta)))
+    kinds = {c.kind for c in best.chosen}
+    alike = (f for f in equal if {c.kind for c in f.chosen} == kinds)
+    best = min(alike, key=lambda f: sum(map(len, f.theta)))  # the same in fewer numbers
     best, near = _pruned(blocks, best, [f for f in equal if f is not best], len(candidates))
     return Posterior(best, near, before.scores)
 

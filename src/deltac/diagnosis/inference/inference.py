@@ -1176,8 +1176,10 @@ class _Inferring:
         if self.by_rates is None or len(self.by_rates[0].causes) != len(self.coefficients):
             block, _ = self._measured(np.arange(len(self.w)))
             posterior = self._search(block)
-            if posterior.best.chosen:  # causes of several numbers, found together, may need fewer
-                posterior = refitted((block,), posterior, self.candidates)
+            if any(c.kind == "body-centre" and c.size > 1 for c in posterior.best.chosen):
+                posterior = refitted(
+                    (block,), posterior, self.candidates
+                )  # it may need fewer numbers
             self.by_rates = block, posterior
         return self.by_rates
 
@@ -1203,7 +1205,7 @@ class _Inferring:
         if self.refining:
             return refitted((block,), self.posterior, self.candidates)
         # Known accelerations are linear in almost all causes: small ones beside large ones are real.
-        many = (MANY, 0.0) if self._knows_accelerations else (TOGETHER, BESIDE)
+        many = (MANY, 0.0, True) if self._knows_accelerations else (TOGETHER, BESIDE)
         # What the series leaves out is no matter of known accelerations, nor of a method's own map.
         series = len(block.nuisance) > self.bent.shape[2]
         least = max(self.bias, self.omitted if series else 0.0)

@@ -594,9 +594,10 @@ def refitted(
         odds += [b.evidence(fit, tau) for fit in fits]
     equal = [fit for fit, e in zip(fits, odds) if e >= odds.max() - EQUAL]
     best = min(equal, key=lambda f: sum(c.rank(x) for c, x in zip(f.chosen, f.theta)))
-    kinds = {c.kind for c in best.chosen}
-    alike = (f for f in equal if {c.kind for c in f.chosen} == kinds)
-    best = min(alike, key=lambda f: sum(map(len, f.theta)))  # the same in fewer numbers
+    if any(c.kind == "body-centre" for c in best.chosen):  # along fewer axes, if these do as well
+        same = [(c.kind, c.element) for c in best.chosen]
+        alike = (f for f in equal if [(c.kind, c.element) for c in f.chosen] == same)
+        best = min(alike, key=lambda f: sum(map(len, f.theta)))
     best, near = _pruned(blocks, best, [f for f in equal if f is not best], len(candidates))
     return Posterior(best, near, before.scores)
 

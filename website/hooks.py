@@ -367,7 +367,7 @@ COLUMNS = """# Names of columns
 
 The words by which a log of another program is read, from the lists that the reader itself uses. A name is
 split into words (`/joint_states/Elbow.position [deg]`: joint, states, elbow, position), and Greek letters,
-dots and primes count as words. [Logs](docs/logs.md#other-peoples-names) says how they are combined.
+dots and primes count as words. [Logs](../../../../docs/logs.md#other-peoples-names) says how they combine.
 """
 
 NATURAL = """# Natural logs

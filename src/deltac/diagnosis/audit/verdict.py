@@ -222,9 +222,8 @@ class Judgement:
         is N(0, S²) J if it is present.
         """
         ledger = self.ledger
-        exchanged = max(
-            ledger.energy_exchanged, EPS * ledger.reference_energy
-        )  # rounding, if it coasts
+        # What coasts exchanges rounding.
+        exchanged = max(ledger.energy_exchanged, EPS * ledger.reference_energy)
         size = np.maximum(MISTAKE * exchanged, np.abs(joules)) + 1e-300
         error = np.clip(error, 1e-12 * size, 1e6 * size)
         share = 1.0 / (1.0 + (error / size) ** 2)

@@ -168,6 +168,7 @@ class Block:
 
 
 ALL_COLUMNS = slice(None)
+"""The default of `Projected.slope`."""
 
 
 @dataclass(frozen=True, eq=False)

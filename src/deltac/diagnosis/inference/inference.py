@@ -1177,9 +1177,8 @@ class _Inferring:
             block, _ = self._measured(np.arange(len(self.w)))
             posterior = self._search(block)
             if any(c.kind == "body-centre" and c.size > 1 for c in posterior.best.chosen):
-                posterior = refitted(
-                    (block,), posterior, self.candidates
-                )  # it may need fewer numbers
+                # The centre may have moved along fewer axes.
+                posterior = refitted((block,), posterior, self.candidates)
             self.by_rates = block, posterior
         return self.by_rates
 
@@ -1417,7 +1416,8 @@ class _Inferring:
             noise = log.noise[0] ** 2 + log.noise[1] ** 2
             noise += np.einsum("kii->ki", sum(self.uncertain))
             own = self.beyond**2 / (self.beyond**2 + noise + 1e-300) / max(variance, 1.0)
-            own *= not log.unknown.any()
+            if log.unknown.any():
+                own = np.zeros_like(own)
             partly = self.gradient * (1.0 - own)
             curves = log.running(np.einsum("km,kmp->kp", partly, self.B[:, :, :ni]))
             curve = log.running(power[:, :ni]) @ c
@@ -1586,7 +1586,7 @@ class _Inferring:
                     none = np.zeros_like(unit)
                     lost += [np.hstack([none, unit]), np.hstack([unit, none])]
             if lost:
-                left = _without(left, np.stack(lost, axis=2))
+                left = _unmade(left, np.stack(lost, axis=2))
             if possible[active].sum() > np.abs(self.gradient * left)[active].sum():
                 odds = -np.inf
         return odds, active
@@ -1809,7 +1809,7 @@ ACTIVE = 100.0
 those."""
 
 
-def _without(x: Array, columns: Array) -> Array:
+def _unmade(x: Array, columns: Array) -> Array:
     """What columns (N, m, k) cannot make of x (N, m)."""
     return np.asarray(x - (columns @ (np.linalg.pinv(columns) @ x[:, :, None]))[:, :, 0])
 

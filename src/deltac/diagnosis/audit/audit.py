@@ -636,7 +636,7 @@ def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
     model's there.
     """
     held, step = set(map(str, run.provenance.held or ())), run.provenance.step
-    every = step is not None and len(run) > 1 and np.median(np.diff(run.t)) < 1.01 * step
+    every = step is not None and len(run) > 1 and np.diff(run.t).max() < 1.01 * step
     if not len(mechanism.free.u) or not every or set(map(str, run.forces)) <= held:
         return run
     rows, laws = checks.own_laws(mechanism, run)
@@ -739,8 +739,9 @@ def _attributed(
             error = np.hypot(error, np.abs(rest - along(own.integrator.curve)))
         return Attribution(t, Share(rest, error), equations, Share(departures.log, bar))
     integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))
-    if len(own.t) < len(t) - 1:
-        # Of the larger share a balance of all rows may tell more than the stretches that were looked at.
+    if len(own.t) < len(t) - 1 and "step" not in inference.forces:
+        # Of the larger share a balance of all rows may tell more than the stretches that were looked at, where
+        # its works are those of forces that act as they do in the flow.
         if integrator.error < equations.error and equations.curve.any():
             balance = Share(delta_c - integrator.curve, np.hypot(bar, integrator.curve_error))
             equations = min(balance, equations, key=lambda share: share.error)

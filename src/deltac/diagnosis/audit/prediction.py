@@ -82,7 +82,7 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
     duration = log.intervals.h[:, 0]
     weight = np.add.reduceat(duration, np.arange(len(duration))[some])
     own, order = inference.integrator.step, inference.integrator.order
-    a, b, c = np.array([FORCES[kind] for kind in inference.forces]).reshape(-1, 3).T
+    a, b, c, d = np.array([FORCES[kind] for kind in inference.forces]).reshape(-1, 4).T
     # What a cubic tells of smooth forces a straight line would turn into kinks, which no order foresees.
     kinds: list[Callable[..., Callable[[Array], Array]]]
     kinds = [CubicSpline if smooth > 0.0 else _straight for smooth in c]
@@ -97,9 +97,9 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
     def joules(step: float) -> float:
         last = logged(start.t + step)
 
-        def force(share: float, _: int = 0) -> Array:
+        def force(share: float, _: float | None = None) -> Array:
             constant = start.F + a * (last - start.F)
-            return np.where(b > 0.0, logged(start.t + share * step), constant)
+            return np.where(b > d, logged(start.t + share * step), constant)
 
         intervals = Intervals(start, Rows(start.t + step, start.q, start.u, last))
         defects = np.abs(inference.w[some]) * min(step / own, 1.0) ** (order + 1)

@@ -7,9 +7,9 @@ components: δq = W δθ, so that quaternions have three.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeAlias
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +19,13 @@ from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
-ForceBetween: TypeAlias = Callable[[float], Array]
-"""Logged forces (N, m) at a fraction of each interval."""
+
+class ForceBetween(Protocol):
+    """Logged forces (N, m) at a fraction of each interval, in a step that begins at another."""
+
+    def __call__(self, fraction: float, begin: float | None = None, /) -> Array:
+        """The forces; without the begin of a step those of which the work is that of the steps' own."""
+        ...
 
 
 class ForceInStep(Protocol):
@@ -66,16 +71,17 @@ class Intervals:
         return Intervals(self.start.take(which), self.end.take(which), stages)
 
 
-FORCES: dict[str, tuple[float, float, float]] = {
-    "smooth": (0.0, 1.0, 1.0),
-    "ramp": (0.0, 1.0, 0.0),
-    "start": (0.0, 0.0, 0.0),
-    "end": (1.0, 0.0, 0.0),
-    "mean": (0.5, 0.0, 0.0),
+FORCES: dict[str, tuple[float, float, float, float]] = {
+    "smooth": (0.0, 1.0, 1.0, 0.0),
+    "ramp": (0.0, 1.0, 0.0, 0.0),
+    "start": (0.0, 0.0, 0.0, 0.0),
+    "end": (1.0, 0.0, 0.0, 0.0),
+    "mean": (0.5, 0.0, 0.0, 0.0),
+    "step": (0.0, 1.0, 1.0, 1.0),
 }
-"""How logged forces act between two rows: F = F₀ + (a + b s) ΔF + c S(s) at the fraction s of the
-interval, as
-(a, b, c); S is what a cubic through the neighbouring rows adds to the straight line."""
+"""How logged forces act between two rows: F = F₀ + (a + b s) ΔF + c S(s) + d L(s) at the fraction s of the
+interval, as (a, b, c, d); S is what a cubic through the neighbouring rows adds to the straight line, and L
+what a force lacks of that which is held over each of several steps between the rows."""
 
 
 SUBDIVISIONS = 4
@@ -87,7 +93,7 @@ class LoggedForce:
     """Logged forces (N, m) between the rows: at the start, their change, and the bends of a spline.
 
     `doubt` (N, m): by how much their mean over an interval differs between splines of two orders, at most;
-    `gap` (N, m): by how much it does.
+    `gap` (N, m): by how much it does; `counts` (N,): times in each interval that they are held.
     """
 
     first: Array
@@ -95,19 +101,35 @@ class LoggedForce:
     bends: tuple[Array, Array]
     doubt: Array
     gap: Array
+    counts: NDArray[np.intp]
 
-    def parts(self, s: float) -> tuple[Array, Array, Array]:
-        """What a, b and c multiply at the fraction s."""
-        bent = s * (1.0 - s) * ((1.0 - s) * self.bends[0] - s * self.bends[1])
-        return self.change, s * self.change, bent
+    def parts(self, s: float, begin: float | None = None) -> tuple[Array, Array, Array, Array]:
+        """What a, b, c and d multiply at the fraction s, in a step that begins at another."""
+        # Of several steps, half of one later on average.
+        count = self.counts[:, None]
+        held = np.where(count > 1, s - 0.5 / count, 0.0)
+        if begin is not None:
+            held = np.floor(begin * count + EPS * count) / count
+        bent = self._bent(s)
+        return (
+            self.change,
+            s * self.change,
+            bent,
+            (held - s) * self.change + self._bent(held) - bent,
+        )
+
+    def _bent(self, s: float | Array) -> Array:
+        first, last = self.bends
+        return np.asarray(s * (1.0 - s) * ((1.0 - s) * first - s * last))
 
     def __call__(self, kinds: tuple[str, ...]) -> ForceBetween:
         """The forces of each column by its kind, see `FORCES`."""
-        a, b, c = np.array([FORCES[kind] for kind in kinds]).reshape(-1, 3).T
+        weights = np.array([FORCES[kind] for kind in kinds]).reshape(-1, 4).T
 
-        def at(s: float) -> Array:
-            steady, linear, bent = self.parts(s)
-            return np.asarray(self.first + a * steady + b * linear + c * bent)
+        def at(s: float, begin: float | None = None) -> Array:
+            return np.asarray(
+                self.first + sum(w * x for w, x in zip(weights, self.parts(s, begin), strict=True))
+            )
 
         return at
 
@@ -146,8 +168,10 @@ class LoggedForce:
         return Intervals(replace(start, F=first), replace(end, F=last))
 
     @staticmethod
-    def of(intervals: Intervals, pieces: list[tuple[int, int]]) -> LoggedForce:
-        """Those of intervals in pieces of consecutive ones."""
+    def of(
+        intervals: Intervals, pieces: list[tuple[int, int]], counts: NDArray[np.intp] | None = None
+    ) -> LoggedForce:
+        """Those of intervals in pieces of consecutive ones, held so many times (N,) in each."""
         first, change, h = intervals.start.F, intervals.end.F - intervals.start.F, intervals.h
         slopes = [np.zeros_like(first), np.zeros_like(first)]
         doubt, gap = np.zeros_like(first), np.zeros_like(first)
@@ -163,7 +187,8 @@ class LoggedForce:
             doubt[a:b] = h[a:b] * (np.abs(by[:-1]) + np.abs(by[1:])) / 12.0
             gap[a:b] = h[a:b] * (by[:-1] - by[1:]) / 12.0
         bends = h * slopes[0] - change, h * slopes[1] - change
-        return LoggedForce(first, change, bends, doubt, gap)
+        counts = np.ones(len(h), dtype=np.intp) if counts is None else counts
+        return LoggedForce(first, change, bends, doubt, gap, counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +241,7 @@ def predict(
 
 
 def _some(force: ForceBetween, which: NDArray[np.intp]) -> ForceBetween:
-    return lambda s: np.asarray(force(s)[which])
+    return lambda s, _=None: np.asarray(force(s)[which])
 
 
 def _replaced(rows: Rows, which: NDArray[np.intp], own: Rows) -> Rows:

@@ -176,6 +176,9 @@ PARTS = (2, 3, 4, 5, 8, 10)
 NARROW = 0.3
 """Least deviation of such a filter, steps."""
 
+HELD = ("start", "step")
+"""Ways in which forces act that are constant over steps."""
+
 OF_THE_LOG = ("actuator-delay", "late-forces", "late-laws", "zero-offset")
 """Causes that leave the equations as they are."""
 
@@ -460,8 +463,9 @@ class _Inferring:
         self.counts = steps_between(intervals.h, run.provenance.step and self.step)
         self.thinned = intervals.h[:, 0] > EVERY_STEP * self.step
         self.whole = float(run.t[-1] - run.t[0]) / float(intervals.h.sum())
-        self.force = LoggedForce.of(intervals, log.pieces)
-        held = {str(name) for name in run.provenance.held or ()}
+        self.force = LoggedForce.of(intervals, log.pieces, self.counts)
+        # Forces that were held over each of several steps between rows are not those of the rows.
+        held = set(map(str, run.provenance.held or ())) if not self._several else set[str]()
         names = [str(n) for n, at in model.log.columns.items() for _ in range(at.start, at.stop)]
         self.declared = ["start" if name in held else "" for name in names]
         self.kinds = tuple(kind or "smooth" for kind in self.declared)
@@ -487,8 +491,8 @@ class _Inferring:
             if lost.mean() > LOST:
                 raise FlowError("the flow of the model leaves all bounds between many rows")
             self.log = log.without(lost)
-            self.force = LoggedForce.of(self.log.intervals, self.log.pieces)
             self.counts = None if self.counts is None else self.counts[~lost]
+            self.force = LoggedForce.of(self.log.intervals, self.log.pieces, self.counts)
             self.thinned = self.thinned[~lost]
             self.whole = float(run.t[-1] - run.t[0]) / float(self.log.intervals.h.sum())
             self._predict()
@@ -522,6 +526,11 @@ class _Inferring:
         # The delay of a motor that is the only one is that of all forces.
         single = sum(c.what == "delay" and c.index == 0 for c in columns) == 1
         self.late = ("late-forces", "actuator-delay") if single else ("late-forces",)
+
+    @property
+    def _several(self) -> bool:
+        """Whether several steps of a known length lie between some rows."""
+        return bool(self.force.counts.max() > 1)
 
     # --- the flow and its columns ---
 
@@ -778,17 +787,20 @@ class _Inferring:
         of the next row does not: they are functions of time.
         """
         later = self.methods[0].later
+        held = "step" if self.between.max() > 1 else "start"
 
         def acting(kind: str) -> str:
             if later:
                 return "ramp" if kind == "end" else kind
-            return "start" if FORCES[kind][0] == 0.0 else kind
+            return held if FORCES[kind][0] == 0.0 and kind not in HELD else kind
 
         kinds = tuple(
             own or acting(kind) for own, kind in zip(self.declared, self.kinds, strict=True)
         )
         another = kinds != self.kinds and self.filter is None
         if another:
+            if "step" not in self.kinds:
+                self.force = replace(self.force, counts=self.between)
             self.kinds = kinds
             self._predict()
         return another
@@ -805,8 +817,9 @@ class _Inferring:
         if self.filter is not None or not self.kinds or told:
             return False
         # Without causes they were asked already.
+        before = self.force
         kinds = self._kinds_of_forces(best) if best.chosen or not filters else self.kinds
-        another = kinds != self.kinds
+        another = kinds != self.kinds or before is not self.force
         if another:
             self.kinds = kinds
             self._predict()
@@ -1030,7 +1043,8 @@ class _Inferring:
         goes with the motion, as what a cause does.
         """
         force, h = self.force, self.log.intervals.h
-        other = {"smooth": force.gap, "ramp": (force.bends[0] - force.bends[1]) / 12.0}
+        other = {"ramp": (force.bends[0] - force.bends[1]) / 12.0}
+        other |= {"smooth": force.gap, "step": force.gap}
         columns = [np.zeros((*self.w.shape, 0))]
         doubted = [k for k, kind in enumerate(self.kinds) if kind in other and not self.declared[k]]
         for k, response in enumerate(self._force_responses if doubted else ()):
@@ -1311,19 +1325,44 @@ class _Inferring:
 
     def _kinds_of_forces(self, best: Fit) -> tuple[str, ...]:
         """How each logged force acts between two rows, by the likelihood beside the best causes."""
-        nodes = np.linspace(0.0, 1.0, 5)
-        parts = [self.force.parts(s) for s in nodes]
+        held, force = self._times_held(), self.force
+        if held and "step" not in self.kinds:
+            force = replace(force, counts=held[0])
+        parts, kinds = (
+            [force.parts(s) for s in np.linspace(0.0, 1.0, 5)],
+            [kind for kind in FORCES if kind != "step"],
+        )
         columns = [
             _impulse(response, np.array([part[which][:, k] for part in parts]), self.log)
             for k, response in enumerate(self._force_responses)
-            for which in range(3)
+            for which in range(4)
         ]
         trial = self._beside(best, columns)
         p = trial.projected
         gram = np.block([[np.array([[p.rss]]), p.b[None]], [p.b[:, None], p.A]])
         tau = autocorrelation_time(trial.residual(np.linalg.pinv(p.A, rcond=1e-10) @ p.b))
         current = np.array([FORCES[kind] for kind in self.kinds])
-        return _likeliest(gram, trial.count / tau, self.declared, current)
+        laws = [FORCES[kind] for kind in kinds]
+        laws += [(0.0, 1.0, 1.0, float(np.mean(force.counts / counts))) for counts in held]
+        own = [kinds.index(kind) if kind else -1 for kind in self.declared]
+        chosen = _likeliest(gram, trial.count / tau, own, current, np.array(laws), len(kinds))
+        steps = [k - len(kinds) for k in chosen if k >= len(kinds)]
+        if steps:
+            self.force = replace(self.force, counts=held[steps[0]])
+        return tuple("step" if k >= len(kinds) else kinds[k] for k in chosen)
+
+    def _times_held(self) -> list[NDArray[np.intp]]:
+        """How often (N,) forces may have been held in each interval, where rows are not all steps.
+
+        A controller may be asked in every step, or in every few.
+        """
+        ones, counts = np.ones(len(self.w), dtype=np.intp), self.counts
+        if counts is not None and counts.max() > 1:
+            n = int(counts[0])
+            return [counts] + [
+                n // k * ones for k in PARTS if np.all(counts == n) and not n % k and n > k
+            ]
+        return [k * ones for k in PARTS] if self.run.provenance.step is None else []
 
     def _filter_of_forces(self, best: Fit) -> tuple[float, float] | None:
         """Delay and deviation (s) of a filter of all forces that has odds; of states that were filtered."""
@@ -1519,7 +1558,7 @@ class _Inferring:
             intermittent=intermittent,
             unseen=unseen,
             between=between,
-            lost=bool(self.thinned.any() and not all(self.declared)),
+            lost=bool(self.thinned.any()) and any(kind != "start" for kind in self.kinds),
             scattered=scattered,
             residual=left,
             acceleration=self.model.at(self.nominal.nodes[0]),
@@ -1553,9 +1592,10 @@ class _Inferring:
         method, force = self.methods[0], self.force(self.kinds)
         if method.later or method.order > 1 or not self.kinds or self.says_what_was_held:
             return
-        for kind in ("start", "ramp"):
+        begin = 0.5 if self._several else 0.0  # of some step
+        for kind in ("step", "smooth") if self._several else ("start", "ramp"):
             other = self.force(tuple(own or kind for own in self.declared))
-            if np.array_equal(other(0.0), force(0.0)) and not np.array_equal(
+            if np.array_equal(other(begin, begin), force(begin, begin)) and not np.array_equal(
                 other(1.0), force(1.0)
             ):
                 change = np.stack([other(s) - force(s) for s in np.linspace(0.0, 1.0, 5)])
@@ -1823,29 +1863,43 @@ def _impulse(response: Array, force: Array, log: Observations) -> Array:
 
 
 def _likeliest(
-    gram: Array, rows: float, declared: Sequence[str], current: Array
-) -> tuple[str, ...]:
-    """How each logged force acts between rows, by the Gram matrix of innovations and force columns.
+    gram: Array, rows: float, declared: Sequence[int], current: Array, laws: Array, shared: int
+) -> list[int]:
+    """Which law each logged force follows between rows, by the Gram matrix of innovations and force columns.
 
-    All in the same way, which the likelihood chooses; one in another way where that has odds of its own.
+    All the same one, which the likelihood chooses; one another where that has odds of its own. The laws from
+    `shared` on hold for all or none, and are of delays: none of them holds where another delay does better.
+    −1 of those `declared` is not known, and stays what it is if nothing tells.
     """
 
-    def left(kinds: Sequence[str]) -> float:
-        change = current - np.array([FORCES[k] for k in kinds])
-        x = np.concatenate([[1.0], change.ravel()])
+    def left(which: Sequence[int]) -> float:
+        x = np.concatenate([[1.0], (current - laws[list(which)]).ravel()])
         return max(float(x @ gram @ x), 1e-14 * float(gram[0, 0]) + 1e-300)
 
-    default = [d or "smooth" for d in declared]
-    best = min(([d or kind for d in declared] for kind in FORCES), key=left)
-    if 0.5 * rows * np.log(left(default) / left(best)) < CERTAIN:
-        best = default
+    def alike(law: int) -> list[int]:
+        return [law if d < 0 else d for d in declared]
+
+    def delayed(which: Sequence[int]) -> bool:
+        """Whether forces are late by more or less than that."""
+        x = np.concatenate([[1.0], (current - laws[list(which)]).ravel()])
+        delay = np.zeros_like(laws[list(which)])
+        delay[:, 3] = np.array(declared) < 0
+        y = gram @ np.concatenate([[0.0], delay.ravel()])
+        rest = left(which) - float(x @ y) ** 2 / max(float(y[1:] @ delay.ravel()), 1e-300)
+        return 0.5 * rows * float(np.log(left(which) / max(rest, 1e-300))) > CERTAIN
+
+    before = [int(np.argmin(np.abs(laws - own).sum(axis=1))) for own in current]
+    late = {law for law in range(shared, len(laws)) if delayed(alike(law))}
+    best = min((alike(law) for law in range(len(laws)) if law not in late), key=left)
+    if 0.5 * rows * np.log(left(before) / left(best)) < CERTAIN:
+        best = before
     for k in range(len(declared) if len(declared) <= SINGLY else 0):
-        if not declared[k]:
-            other = min(([*best[:k], kind, *best[k + 1 :]] for kind in FORCES), key=left)
-            price = CERTAIN + np.log(len(FORCES) * len(declared))
+        if declared[k] < 0:
+            other = min(([*best[:k], law, *best[k + 1 :]] for law in range(shared)), key=left)
+            price = CERTAIN + np.log(len(laws) * len(declared))
             if 0.5 * rows * np.log(left(best) / left(other)) > price:
                 best = other
-    return tuple(best)
+    return best
 
 
 SINGLY = 12

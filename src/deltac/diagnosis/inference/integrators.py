@@ -331,7 +331,7 @@ def by_causes(
     if method.step is not None:
         still = Intervals(start, end)
         counts = np.repeat(of.counts, P)
-        moved = _repeated(variation, method, still, lambda _: start.F, counts)
+        moved = _repeated(variation, method, still, lambda *_: start.F, counts)
         y = np.concatenate([moved.q, moved.u], axis=1).reshape(N, P, 2 * n).transpose(0, 2, 1)
     elif method.defect is not None:
         q, u = method.defect(variation, start, end, np.repeat(intervals.h, P, axis=0))
@@ -373,7 +373,7 @@ def _repeated(
 
             def within(c: float, stage: int = 0) -> Array:
                 # Called in this turn of the loops.
-                F = stages[stage - 1] if stages and stage else force((k + c) / count)  # noqa: B023
+                F = stages[stage - 1] if stages and stage else force((k + c) / count, k / count)  # noqa: B023
                 return F[some]  # noqa: B023
 
             q, u = method.step(model, rows, h, within)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.inference.flow import Intervals, LoggedForce, Prediction
+from deltac.diagnosis.inference.flow import FORCES, Intervals, LoggedForce, Prediction
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.digits import digits_of, white_noise
@@ -263,7 +263,7 @@ def unknown(
     diagonal = np.arange(2 * n)
     Q[:, diagonal, diagonal] = flow.error**2
     coarse = np.any(log.force_noise > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
-    smooth = np.array([kind == "smooth" for kind in kinds], dtype=bool)
+    smooth = np.array([FORCES[kind][2] > 0.0 for kind in kinds], dtype=bool)
     doubt = np.where(smooth, force.doubt, 0.0)
     some = coarse.any() or thinned.any() or doubt.any()
     own, moves = list[Array](), list[Array]()

@@ -198,7 +198,7 @@ class Judgement:
             left = np.einsum("km,km->k", self.inference.gradient, self.inference.residual)
             net = np.abs(np.cumsum(left)).max() * self.inference.whole
             generic = self.inference.generic
-            terms = generic.exchanged if generic.log_odds > CERTAIN else 0.0
+            terms = generic.shift if generic.log_odds > CERTAIN else 0.0
             error = np.sqrt(error**2 + self.attribution.equations.curve**2 + net**2 + terms**2)
         # Where it is largest: of many rows one is likely to be beyond by chance.
         largest = int(np.argmax(np.abs(share.curve)))

@@ -699,7 +699,46 @@ class _Inferring:
         """The result where rows or accelerations hold to their digits without a cause: none has odds then."""
         result = self.result()
         block = self.blocks[0]
-        return result if block.projected.left(np.zeros(0)) <= block.least else None
+        if block.projected.left(np.zeros(0)) <= block.least:
+            return result
+        if not self._accelerations_agree() or not self._of_no_force(result.residual):
+            return None
+        # What departs between rows of which the accelerations are the model's is of the steps.
+        return replace(self._made(self.posterior, True, True), integrator=result.integrator)
+
+    def _accelerations_agree(self) -> bool:
+        """Whether accelerations of a log whose origin is not known are those of the model to their digits.
+
+        Rows of other equations would not have them; others may be differences, and tell nothing.
+        """
+        run, free = self.run, self.model.mechanism.free.u
+        if run.udot is None or "udot" in run.provenance.derived or self.model.n < len(free):
+            return False
+        rows = np.concatenate([np.arange(a, b - 1) for a, b in self.log.rows])
+        some = np.flatnonzero(np.isfinite(run.udot[rows][:, free]).all(axis=1))
+        if len(some) < FEW:
+            return False
+        block, _ = self._measured(some)
+        agree = block.projected.left(np.zeros(0)) <= block.least
+        if agree:
+            self.by_rates = block, Posterior(nothing(0), (), ())
+        return agree
+
+    def _of_no_force(self, left: Array) -> bool:
+        """Whether most of what is left (N, 2n) is of no force: one moves coordinates by h/2 of the speeds."""
+        n, half, log = self.model.n, 0.5 * self.log.intervals.h, self.log
+        start = log.intervals.start
+        inertia = np.einsum("kii->ki", self.model.matrices(start.t, start.q)[0])
+
+        def squares(x: Array) -> Array:
+            return np.asarray((inertia * x**2).sum(axis=1))
+
+        of_q, of_u = left[:, :n], half * left[:, n:]
+        alone = squares(of_q) + squares(of_u)
+        noise = sum(squares(x[:, :n]) + squares(half * x[:, n:]) for x in log.noise)
+        # In most intervals: blows are of a few, and leave the others.
+        ratio = np.where(alone > KNOWN * noise, squares(of_q - of_u) / (alone + 1e-300), 0.0)
+        return bool(np.median(ratio) > FORCED)
 
     def undetected(self, alone: Inference, kernels: ColumnKernels) -> Inference:
         """The result of a log whose accelerations close, with how large the mistakes are that some rows hide.
@@ -875,24 +914,12 @@ class _Inferring:
         A force moves coordinates by what it moves speeds, times half the interval. Errors of a step that an
         adaptive method chose, or of the polynomial in it, move each on its own.
         """
-        n, half, log = self.model.n, 0.5 * self.log.intervals.h, self.log
-        rows, best, left = self.of_rows, result.posterior.best.coefficients, result.residual
+        rows, best = self.of_rows, result.posterior.best.coefficients
         whole, rest = (rows.projected.left(x) for x in (0.0 * best, best))
         named = rest - rows.count < SLIGHT * whole or result.generic.share > 0.0
-        if named or log.unknown.any() or self.blocks[0] is not rows:
+        if named or self.log.unknown.any() or self.blocks[0] is not rows:
             return result
-        start = log.intervals.start
-        inertia = np.einsum("kii->ki", self.model.matrices(start.t, start.q)[0])
-
-        def squares(x: Array) -> Array:
-            return np.asarray((inertia * x**2).sum(axis=1))
-
-        of_q, of_u = left[:, :n], half * left[:, n:]
-        alone = squares(of_q) + squares(of_u)
-        noise = sum(squares(x[:, :n]) + squares(half * x[:, n:]) for x in log.noise)
-        # In most intervals: blows are of a few, and leave the others.
-        ratio = np.where(alone > KNOWN * noise, squares(of_q - of_u) / (alone + 1e-300), 0.0)
-        if not np.median(ratio) > FORCED:
+        if not self._of_no_force(result.residual):
             return result
         none = nothing(len(self.coefficients))
         return self._made(replace(result.posterior, best=none, alternatives=()), scattered=True)
@@ -1081,10 +1108,8 @@ class _Inferring:
             if explained and (len(trials) >= len(ends) or not trials[-1][1].best.chosen):
                 break
         ends = [*ends, *methods.others][: max(len(ends), len(trials))]
-        k, (best, own) = 0, trials[0]
-        for i, (block, posterior) in enumerate(trials[1:], 1):
-            if _log_evidence(block, posterior.best, best, own.best) > 0.0:
-                k, (best, own) = i, (block, posterior)
+        k = self._likeliest_of(trials)
+        best, own = trials[k]
         moved = self._moved_by(self.numbers, self._h) @ (own.best.coefficients - self.coefficients)
         Phi = self.innovations.Phi
         white, _ = self.innovations(
@@ -1092,6 +1117,28 @@ class _Inferring:
         )
         alike = _alike(white, k, self.log.rounding)
         return [ends[k], *(ends[i] for i in alike if i != k)], best, own
+
+    def _likeliest_of(self, trials: Sequence[tuple[Block, Posterior]]) -> int:
+        """Which of several methods, each with the causes beside it, is the likeliest.
+
+        Odds of a cause are those against all methods without it. What another method makes of it as likely,
+        and much smaller, is what that does otherwise.
+        """
+        k = 0
+        for i, (block, posterior) in enumerate(trials):
+            best, own = trials[k]
+            more = np.sign(len(posterior.best.chosen) - len(own.best.chosen))
+            if _log_evidence(block, posterior.best, best, own.best) > more * CERTAIN:
+                k = i
+        best, own = trials[k]
+        energy = self._exchanged(own.best)[0].max(initial=0.0)
+        for i, (block, _) in enumerate(trials):
+            fit = fitted((block,), own.best.chosen) if i != k and own.best.chosen else None
+            if fit is None or _log_evidence(block, fit, best, own.best) < -CERTAIN:
+                continue
+            if self._exchanged(fit)[0].max() < SLIGHT * energy:
+                return i
+        return k
 
     def _moved_by(self, c: Array, step: Array) -> Array:
         """What causes do to the rows (N, 2n, P) by an integrator of numbers c of first order, steps (N, 1).
@@ -1416,7 +1463,9 @@ class _Inferring:
 
     # --- the result ---
 
-    def _made(self, posterior: Posterior, scattered: bool = False) -> Inference:
+    def _made(
+        self, posterior: Posterior, scattered: bool = False, agreed: bool = False
+    ) -> Inference:
         log, best, ni = self.log, posterior.best, self.fields[0].shape[2]
         rows = self.of_rows
         residual = rows.residual(best.coefficients)
@@ -1507,7 +1556,8 @@ class _Inferring:
         if scattered:
             # The joules of blows, if there are any, may be of something that the model lacks.
             work = np.einsum("km,km->k", self.gradient, left)
-            blows = np.where(work**2 > FAR * np.median(work**2), work, 0.0)
+            large = (work**2 > FAR * np.median(work**2)) & (not agreed)
+            blows = np.where(large, work, 0.0)
             of_log = of_log + np.cumsum(blows)
             curve = integrator.curve + attribution.log.curve - of_log
             each = np.sqrt(2.0 * np.mean((work - blows) ** 2))
@@ -1527,6 +1577,10 @@ class _Inferring:
         unnamed = np.abs(self.gradient * (self.B[:, :, ni:] @ coefficients)).sum() * self.whole
         if scattered or unnamed < max(NEGLIGIBLE * self.energy, self.bias, self.omitted):
             odds = -np.inf
+        shift = 0.0
+        if not self.methods:
+            other = p.nuisance_at(best.coefficients + coefficients)[:ni]
+            shift = float(np.abs(log.running(power[:, :ni] @ (other - c))).max())
         if self.methods:
             step = float(np.median(log.intervals.h[:, 0] / self.between))
             estimated = identified((*self.methods, *(of.method for of, _ in self._others)), step)
@@ -1553,7 +1607,7 @@ class _Inferring:
             exchanged=exchanged,
             exchanged_error=errors * np.sqrt(tau),
             energy=energy,
-            generic=Generic(odds, float(unnamed), explained),
+            generic=Generic(odds, float(unnamed), explained, shift),
             unexplained=unexplained,
             intermittent=intermittent,
             unseen=unseen,
@@ -1763,11 +1817,13 @@ class Generic:
         log_odds: that what is left depends on the state as terms of a model do.
         exchanged: the energy that these exchange, J.
         explained: share of what is left that they explain.
+        shift: by how much the integrator has other joules beside them, at most, J.
     """
 
     log_odds: float
     exchanged: float
     explained: float
+    shift: float
 
     @property
     def share(self) -> float:

@@ -740,8 +740,8 @@ def _attributed(
         return Attribution(t, Share(rest, error), equations, Share(departures.log, bar))
     integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))
     if len(own.t) < len(t) - 1 and "step" not in inference.forces:
-        # Of the larger share a balance of all rows may tell more than the stretches that were looked at, where
-        # its works are those of forces that act as they do in the flow.
+        # Of the larger share a balance of all rows may tell more than the stretches that were looked at, if
+        # its works are of forces that act as they do in the flow.
         if integrator.error < equations.error and equations.curve.any():
             balance = Share(delta_c - integrator.curve, np.hypot(bar, integrator.curve_error))
             equations = min(balance, equations, key=lambda share: share.error)

@@ -76,6 +76,7 @@ from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.inference.observations import (
     Observations,
     observations,
+    rates,
     remainder,
     unit_responses,
     unknown,
@@ -1220,8 +1221,7 @@ class _Inferring:
         difference. Where the motion is stiff, what is at the end no longer tells of the start.
         """
         intervals, gradient = self.log.intervals, self.model.energy_gradient
-        rate = np.linalg.norm(self.J[0], axis=(1, 2)) * intervals.h[:, 0]
-        mild = rate < 1.0
+        mild = (rates(self.J[0]) * intervals.h)[:, 0] < 1.0
         end = gradient(self.flow.end)
         start = np.array(end)
         transposed = self.Phi[mild].transpose(0, 2, 1)
@@ -1478,6 +1478,7 @@ class _Inferring:
         slope, w = 0.5 * sum(map(gradient, ends)), self.model.difference(*ends)
         jump, between = np.einsum("km,km->k", slope - self.slack, w), 0.0
         causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
+        of_speeds = np.zeros(len(self.w))
         if self.methods:
             work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]
             work += [np.einsum("km,km->k", self.gradient, x) for x in self._other_defects()]
@@ -1486,6 +1487,7 @@ class _Inferring:
                 states = [(m, log) for m in self.methods]
                 states += [(of.method, other) for of, other in self._others]
                 shifts = [numbers_of(m)[0] * self._of_rates_of_q(at) for m, at in states]
+                of_speeds = shifts[0]
                 curves = curves + np.stack(shifts)
             # Methods that close the rows alike do not make the same joules; nor do forces between rows of
             # which a method takes one alone.
@@ -1514,9 +1516,10 @@ class _Inferring:
             # Or it is of something else that the series hides.
             either = np.cumsum(np.abs(late))
             if log.unknown.any():
-                rates = self._of_rates_of_q(log)
-                curves[:, 0] += rates
-                curve += rates * c[0]
+                rate = self._of_rates_of_q(log)
+                of_speeds = rate * c[0]
+                curves[:, 0] += rate
+                curve += of_speeds
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
             # The order beyond the series is no noise: its joules grow with the motion, hidden in noise.
             most = np.cumsum(np.einsum("km,km->k", np.abs(self.gradient), np.sqrt(noise)))
@@ -1527,7 +1530,10 @@ class _Inferring:
             left = (1.0 - own) * left
         integrator = self._on_path(integrator, self.w - left - causes, left)
         gaps = log.in_gaps(np.einsum("km,km->k", self.gradient, self.w - left - causes))
-        integrator = replace(integrator, curve_error=np.hypot(integrator.curve_error, gaps))
+        # The flow has an error of its own, and a log without speeds does not say of which instants they are.
+        of_flow = np.cumsum(np.einsum("km,km->k", np.abs(self.gradient), self.flow.error))
+        each = np.stack([integrator.curve_error, gaps, of_flow, of_speeds])
+        integrator = replace(integrator, curve_error=np.linalg.norm(each, axis=0))
         unseen = self._unseen(self.blocks, best, tau, log.running(power[:, ni:]))
         moved = causes + self.model.difference(self.nominal.end, self.flow.end)
         mistake = self._on_path(self._share(best, power[:, ni:], tau), moved, left)

@@ -295,6 +295,12 @@ def _outer(columns: Sequence[Array], like: Array) -> Array:
     return np.asarray(X @ X.transpose(0, 2, 1))
 
 
+def rates(J: Array) -> Array:
+    """About the spectral radii (N, 1) of ∂f/∂x."""
+    J2 = J @ J
+    return np.asarray(np.linalg.norm(J2 @ J2, axis=(1, 2))[:, None] ** 0.25)
+
+
 def remainder(J: Array, first: Array, h: Array, step: Array) -> Array:
     """Standard deviations (N, 2n) of what the series in the step leaves out, interval by interval.
 
@@ -302,9 +308,7 @@ def remainder(J: Array, first: Array, h: Array, step: Array) -> Array:
     ρ the step times the spectral radius of ∂f/∂x, and at most as large: an onset of friction or contact tells
     little.
     """
-    J2 = J @ J
-    rho = step * (np.linalg.norm(J2 @ J2, axis=(1, 2)) ** 0.25)[:, None]
-    rho = np.minimum(rho, STIFF)
+    rho = np.minimum(step * rates(J), STIFF)
     beyond = sum(rho**k / factorial(k + 1) for k in range(3, 12))
     return np.asarray(np.minimum(beyond, 1.0) * h * np.abs(first).max(axis=2))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import gcd
 from typing import Protocol
 
 import numpy as np
@@ -208,40 +209,46 @@ class Prediction:
 
 
 def predict(
-    model: Model, intervals: Intervals, force: ForceBetween, noise: Array, steps: int = 0
+    model: Model,
+    intervals: Intervals,
+    force: ForceBetween,
+    noise: Array,
+    steps: int = 0,
+    parts: int = 1,
 ) -> Prediction:
     """The flow of every interval, with as many steps as bring its error below the noise (N, 2n) of the rows.
 
-    Or with so many `steps`, where they are known. Intervals in which that is not enough, such as those in
+    Or with so many `steps`, where they are known. Forces may be held over equal `parts`. Intervals in which that is not enough, such as those in
     which a contact begins, are refined on their own; what error remains is told.
     """
     allowed = 0.03 * noise + 100.0 * EPS * _sizes(intervals)
     if not steps:
         probes = np.unique(np.linspace(0, len(intervals) - 1, PROBES).astype(np.intp))
         few, steps = intervals.take(probes), 2
-        coarse = _flow(model, few, _some(force, probes), 1)[-1]
+        coarse = _flow(model, few, _some(force, probes), 1, 1, parts)[-1]
         while True:
-            fine = _flow(model, few, _some(force, probes), steps)[-1]
+            fine = _flow(model, few, _some(force, probes), steps, 1, parts)[-1]
             # Refined on their own are few: nine tenths must be exact enough.
             gap = np.abs(model.difference(coarse, fine)) <= allowed[probes]
             if gap.all(axis=1).mean() >= 0.9 or steps >= 2**DOUBLINGS:
                 break
             steps, coarse = 2 * steps, fine
-    nodes = _flow(model, intervals, force, steps)
-    error = np.abs(model.difference(_flow(model, intervals, force, steps // 2)[-1], nodes[-1]))
+    nodes = _flow(model, intervals, force, steps, 1, parts)
+    coarse = _flow(model, intervals, force, steps // 2, 1, parts)[-1]
+    error = np.abs(model.difference(coarse, nodes[-1]))
     for level in range(1, REFINEMENTS + 1):
         some = np.flatnonzero(~np.all(error <= allowed, axis=1))
         if not len(some) or len(some) > 0.5 * len(intervals):
             break
         each = 4**level
-        finer = _flow(model, intervals.take(some), _some(force, some), steps, each)
+        finer = _flow(model, intervals.take(some), _some(force, some), steps, each, parts)
         error[some] = np.abs(model.difference(nodes[-1].take(some), finer[-1]))
         nodes = [_replaced(rows, some, own) for rows, own in zip(nodes, finer, strict=True)]
     return Prediction(tuple(nodes), error)
 
 
 def _some(force: ForceBetween, which: NDArray[np.intp]) -> ForceBetween:
-    return lambda s, _=None: np.asarray(force(s)[which])
+    return lambda s, begin=None: np.asarray(force(s, begin)[which])
 
 
 def _replaced(rows: Rows, which: NDArray[np.intp], own: Rows) -> Rows:
@@ -290,21 +297,27 @@ def runge_kutta(
 
 
 def _flow(
-    model: Model, intervals: Intervals, force: ForceBetween, count: int, each: int = 1
+    model: Model, intervals: Intervals, force: ForceBetween, count: int, each: int, parts: int
 ) -> list[Rows]:
-    """States at the ends of `count` parts of each interval, of `each` steps of order 8; the starts first."""
+    """States at `count` equal fractions of each interval, by `each` steps of order 8; the starts first.
+
+    Steps are as many more as `parts`, over each of which forces are held, need.
+    """
     tableau = tableau_of("ode8")
     assert tableau is not None
-    start, h = intervals.start, intervals.h / (count * each)
+    each *= parts // gcd(parts, count)
+    whole = count * each
+    start, h = intervals.start, intervals.h / whole
     nodes = [Rows(start.t, start.q, start.u, force(0.0))]
     at = nodes[0]
-    for k in range(count * each):
+    for k in range(whole):
+        begin = k / whole if parts > 1 else None
 
-        def within(c: float, _: int = 0, k: int = k) -> Array:
-            return force((k + c) / (count * each))
+        def within(c: float, _: int = 0, k: int = k, begin: float | None = begin) -> Array:
+            return force((k + c) / whole, begin)
 
         q, u = runge_kutta(model, tableau, at, h, within)
-        at = Rows(start.t + (k + 1) * h[:, 0], q, u, force((k + 1) / (count * each)))
+        at = Rows(start.t + (k + 1) * h[:, 0], q, u, force((k + 1) / whole))
         if (k + 1) % each == 0:
             nodes.append(at)
     return nodes

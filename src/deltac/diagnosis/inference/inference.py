@@ -533,6 +533,12 @@ class _Inferring:
         """Whether several steps of a known length lie between some rows."""
         return bool(self.force.counts.max() > 1)
 
+    @property
+    def _parts(self) -> int:
+        """Equal parts of all intervals over which forces are held."""
+        counts = self.force.counts
+        return int(counts[0]) if "step" in self.kinds and not np.ptp(counts) else 1
+
     # --- the flow and its columns ---
 
     def _predict(self) -> None:
@@ -543,7 +549,7 @@ class _Inferring:
         intervals, force = self.log.intervals, self.force(self.kinds)
 
         def prediction(of: Model, force: ForceBetween) -> Prediction:
-            return predict(of, intervals, force, self.log.noise[1], self.steps)
+            return predict(of, intervals, force, self.log.noise[1], self.steps, self._parts)
 
         self.flow = prediction(self.plant, force)
         self.steps = len(self.flow.nodes) - 1
@@ -1716,7 +1722,7 @@ class _Inferring:
         """What these do in each interval beside the flow."""
         for of, log in self._others:
             force, noise = self.force(self.kinds), log.noise[1]
-            flow = predict(self.plant, log.intervals, force, noise, self.steps)
+            flow = predict(self.plant, log.intervals, force, noise, self.steps, self._parts)
             yield self.model.difference(flow.end, of.end)
 
     def _on_path(self, share: Share, defects: Array, left: Array) -> Share:

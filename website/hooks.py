@@ -366,8 +366,8 @@ as it stands, and a *note* is information. Its `kind` is the code in lower case,
 COLUMNS = """# Names of columns
 
 {rules}
-The lists below are those that the reader itself uses. [Logs](../../../../docs/logs.md#other-peoples-names) has what
-else is recognised.
+The lists below are those that the reader itself uses. [Logs](../../../../docs/logs.md#other-peoples-names)
+has what else is recognised.
 """
 
 NATURAL = """# Natural logs

@@ -382,27 +382,24 @@ def fitted(
 
     # What is linear is at its optimum after one step, but for the noise of several blocks.
     once = causes.linear and len(blocks) == 1
-    every = coefficients(x)
+    every, inverse = coefficients(x), np.zeros((0, 0))
     for _ in range(1 if once else ITERATIONS):
         T = causes.tangent(x)
-        inverse = inverted(T)
-        if inverse is None:
+        if (now := inverted(T)) is None:
             return None
+        inverse = now
         y = sum(T.T @ b.projected.slope(every, own) / s for b, s in zip(blocks, variance))
         x = x + inverse @ y
         every, before = coefficients(x), variance
         variance = [b.misfit(every) / b.count for b in blocks]
-    if once:
-        inverse = inverse * (variance[0] / before[0])
-    else:
-        T = causes.tangent(x)
-        inverse = inverted(T)
-    if inverse is None:
+    T = causes.tangent(x)
+    covariance = inverse * (variance[0] / before[0]) if once else inverted(T)
+    if covariance is None:
         return None
     along = np.zeros((P, causes.size))
     along[own] = T
     factors = tuple(causes.factors(x))
-    return Fit(tuple(chosen), causes.split(x), every, 0.0, inverse, along, factors=factors)
+    return Fit(tuple(chosen), causes.split(x), every, 0.0, covariance, along, factors=factors)
 
 
 def evidence(

@@ -467,6 +467,7 @@ class _Inferring:
         self.kinds = tuple(kind or "smooth" for kind in self.declared)
         self.says_what_was_held = run.provenance.held is not None
         self.steps, self.log = 0, log
+        self.nominal_of: tuple[Observations, tuple[str, ...], int] | None = None
         self.shortlist: tuple[Integrator, ...] = ()
         self.by_rates: tuple[Block, Posterior] | None = None
         self.mapped: tuple[Prediction, list[Map]] | None = None
@@ -537,7 +538,12 @@ class _Inferring:
 
         self.flow = prediction(self.plant, force)
         self.steps = len(self.flow.nodes) - 1
-        self.nominal = self.flow if self.plant is self.model else prediction(self.model, force)
+        as_before = self.log, self.kinds, self.steps
+        if self.plant is self.model:
+            self.nominal = self.flow
+        elif self.nominal_of != as_before:
+            self.nominal = prediction(self.model, force)
+        self.nominal_of = as_before
         self.as_logged = (
             prediction(self.model, self.unfiltered) if self.filter is not None else self.nominal
         )

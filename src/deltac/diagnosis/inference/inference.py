@@ -935,7 +935,12 @@ class _Inferring:
         if not self._of_no_force(result.residual):
             return result
         none = nothing(len(self.coefficients))
-        return self._made(replace(result.posterior, best=none, alternatives=()), scattered=True)
+        made = self._made(replace(result.posterior, best=none, alternatives=()), scattered=True)
+        # What causes explain beside these errors may be theirs.
+        parts, of_causes = made.attribution, result.attribution.equations.curve
+        integrator = parts.integrator
+        integrator = replace(integrator, curve_error=np.hypot(integrator.curve_error, of_causes))
+        return replace(made, attribution=replace(parts, integrator=integrator))
 
     def _errors(self, end: Rows, Phi: Array, log: Observations | None = None) -> Array:
         """Prediction errors (N, 2n) of the rows, of the flow or of a method's map with its derivatives."""
@@ -1553,9 +1558,23 @@ class _Inferring:
         gaps = log.in_gaps(np.einsum("km,km->k", self.gradient, self.w - left - causes))
         # The flow has an error of its own, and a log without speeds does not say of which instants they are.
         of_flow = np.cumsum(np.einsum("km,km->k", np.abs(self.gradient), self.flow.error))
-        each = np.stack([integrator.curve_error, gaps, of_flow, of_speeds])
-        integrator = replace(integrator, curve_error=np.linalg.norm(each, axis=0))
         unseen = self._unseen(self.blocks, best, tau, log.running(power[:, ni:]))
+        if self.methods:
+            step = float(np.median(log.intervals.h[:, 0] / self.between))
+            estimated = identified((*self.methods, *(of.method for of, _ in self._others)), step)
+        else:
+            some = slice(0, len(FIELDS))
+            estimated = estimate(c[some], covariance[some, some], self.plant.damped, self.step)
+        # Where numbers are of no method, a mistake that does the same to the rows may do what is beside one.
+        instead = np.zeros(len(self.w))
+        if not self.methods:
+            first = slice(0, FIRST_ORDER)
+            near = [numbers_of(m)[first] for m in INTEGRATORS if m.name in estimated.names]
+            rest = min((c[first] - own for own in near), key=np.linalg.norm, default=c[first])
+            beside = log.running(power[:, first]) @ rest
+            instead = np.minimum(np.abs(beside), max(unseen.values(), default=0.0))
+        each = np.stack([integrator.curve_error, gaps, of_flow, of_speeds, instead])
+        integrator = replace(integrator, curve_error=np.linalg.norm(each, axis=0))
         moved = causes + self.model.difference(self.nominal.end, self.flow.end)
         mistake = self._on_path(self._share(best, power[:, ni:], tau), moved, left)
         # Sets of causes that explain as much do other joules, and one that is not seen may do some.
@@ -1589,7 +1608,7 @@ class _Inferring:
             curve = integrator.curve + attribution.log.curve - of_log
             each = np.sqrt(2.0 * np.mean((work - blows) ** 2))
             of_blows = np.cumsum(np.abs(blows))
-            error = np.sqrt(attribution.log.curve_error**2 + each**2 + of_blows**2)
+            error = np.linalg.norm([attribution.log.curve_error, each + instead, of_blows], axis=0)
             attribution = replace(
                 attribution,
                 integrator=Share(curve, error),
@@ -1608,12 +1627,6 @@ class _Inferring:
         if not self.methods:
             other = p.nuisance_at(best.coefficients + coefficients)[:ni]
             shift = float(np.abs(log.running(power[:, :ni] @ (other - c))).max())
-        if self.methods:
-            step = float(np.median(log.intervals.h[:, 0] / self.between))
-            estimated = identified((*self.methods, *(of.method for of, _ in self._others)), step)
-        else:
-            some = slice(0, len(FIELDS))
-            estimated = estimate(c[some], covariance[some, some], self.plant.damped, self.step)
         if scattered:
             estimated = replace(estimated, names=("adaptive",))
         return Inference(

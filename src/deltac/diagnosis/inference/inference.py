@@ -868,12 +868,13 @@ class _Inferring:
         told = all(self.declared) or self.log.intervals.stages
         if self.filter is not None or not self.kinds or told:
             return False
-        # Without causes they were asked already.
-        before = self.force
-        kinds = self._kinds_of_forces(best) if best.chosen or not filters else self.kinds
-        another = kinds != self.kinds or before is not self.force
-        if another:
-            self.kinds = kinds
+        another = False
+        # Without causes they were asked already. How often they were held is told by a delay, step by step.
+        for _ in range(RELINEARISATIONS if best.chosen or not filters else 0):
+            before, kinds = self.force, self._kinds_of_forces(best)
+            if kinds == self.kinds and np.array_equal(before.counts, self.force.counts):
+                break
+            another, self.kinds = True, kinds
             self._predict()
             # What forces do otherwise between rows looked like noise of the rows.
             self.log = self.log.with_noise(self._errors(self.flow.end, self.Phi))
@@ -1964,7 +1965,7 @@ def _likeliest(
     """Which law each logged force follows between rows, by the Gram matrix of innovations and force columns.
 
     All the same one, which the likelihood chooses; one another where that has odds of its own. The laws from
-    `shared` on hold for all or none, and are of delays: none of them holds where another delay does better.
+    `shared` on hold for all or none, and are of delays.
     −1 of those `declared` is not known, and stays what it is if nothing tells.
     """
 
@@ -1975,18 +1976,17 @@ def _likeliest(
     def alike(law: int) -> list[int]:
         return [law if d < 0 else d for d in declared]
 
-    def delayed(which: Sequence[int]) -> bool:
-        """Whether forces are late by more or less than that."""
-        x = np.concatenate([[1.0], (current - laws[list(which)]).ravel()])
-        delay = np.zeros_like(laws[list(which)])
+    before = [int(np.argmin(np.abs(laws - own).sum(axis=1))) for own in current]
+    best = min(map(alike, range(len(laws))), key=left)
+    if max(best, default=0) >= shared:
+        # A delay beyond that of two steps is of the log, as that of a filter is.
+        x = np.concatenate([[1.0], (current - laws[best]).ravel()])
+        delay = np.zeros_like(laws[best])
         delay[:, 3] = np.array(declared) < 0
         y = gram @ np.concatenate([[0.0], delay.ravel()])
-        rest = left(which) - float(x @ y) ** 2 / max(float(y[1:] @ delay.ravel()), 1e-300)
-        return 0.5 * rows * float(np.log(left(which) / max(rest, 1e-300))) > CERTAIN
-
-    before = [int(np.argmin(np.abs(laws - own).sum(axis=1))) for own in current]
-    late = {law for law in range(shared, len(laws)) if delayed(alike(law))}
-    best = min((alike(law) for law in range(len(laws)) if law not in late), key=left)
+        further = float(x @ y) / max(float(y[1:] @ delay.ravel()), 1e-300)
+        if laws[max(best), 3] + further > BEYOND * laws[shared:, 3].max():
+            best = min(map(alike, range(shared)), key=left)
     if 0.5 * rows * np.log(left(before) / left(best)) < CERTAIN:
         best = before
     for k in range(len(declared) if len(declared) <= SINGLY else 0):
@@ -1997,6 +1997,9 @@ def _likeliest(
                 best = other
     return best
 
+
+BEYOND = 1.5
+"""Delay, in that of a force that is held twice in each interval, beyond which it is the log's."""
 
 SINGLY = 12
 """Columns of logged forces up to which each is asked on its own."""

@@ -1,0 +1,170 @@
+"""Logs of which several steps lie between two rows: forces that were held over each of them.
+
+A pendulum with a motor and a damper, integrated by hand; its true joules are of the exact flow under the
+torque that acted, by SciPy's DOP853 over every step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import butter, filtfilt
+
+import deltac as dc
+from deltac.arrays import Array
+from deltac.diagnosis.inference.flow import Intervals, LoggedForce
+from deltac.diagnosis.inference.model import Rows
+
+H, LENGTH, DAMPING, G = 2e-3, 0.8, 0.2, 9.81
+INERTIA = LENGTH**2
+
+MECHANISM = dc.Mechanism(
+    [dc.point_mass("bob", 1.0)],
+    [dc.revolute("j", "ground", "bob", child_position=(0, LENGTH, 0), damping=DAMPING)],
+    gravity=(0, -G, 0),
+)
+
+
+def acceleration(q: float, u: float, torque: float) -> float:
+    return (torque - DAMPING * u - G * LENGTH * np.sin(q)) / INERTIA
+
+
+def semi_implicit_euler(q: float, u: float, torque: float) -> tuple[float, float]:
+    u += H * acceleration(q, u, torque)
+    return q + H * u, u
+
+
+def implicit_damping(q: float, u: float, torque: float) -> tuple[float, float]:
+    u += H * acceleration(q, u, torque) / (1.0 + H * DAMPING / INERTIA)
+    return q + H * u, u
+
+
+def rk4(q: float, u: float, torque: float) -> tuple[float, float]:
+    def rate(x: Array) -> Array:
+        return np.array([x[1], acceleration(x[0], x[1], torque)])
+
+    x = np.array([q, u])
+    k1 = rate(x)
+    k2 = rate(x + H / 2 * k1)
+    k3 = rate(x + H / 2 * k2)
+    x = x + H / 6 * (k1 + 2 * k2 + 2 * k3 + rate(x + H * k3))
+    return float(x[0]), float(x[1])
+
+
+Step = Callable[[float, float, float], tuple[float, float]]
+
+
+def motion(step: Step, steps: int = 1000) -> tuple[Array, Array]:
+    """States (N + 1, 2) and the torques (N + 1,) of a controller that is asked at every step."""
+    rows, torques = [np.array([0.7, 0.0])], list[float]()
+    for k in range(steps + 1):
+        torques.append(5.0 * np.sin(9.0 * k * H) - 1.5 * float(rows[-1][1]))
+        if k < steps:
+            rows.append(np.array(step(float(rows[-1][0]), float(rows[-1][1]), torques[-1])))
+    return np.array(rows), np.array(torques)
+
+
+def true_joules(x: Array, torques: Array) -> Array:
+    """What the steps add to the energy beyond the exact flow from each row (N + 1,), J."""
+
+    def energy(x: Array) -> float:
+        return float(0.5 * INERTIA * x[1] ** 2 - G * LENGTH * np.cos(x[0]))
+
+    def flow(x: Array, torque: float, h: float) -> Array:
+        def rate(_: float, y: Array) -> list[float]:
+            return [y[1], acceleration(y[0], y[1], torque)]
+
+        return np.asarray(solve_ivp(rate, (0.0, h), x, "DOP853", rtol=1e-12, atol=1e-14).y[:, -1])
+
+    ahead = [energy(b) - energy(flow(a, F, H)) for a, b, F in zip(x, x[1:], torques, strict=False)]
+    back = [energy(flow(b, F, -H)) - energy(a) for a, b, F in zip(x, x[1:], torques, strict=False)]
+    return np.concatenate([[0.0], np.cumsum(0.5 * (np.array(ahead) + np.array(back)))])
+
+
+def log(x: Array, torques: Array, some: Array, **provenance: object) -> dc.Trajectory:
+    return dc.Trajectory(
+        t=some * H, q=x[some, :1], u=x[some, 1:], coordinates=("j",), speeds=("j",),
+        forces={"actuator motor": torques[some, None]},
+        provenance=dc.Provenance("hand", **provenance),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("step", [semi_implicit_euler, rk4])
+@pytest.mark.parametrize("parts", [4, 5])
+def test_rows_of_every_few_steps_tell_how_often_their_forces_were_held(
+    step: Step, parts: int
+) -> None:
+    x, torques = motion(step)
+    audit = dc.audit(MECHANISM, log(x, torques, np.arange(0, 1001, parts)))
+    assert audit.verdict.kind != "equation-error" and not audit.causes
+    assert audit.inference is not None and audit.attribution is not None
+    assert audit.inference.forces == ("step",)
+    curve = true_joules(x, torques)[parts::parts]
+    told = audit.inference.attribution.integrator.curve
+    # Between rows the torque is that of a spline: its fourth derivative, (9 · 10 ms)⁴/384, and its ends.
+    assert told == pytest.approx(curve, abs=0.01 * np.abs(curve).max() + 1e-8)
+
+
+def test_rows_at_random_of_which_the_step_is_the_shortest_interval() -> None:
+    x, torques = motion(semi_implicit_euler)
+    rng = np.random.default_rng(3)
+    some = np.sort(rng.choice(1001, 500, replace=False))
+    audit = dc.audit(MECHANISM, log(x, torques, some))
+    assert not audit.causes and audit.attribution is not None
+    curve = true_joules(x, torques)
+    true = curve[some[-1]] - curve[some[0]]
+    told = audit.attribution.integrator
+    assert told.energy == pytest.approx(true, abs=2.0 * told.error + 0.01 * abs(true))
+    assert abs(told.energy - true) < 0.05 * np.abs(curve).max()
+
+
+def test_a_stair_has_the_mean_of_its_line_half_a_step_later() -> None:
+    """Of a straight line, held over each of n steps: at the begin of a step, and on average."""
+    t = np.linspace(0.0, 1.0, 6)
+    nothing = np.zeros((5, 0))
+    rows = [Rows(x, nothing, nothing, 3.0 + 2.0 * x[:, None]) for x in (t[:-1], t[1:])]
+    counts = np.full(5, 4)
+    force = LoggedForce.of(Intervals(*rows), [(0, 5)], counts)(("step",))
+    first, change = 3.0 + 2.0 * t[:-1, None], 0.4
+    for begin, s in ((0.0, 0.1), (0.25, 0.4), (0.75, 0.99)):
+        assert force(s, begin) == pytest.approx(first + change * begin, abs=1e-12)
+    stairs = np.mean([force(b + 0.1, b) for b in (0.0, 0.25, 0.5, 0.75)], axis=0)
+    assert force(0.5) == pytest.approx(stairs, abs=1e-12)
+
+
+def test_a_method_implicit_in_the_damper_is_no_inertia_behind_a_filter() -> None:
+    """Its steps are those of an explicit one with the inertia h c more: beside that, none is missing."""
+    x, torques = motion(implicit_damping)
+    b, a = butter(2, 2.0 * 60.0 * H)
+    smooth = filtfilt(b, a, x, axis=0)
+    audit = dc.audit(MECHANISM, log(smooth, torques, np.arange(50, 951), step=H))
+    assert audit.verdict.kind != "equation-error"
+    assert not any("inertia" in c.kind or "moment" in c.kind for c in audit.causes)
+
+
+def test_what_departs_between_rows_of_right_accelerations_is_of_the_steps() -> None:
+    """A method of two steps, which is no map from row to row, of a log with accelerations."""
+    steps, x, rates = 500, [np.array([0.7, 0.0])], list[Array]()
+    h = 4e-3
+    for _ in range(steps):
+        q, u = x[-1]
+        rates.append(np.array([u, acceleration(q, u, 0.0)]))
+        last = rates[-2] if len(rates) > 1 else rates[-1]
+        x.append(x[-1] + h * (1.5 * rates[-1] - 0.5 * last))
+    y = np.array(x)
+    udot = np.array([[acceleration(q, u, 0.0)] for q, u in y])
+    run = dc.Trajectory(
+        t=np.arange(steps + 1) * h, q=y[:, :1], u=y[:, 1:], udot=udot,
+        coordinates=("j",), speeds=("j",), provenance=dc.Provenance("hand"),
+    )  # fmt: skip
+    audit = dc.audit(MECHANISM, run)
+    assert audit.verdict.kind in ("consistent", "integration-error") and not audit.causes
+    assert audit.attribution is not None
+    # No force is logged: ΔC is all the steps', and the work of the damper a quadrature of the rows.
+    balance = dc.balance(MECHANISM, run)
+    assert audit.attribution.integrator.energy == pytest.approx(
+        balance.delta_c["wang"][-1], rel=0.02
+    )

@@ -42,28 +42,20 @@ LEAST_TERMS = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What is left of the equations at B states, for some accelerations; all zero if these are right.
+    """What is left of the equations at B states, for some accelerations, as shares of typical terms.
 
     Attributes:
-        coordinates: F_r + F*_r of each own speed, less what constraint forces can explain (n, B), N or N·m.
-        scale: sum of the absolute terms of that equation (n, B).
-        relative: |coordinates| by the typical scale of the speed over all states (n, B); infinite where
-            the accelerations are not finite.
-        power: ε = Ė − P of each testing function (B,), W.
-        momentum: rate of each momentum less its forces (B,), N or N·m.
-        violation: ψ̇ = G u̇ + γ of each constraint row (nc, B), m/s² or rad/s².
-        relative_power, relative_momentum, relative_violation: as fractions of their typical terms.
+        relative: |F_r + F*_r| of each own speed, less what constraint forces can explain (n, B); infinite
+            where the accelerations are not finite.
+        power: |Ė − P| of each testing function (B,).
+        momentum: rate of each momentum less its forces (B,).
+        violation: ψ̇ = G u̇ + γ of each constraint row (nc, B).
     """
 
-    coordinates: Array
-    scale: Array
     relative: Array
     power: Mapping[str, Array]
-    relative_power: Mapping[str, Array]
     momentum: Mapping[str, Array]
-    relative_momentum: Mapping[str, Array]
     violation: Array
-    relative_violation: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +107,8 @@ class EquationTest:
 
         `p` are the values of the parameters that `mechanism`, a `Kane`, keeps symbolic. `forces` of a run on
         the free speeds (nu, B), by channel, take the place of the model's own; those of prescribed joints and
-        of constraints are none of the active forces. The testing functions know the model's own forces only.
+        of the model's constraints are none of the active forces. The testing functions know the model's own
+        forces only.
 
         Raises InputError, if `strict`, for states that do not meet the constraints or have no finite terms.
         """
@@ -123,8 +116,9 @@ class EquationTest:
         self.kane, self.states, self.speeds = kane, states, kane.speed_names
         self.point: StatePoint = kane.point(states.t, states.q, states.u, p)
         motion_terms: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u, p)
+        own = {f"constraint {name}" for name in kane.rows.names}
         active = {
-            n: f for n, f in (forces or {}).items() if n.kind not in ("prescribed", "constraint")
+            n: f for n, f in (forces or {}).items() if n.kind != "prescribed" and n not in own
         }
         motion_terms = replace(motion_terms, forces=motion_terms.forces | active)
         self.terms = motion_terms
@@ -248,29 +242,20 @@ class EquationTest:
             raise InputError(
                 f"accelerations have shape {udot.shape}; expected {self.bias.shape}, one column a state"
             )
-        coordinates, scale = self.residual(udot), self.scale(udot)
-        power, momentum, violation = self.powers(udot), self.momenta(udot), self.violation(udot)
-        watts = _dot(np.abs(self.states.u), scale)
         # No floor of a row is zero: a ball's height on a table has no terms at all.
         pull = np.abs(self.gamma) + times(
             np.abs(self.G), np.abs(udot) + LEAST_TERMS * self._natural
         )
-        typical_watts = _typical(watts)
-        newtons = {
-            n: scalar.size(np.abs(udot) + self._natural) for n, scalar in self._scalars[1].items()
-        }
+        watts = _typical(_dot(np.abs(self.states.u), self.scale(udot)))
+        newtons = np.abs(udot) + self._natural
         return Residuals(
-            coordinates=coordinates,
-            scale=scale,
-            relative=_relative(coordinates, self.typical(udot)[:, None]),
-            power=power,
-            relative_power={n: _relative(x, typical_watts) for n, x in power.items()},
-            momentum=momentum,
-            relative_momentum={n: _relative(x, _typical(newtons[n])) for n, x in momentum.items()},
-            violation=violation,
-            relative_violation=_relative(
-                violation, np.array([[_typical(row)] for row in pull]).reshape(-1, 1) + 1e-300
-            ),
+            self.relative(udot),
+            {name: _relative(x, watts) for name, x in self.powers(udot).items()},
+            {
+                name: _relative(scalar.at(udot), _typical(scalar.size(newtons)))
+                for name, scalar in self._scalars[1].items()
+            },
+            _relative(self.violation(udot), np.array([_typical(row) for row in pull])[:, None]),
         )
 
     # --- coefficients of the scalar tests ------------------------------------------------------

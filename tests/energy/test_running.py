@@ -21,9 +21,9 @@ def test_the_integrals_of_windows(columns: int) -> None:
     fine, half, quarter = (windows.sums(np.ascontiguousarray(powers[:, ::n]), n) for n in (1, 2, 4))
     running = Running(ROWS, columns)
     running.powers[:] = powers[:, FIRST - REACH : FIRST + ROWS + REACH + 1].T
-    running.start(0)
+    running.start()
     for piece in running.pieces:
-        piece.call(0)
+        piece.call()
 
     expected = (fine[:, FIRST : FIRST + ROWS + 1] - fine[:, FIRST, None]).T
     places = np.arange(ROWS + 1)

@@ -11,7 +11,7 @@ the same to the last bit on any number of threads.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -40,10 +40,8 @@ from deltac.energy.sampling.samples import Samples
 from deltac.energy.terms import LedgerKernels, LedgerSymbols, LoggedForces, variants
 from deltac.energy.works import LIKELY
 from deltac.kernels import Kernel
-from deltac.kernels.calls import in_turn
-from deltac.kernels.native import Call
 from deltac.kernels.parallel import check_cancelled, cores, spread
-from deltac.kernels.transposing import aligned, transposing
+from deltac.kernels.simd import aligned
 from deltac.mechanism.channels import ChannelName
 
 ROWS = 1024
@@ -51,9 +49,6 @@ ROWS = 1024
 
 PART = ROWS // 2
 """Rows of which one is kept at least."""
-
-LEAST = 1000
-"""Rows of a log from which on there is something to gain, where a few are kept."""
 
 MANY = 8
 """Rows of a log for each that is kept from which on this is faster than all columns."""
@@ -224,29 +219,39 @@ class _BlockWorker:
         self._compared = compared(0, _whole(size + 1))
         rows = size + 2 * REACH + 1
         step = _whole(-(-rows // max(1, round(rows / AT_ONCE))))
-        calls: list[Call] = []
+        calls: list[Callable[[int], None]] = []
         due = list(running.pieces)
-        for start in range(
-            0, rows, step
-        ):  # x of one part is overwritten by the next: it stays in cache
+
+        def evaluate(call: Callable[[], None]) -> None:
+            calls.append(lambda first: call())
+
+        def move(source: Array, target: Array) -> None:
+            calls.append(lambda first: np.copyto(target, source.T))
+
+        def read(source: Array, target: Array) -> None:
+            count = target.shape[1]
+            calls.append(lambda first: np.copyto(target, source[first : first + count].T))
+
+        # x of one part is overwritten by the next: it stays in cache.
+        for start in range(0, rows, step):
             columns = slice(start, min(start + step, _whole(rows)))
             x = self._x[:, : columns.stop - columns.start]
             for a, where in _inputs(samples, log, kernels):
-                calls.append(transposing(a[start:], x[where], moving=True))
-            calls.append(kernel.bound_batch(x, outputs[:, columns]))
+                read(a[start:], x[where])
+            evaluate(kernel.bound_batch(x, outputs[:, columns]))
             some = slice(start, min(columns.stop, rows))
-            calls.append(transposing(outputs[layout.between, some], running.powers[some]))
+            move(outputs[layout.between, some], running.powers[some])
             if not start:
-                calls.append(running.start)
+                evaluate(running.start)
             while due and due[0].needed <= some.stop:
                 piece = due.pop(0)
-                calls.append(piece.call)
+                evaluate(piece.call)
                 for k, which in _runs(layout.integrated):
                     within = slice(REACH + piece.first, REACH + piece.last + 1)
                     target = self._integrals[k : k + which.stop - which.start, within]
-                    calls.append(transposing(piece.value[:, which], target))
-                calls.append(compared(piece.first, piece.last + (0 if due else LANES)))
-        self._inside = in_turn(calls)
+                    move(piece.value[:, which], target)
+                evaluate(compared(piece.first, piece.last + (0 if due else LANES)))
+        self._inside = calls
         self._ends = EvenSums(1.0)
         self._fine: Array | None = None
 
@@ -255,7 +260,8 @@ class _BlockWorker:
         last = min(first + self._size, self._last)
         start = first - REACH
         if start >= 0 and start + _whole(self._size + 2 * REACH + 1) <= self._last + 1:
-            self._inside(start)
+            for call in self._inside:
+                call(start)
             self._fine, sums = None, self._running.end()
         else:
             sums = self._at_an_end(first, last)
@@ -282,7 +288,7 @@ class _BlockWorker:
         low = max(min(first - HALO, (high - 4 * HALO) // 4 * 4), 0)
         for a, x in self._columns:
             x[:, : high - low + 1] = a[low : high + 1].T
-        self._kernel(0)
+        self._kernel()
         outputs = self._y[: layout.n_out, : high - low + 1]
         between = outputs[layout.between]
         fine, half, quarter = (
@@ -294,7 +300,7 @@ class _BlockWorker:
         self._y[: layout.n_out, block] = outputs[:, core].copy()
         self._fine = fine[:, core] - fine[:, core.start, None]
         self._integrals[:, block] = self._fine[list(layout.integrated)]
-        self._compared(0)
+        self._compared()
         ahead = (min(last + AHEAD + 1, high) - low) // 2 + 1
         error = fine[:, : 2 * ahead : 2] - half[:, :ahead]
         error = error[:, core.start // 2 :] - error[:, core.start // 2, None]
@@ -325,7 +331,7 @@ class _BlockWorker:
         return self._most[:, second].T, self._least[:, second].T
 
 
-def _bound(kernel: Kernel, y: Array, out: Array, first: int, last: int) -> Call:
+def _bound(kernel: Kernel, y: Array, out: Array, first: int, last: int) -> Callable[[], None]:
     """A kernel of rows and of those after them, for some rows of a block."""
     now, then = (y[:, k + first : k + last] for k in (REACH, REACH + 1))
     return kernel.bound_batch(now, out[:, first:last], then)
@@ -394,7 +400,7 @@ def in_one_pass(
     """
     count = len(samples.t)
     aside = samples.inward is not None or samples.held or samples.derived
-    enough = LONG if keep is None else max(LEAST, MANY * keep)
+    enough = LONG if keep is None else max(ROWS, MANY * keep)
     if aside or count < enough or not equidistant(samples.t):
         return None
     part = 1 if keep is None else min(max(count // keep, 1), PART)

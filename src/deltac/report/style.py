@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DPI = 150
 
 WIDTH = 7.6
 """Of every figure."""
@@ -50,8 +49,6 @@ POINTS = 2500
 SMALL_TEXT = 7.5
 """Size (pt) of what stands beside or inside the axes."""
 
-LABEL = 27
-"""Characters of a line in a legend beside the axes."""
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -67,7 +64,7 @@ STYLE: dict[str, Any] = {
     "legend.frameon": False,
     "lines.solid_capstyle": "round",
     "path.simplify_threshold": 0.5,
-    "savefig.dpi": DPI,
+    "savefig.dpi": 150,
     "pdf.fonttype": 42,  # letters stay letters, which journals ask for
     "svg.hashsalt": "deltac",  # the same figure is the same file
 }
@@ -106,7 +103,7 @@ def legend_beside(panel: Axes) -> None:
     )
 
 
-def fitted(label: str, width: int = LABEL) -> str:
+def fitted(label: str, width: int = 27) -> str:
     """A label in lines of so many characters, three at most."""
     lines = textwrap.wrap(label, width) or [""]
     return "\n".join(lines if len(lines) <= 3 else [*lines[:2], f"{lines[2][: width - 2]} …"])

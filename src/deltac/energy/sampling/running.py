@@ -1,17 +1,14 @@
 """Integrals of powers at equidistant samples, and what their error bars are made of, from row to row.
 
-Away from the ends of a log, `lagrange` sums every sample once, with weights that differ from one near either
-end of an integral alone (as Gregory's rule does): with τ_i the tail sums of a window's weights,
-
-    ∫ P dt / h from row a to row n = Σ P_m (a ≤ m < n) + g_n − g_a,   g_n = P_n/2 + Σ τ_i (P_{n+i} − P_{n−i}).
-
-The differences between integrals over all, every second and every fourth row are such sums too, of
-alternating signs. So a row costs a few sums whatever the order is, and the columns of a log go side by side
-through SIMD vectors. All numbers here are in units of the interval h.
+Away from the ends of a log, `EvenSums` sums every sample once. The differences between integrals over all,
+every second and every fourth row are such sums too, of alternating signs. So a row costs a few sums whatever
+the order is, and the columns of a log go side by side through SIMD vectors. All numbers here are in units of
+the interval h.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -21,14 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.energy.sampling.interpolation import lagrange_kernel
-from deltac.energy.sampling.quadrature import SAMPLED
+from deltac.energy.sampling.quadrature import SAMPLED, TAPS, EvenSums
 from deltac.kernels import Kernel
 from deltac.kernels.kernel import SX
-from deltac.kernels.native import Call
-from deltac.kernels.transposing import LINE, aligned
+from deltac.kernels.simd import LINE, aligned
 
-TAPS = SAMPLED // 2 - 1
 REACH = 4 * TAPS
 """Rows on either side that the sum over every fourth row reaches into."""
 
@@ -44,19 +38,11 @@ LANES = LINE // np.dtype(np.float64).itemsize
 STATE = ("sum", "odd", "half", "error", "coarse", "most", "least", "finer", "coarser", "size")
 
 
-@lru_cache(maxsize=1)
-def _tails() -> Array:
-    """τ_1, τ_2, τ_3: of the weights of an interval's window those beyond its end."""
-    places = np.arange(SAMPLED, dtype=float) - TAPS
-    weights = lagrange_kernel(SAMPLED)(z=places, width=1.0)["weights"].ravel()
-    return np.array([weights[SAMPLED - k :].sum() for k in range(TAPS, 0, -1)])
-
-
 class _Around:
     """What windows around a row add to the sums before it, by symbols of the powers from row −`REACH` on."""
 
     def __init__(self, powers: SX) -> None:
-        self._P, self._tau = powers, _tails()
+        self._P, self._tau = powers, EvenSums(1.0).tails
 
     def apart(self, n: int, k: int) -> SX:
         return self[n + k] - self[n - k]
@@ -142,7 +128,7 @@ class RunningPiece:
 
     first: int
     last: int
-    call: Call
+    call: Callable[[], None]
     value: Array
 
     @property

@@ -11,11 +11,9 @@ the same to the last bit on any number of threads.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from itertools import pairwise
 from threading import Condition
 from typing import TypeAlias
 
@@ -58,9 +56,6 @@ LONG = MANY * ROWS
 
 HALO = 4 * (SAMPLED // 2)
 """Rows on either side of a block at an end of the log: windows on every fourth row reach no further."""
-
-AT_ONCE = 264
-"""Rows, about, that go through the equations at once: they stay in a core's second cache."""
 
 
 @dataclass(frozen=True)
@@ -213,45 +208,13 @@ class _BlockWorker:
         outputs, self._integrals = self._y[: layout.n_out], self._y[layout.n_out : -1]
         self._columns = [(a, self._x[where]) for a, where in _inputs(samples, log, kernels)]
         self._kernel = kernel.bound_batch(self._x, outputs)
-        self._running = running = Running(size, layout.n_between)
+        self._running, self._rows = Running(size, layout.n_between), size + 2 * REACH + 1
+        whole = slice(_whole(self._rows))
+        self._inside = kernel.bound_batch(self._x[:, whole], outputs[:, whole])
         self._found = aligned(layout.rows.n_out, room)
-        compared = partial(_bound, layout.rows, self._y, self._found)
-        self._compared = compared(0, _whole(size + 1))
-        rows = size + 2 * REACH + 1
-        step = _whole(-(-rows // max(1, round(rows / AT_ONCE))))
-        calls: list[Callable[[int], None]] = []
-        due = list(running.pieces)
-
-        def evaluate(call: Callable[[], None]) -> None:
-            calls.append(lambda first: call())
-
-        def move(source: Array, target: Array) -> None:
-            calls.append(lambda first: np.copyto(target, source.T))
-
-        def read(source: Array, target: Array) -> None:
-            count = target.shape[1]
-            calls.append(lambda first: np.copyto(target, source[first : first + count].T))
-
-        # x of one part is overwritten by the next: it stays in cache.
-        for start in range(0, rows, step):
-            columns = slice(start, min(start + step, _whole(rows)))
-            x = self._x[:, : columns.stop - columns.start]
-            for a, where in _inputs(samples, log, kernels):
-                read(a[start:], x[where])
-            evaluate(kernel.bound_batch(x, outputs[:, columns]))
-            some = slice(start, min(columns.stop, rows))
-            move(outputs[layout.between, some], running.powers[some])
-            if not start:
-                evaluate(running.start)
-            while due and due[0].needed <= some.stop:
-                piece = due.pop(0)
-                evaluate(piece.call)
-                for k, which in _runs(layout.integrated):
-                    within = slice(REACH + piece.first, REACH + piece.last + 1)
-                    target = self._integrals[k : k + which.stop - which.start, within]
-                    move(piece.value[:, which], target)
-                evaluate(compared(piece.first, piece.last + (0 if due else LANES)))
-        self._inside = calls
+        block, ahead = (self._y[:, k : k + _whole(size + 1)] for k in (REACH, REACH + 1))
+        out = self._found[:, : _whole(size + 1)]
+        self._compared = layout.rows.bound_batch(block, out, ahead)
         self._ends = EvenSums(1.0)
         self._fine: Array | None = None
 
@@ -259,10 +222,8 @@ class _BlockWorker:
         """The block from that row on: how many rows it has, but for the last, and what they come to."""
         last = min(first + self._size, self._last)
         start = first - REACH
-        if start >= 0 and start + _whole(self._size + 2 * REACH + 1) <= self._last + 1:
-            for call in self._inside:
-                call(start)
-            self._fine, sums = None, self._running.end()
+        if start >= 0 and start + _whole(self._rows) <= self._last + 1:
+            sums = self._in_the_middle(start)
         else:
             sums = self._at_an_end(first, last)
         layout, rows = self._layout, last - first
@@ -281,6 +242,21 @@ class _BlockWorker:
             delta_c=self.delta_c[:, -1].copy(),
         )
         return rows, self.sums
+
+    def _in_the_middle(self, start: int) -> dict[str, Array]:
+        """What `Running` gives of a block, whose surroundings begin at row `start`."""
+        layout, running = self._layout, self._running
+        for a, x in self._columns:
+            x[:, : _whole(self._rows)] = a[start : start + _whole(self._rows)].T
+        self._inside()
+        running.powers[:] = self._y[: layout.n_out][layout.between, : self._rows].T
+        sums = running()
+        values = running.value(np.arange(self._size + 1))
+        block = slice(REACH, REACH + self._size + 1)
+        self._integrals[:, block] = values[:, list(layout.integrated)].T
+        self._compared()
+        self._fine = None
+        return sums
 
     def _at_an_end(self, first: int, last: int) -> dict[str, Array]:
         """What `Running` gives, by windows that lie aside where the log begins or ends."""
@@ -331,22 +307,9 @@ class _BlockWorker:
         return self._most[:, second].T, self._least[:, second].T
 
 
-def _bound(kernel: Kernel, y: Array, out: Array, first: int, last: int) -> Callable[[], None]:
-    """A kernel of rows and of those after them, for some rows of a block."""
-    now, then = (y[:, k + first : k + last] for k in (REACH, REACH + 1))
-    return kernel.bound_batch(now, out[:, first:last], then)
-
-
 def _whole(rows: int) -> int:
     """So many rows, and those that complete a `LANES`."""
     return -(-rows // LANES) * LANES
-
-
-def _runs(places: Sequence[int]) -> Iterator[tuple[int, slice]]:
-    """Neighbouring places together: the number of the first, and where they are."""
-    starts = [k for k, place in enumerate(places) if not k or place != places[k - 1] + 1]
-    for a, b in pairwise((*starts, len(places))):
-        yield a, slice(places[a], places[a] + b - a)
 
 
 def _inputs(

@@ -22,6 +22,7 @@ from typing import Any, TypeAlias
 import casadi
 import numpy as np
 
+from deltac.arrays import EPS
 from deltac.errors import FileError, InputError
 
 Scalar: TypeAlias = Any  # a scalar of an algebra that neither reorders nor folds sums
@@ -52,7 +53,7 @@ COSINE = (
 TO_INTEGER = 1.5 * 2.0**52
 """Added to a number and taken away again it leaves the nearest integer, of two the even one."""
 
-LARGEST = 1e14
+LARGEST = math.radians(1.0) / EPS
 """Angle (rad) up to which the quadrant is found; next to it, neighbouring numbers are a degree apart."""
 
 

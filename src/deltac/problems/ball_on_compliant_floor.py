@@ -13,9 +13,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import G, Problem, Reference, coordinate, instant, largest
 from deltac.trajectories import Trajectory
 
-MASS, RADIUS = 1.0, 0.1
-HEIGHT = 0.5
-"""Of the ball's lowest point at the start, m."""
+MASS, RADIUS, HEIGHT = 1.0, 0.1, 0.5  # of its lowest point at the start
 
 LINEAR, HERTZ = 2e3, 5e3
 

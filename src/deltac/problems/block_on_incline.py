@@ -11,8 +11,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import G, Problem, coordinate, instant, speed, whole, work
 from deltac.trajectories import Trajectory
 
-MASS, SLOPE, FRICTION = 2.0, math.radians(15.0), 0.5
-START = 2.0
+MASS, SLOPE, FRICTION, START = 2.0, math.radians(15.0), 0.5, 2.0
 
 
 def problem(width: float = 5e-3) -> Problem:

@@ -13,8 +13,7 @@ from deltac.problems.problem import Problem, instant, speed, whole, work
 DRIVING, DRIVEN = 0.5, 0.3
 """Moments of inertia about the axis, kg·m²."""
 
-TORQUE, CLOSING, WIDTH = 12.0, 0.2, 0.5
-START = 40.0
+TORQUE, CLOSING, WIDTH, START = 12.0, 0.2, 0.5, 40.0
 
 
 def problem() -> Problem:

@@ -14,8 +14,7 @@ from deltac.trajectories import Trajectory
 
 MASS, SIZE = 1.0, (0.3, 0.2, 0.1)
 HEIGHT, VELOCITY, SPIN = 0.5, 1.0, (3.0, 6.0, 1.0)
-AXIS, ANGLE = (1.0, 2.0, 0.5), 0.7
-STIFFNESS = 5e4
+AXIS, ANGLE, STIFFNESS = (1.0, 2.0, 0.5), 0.7, 5e4
 
 
 def problem() -> Problem:

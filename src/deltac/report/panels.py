@@ -156,6 +156,9 @@ class Flows(Panel):
     kind = "flows"
 
 
+POINTS = 4000
+"""Points, or stretches with their extremes, that a curve is drawn with: no screen has more columns."""
+
 MOST_LINES = 8
 """Channels whose curves are shown at first; the others are there to be switched on."""
 

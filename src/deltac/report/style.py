@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.report.panels import POINTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,8 +44,6 @@ SHADES = {
 
 DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
 
-POINTS = 2500
-"""As many as a curve is drawn with, at most; more cannot be told apart."""
 
 SMALL_TEXT = 7.5
 """Size (pt) of what stands beside or inside the axes."""

@@ -26,6 +26,7 @@ from deltac.energy.sampling.interpolation import (
     windows_of,
 )
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
+from deltac.kernels.kernel import AT_ONCE
 from deltac.kernels.parallel import cores, spread
 
 _INNER = float(np.sqrt(3.0 / 7.0))
@@ -43,7 +44,7 @@ SAMPLED = 8
 TAPS = SAMPLED // 2 - 1
 """Samples of the window on either side of those of its interval."""
 
-ROWS_AT_ONCE = 520
+ROWS_AT_ONCE = AT_ONCE // 2
 """Intervals in a batch: their windows stay in cache, and are not a power of two apart."""
 
 THINNED = 5
@@ -53,30 +54,36 @@ TWICE_THINNED = 2 * THINNED - 1
 """Samples of which every second ones can be thinned again."""
 
 NUMBERS = 1 << 15
-"""Numbers of integrals whose bars are found at once."""
+"""Numbers of integrals, or of their bars, that are found at once: they stay in cache."""
 
 
 def lagrange(samples: Samples, sampled: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
     t, window = samples.clock, min(SAMPLED, len(samples.t))
-    even = len(t) >= SAMPLED and samples.even
     total = np.empty_like(sampled)
-    sums = _even_sums(float((t[-1] - t[0]) / (len(t) - 1))) if even else None
+    if len(t) >= SAMPLED and samples.even:
+        sums = _even_sums(float((t[-1] - t[0]) / (len(t) - 1)))
 
-    def some(rows: slice) -> None:
-        if sums is not None:
-            for k in range(*rows.indices(len(total))):  # a row stays in cache
-                total[k : k + 1] = sums.sums(sampled[k : k + 1], 1)
-        else:
-            _lagrange(t, sampled[rows], window, total[rows])
+        def some(rows: slice) -> None:
+            total[rows] = sums.sums(sampled[rows], 1)
 
-    spread(some, _shares(sampled), numbers=sampled.size)
+        spread(some, _in_cache(sampled), numbers=sampled.size)
+        return total
+
+    def share(rows: slice) -> None:
+        _lagrange(t, sampled[rows], window, total[rows])
+
+    size = -(-len(total) // min(cores(), max(1, len(total)))) or 1
+    spread(share, _rows(total, size), numbers=sampled.size)
     return total
 
 
-def _shares(values: Array) -> list[slice]:
-    """The rows of (m, T) in a part for each core."""
-    size = -(-len(values) // min(cores(), max(1, len(values)))) or 1
+def _in_cache(values: Array) -> list[slice]:
+    """The rows of (m, T) in parts whose numbers stay in cache."""
+    return _rows(values, max(1, NUMBERS // values.shape[1]))
+
+
+def _rows(values: Array, size: int) -> list[slice]:
     return [slice(a, a + size) for a in range(0, len(values), size)]
 
 
@@ -367,9 +374,7 @@ def _estimated(
         bar[rows, ::2] = increments[:, : (count + 1) // 2]
         bar[rows, 1::2] = increments[:, 1 : 1 + count // 2]
 
-    size = max(1, NUMBERS // count)  # rows whose numbers stay in cache
-    some = [slice(k, k + size) for k in range(0, len(fine), size)]
-    spread(estimate, some, numbers=fine.size)
+    spread(estimate, _in_cache(fine), numbers=fine.size)
     order = observed_order(finer[leading], coarser[leading]) if quarter is not None else 0.0
     return Integral(fine.T, bar.T, rule.name, order)
 

@@ -8,8 +8,6 @@ the interval h.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
@@ -119,30 +117,11 @@ def _running_kernel(rows: int) -> Kernel:
     return Kernel({"P": P}, columns, state, name="running integrals")
 
 
-@dataclass(frozen=True, eq=False)
-class RunningPiece:
-    """Integrals at rows from the `first` to the `last` of a block: `value` (k, n), after `call`.
-
-    `needed` are the rows of `powers` that it reads, those before the block included.
-    """
-
-    first: int
-    last: int
-    call: Callable[[], None]
-    value: Array
-
-    @property
-    def needed(self) -> int:
-        """Rows of `powers` up to the last one read."""
-        return self.last + 2 * REACH + 1
-
-
 class Running:
     """Integrals within a block of rows, of several columns; it owns the memory that it works in.
 
-    `powers` (rows + 2 `REACH` + 1, n) are to be written first, from row −`REACH` of the block on; then
-    `start` is to be called, and the `pieces` one after the other, each when what it needs is there. A block
-    begins at a multiple of four rows, and `rows` are a multiple of eight.
+    `powers` (rows + 2 `REACH` + 1, n) are to be written, from row −`REACH` of the block on, before it is
+    called. A block begins at a multiple of four rows, and `rows` are a multiple of eight.
     """
 
     def __init__(self, rows: int, columns: int) -> None:
@@ -158,14 +137,13 @@ class Running:
         self._value, self._most, self._least = np.zeros((3, rows + 1), dtype=np.intp)
         before = aligned(len(STATE), lanes)
         around = self._powers[: 2 * REACH + 1]
-        self.start = _start_kernel().bound_batch(around, before[: _start_kernel().n_out])
-        self.pieces: list[RunningPiece] = []
+        start = _start_kernel()
+        self._calls = [start.bound_batch(around, before[: start.n_out])]
         top = 0
         for (a, b), kernel in zip(pairwise(cuts), kernels):
             out = self._found[top : top + kernel.n_out]
             x = self._powers[a : b + 2 * REACH + 1]
-            value = out[kernel.output_slices["value"], :columns]
-            self.pieces.append(RunningPiece(a, b, kernel.bound_batch(x, out, before), value))
+            self._calls.append(kernel.bound_batch(x, out, before))
             places = {name: top + where.start for name, where in kernel.output_slices.items()}
             self._value[a : b + 1] = places["value"] + np.arange(b - a + 1)
             looked = (np.arange(b - a + 1) + 1) // 2
@@ -175,6 +153,13 @@ class Running:
             before = out[kernel.output_slices["state"]]
             top += kernel.n_out
         self._end = before[:, :columns]
+
+    def __call__(self) -> dict[str, Array]:
+        """Sum the block: the `STATE` after it (n,), and ∫ over all of it, ``value``."""
+        for call in self._calls:
+            call()
+        whole = self._found[self._value[-1], : self.columns]
+        return {**dict(zip(STATE, self._end.copy())), "value": whole.copy()}
 
     def value(self, rows: NDArray[np.intp]) -> Array:
         """∫ from the block's first row to others, and to the one after it (k, n)."""
@@ -186,8 +171,3 @@ class Running:
             self._found[self._most[rows], : self.columns],
             self._found[self._least[rows], : self.columns],
         )
-
-    def end(self) -> dict[str, Array]:
-        """The `STATE` after the block (n,), and ∫ over all of it, ``value``."""
-        whole = self._found[self._value[-1], : self.columns]
-        return {**dict(zip(STATE, self._end.copy())), "value": whole.copy()}

@@ -26,7 +26,7 @@ TURN = 0.03
 So far apart are the directions among which that of a beginning slip is looked for.
 """
 
-SLOWEST = 1e3
+SLIPLESS = 1e3
 """So many times `REST` is the slip that is taken for none: it dies away in a spiral."""
 
 IMMOBILE = SAME
@@ -98,7 +98,7 @@ class _Rub:
     def force(self, v: Array) -> tuple[Array, bool]:
         """Impulse for unit normal impulse, and whether the slip keeps its direction under it."""
         slip = float(np.hypot(v[1], v[2]))
-        if slip > SLOWEST * self.tiny:
+        if slip > SLIPLESS * self.tiny:
             d = v[1:] / slip
             force = np.array([1.0, -self.mu * d[0], -self.mu * d[1]])
             rate = (self.W @ force)[1:]
@@ -114,7 +114,7 @@ class _Rub:
     def limit(self, v: Array, rate: Array, straight: bool) -> float:
         """The impulse until the slip has come to rest, or has turned as far as one piece may go."""
         slip = float(np.hypot(v[1], v[2]))
-        if slip <= SLOWEST * self.tiny:
+        if slip <= SLIPLESS * self.tiny:
             return np.inf
         if not straight:
             return TURN * slip / float(np.hypot(rate[1], rate[2]))

@@ -30,7 +30,7 @@ from deltac.errors import FileError, LogError, PackageError
 from deltac.foreign.isolation import apart
 from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.raw import Budget, Collector, RawLog, damage_named
-from deltac.trajectories.rates import GAP, continuous
+from deltac.trajectories.rates import FEWEST_ROWS, GAP, continuous
 from deltac.trajectories.trajectory import FloatArray
 
 JOINT_STATE = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
@@ -225,7 +225,7 @@ def _merged(
     first, last = 0, len(stamps)
     for topic, (times, topic_columns) in tables.items():
         a, b = np.searchsorted(stamps, times[0]), np.searchsorted(stamps, times[-1], side="right")
-        if b - a < max(4.0, _COVERED * len(stamps)):
+        if b - a < max(FEWEST_ROWS, _COVERED * len(stamps)):
             collector.skip(topic, f"covers {b - a} of the {len(stamps)} times of {main}")
             continue
         first, last = max(first, int(a)), min(last, int(b))

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import sys
 import tempfile
 import time
@@ -156,7 +157,7 @@ def holds(changed: Any, target: Any, blame: Any) -> bool | None:
         columns = []
         for match in told:
             named = [p for p in parts if p.name == match.part]
-            exact = [p for p in named if p.symbols and p.symbols == match.symbols]
+            exact = [p for p in named if p.symbols and _shape(p.symbols) == _shape(match.symbols)]
             part = next(iter([*exact, *(p for p in named if not p.symbols)]), None)
             if part is None:
                 return False
@@ -178,10 +179,15 @@ def holds(changed: Any, target: Any, blame: Any) -> bool | None:
     return True
 
 
+def _shape(term: str) -> str:
+    """A term whatever its numbers: radii that the model has as numbers have other values there."""
+    return re.sub(r"\b\d+(\.\d+)?\b", "#", term)
+
+
 def _ratio_holds(test: Any, part: Any, residual: Any, match: Any) -> bool:
     from deltac.diagnosis.check.matching import ratios
 
-    texts, F, _ = ratios(test)
+    texts, F = ratios(test)
     if match.ratio not in texts:
         return False
     Z = F[texts.index(match.ratio)] * part.values

@@ -365,9 +365,9 @@ as it stands, and a *note* is information. Its `kind` is the code in lower case,
 
 COLUMNS = """# Names of columns
 
-The words by which a log of another program is read, from the lists that the reader itself uses. A name is
-split into words (`/joint_states/Elbow.position [deg]`: joint, states, elbow, position), and Greek letters,
-dots and primes count as words. [Logs](../../../../docs/logs.md#other-peoples-names) says how they combine.
+{rules}
+The lists below are those that the reader itself uses. [Logs](../../../../docs/logs.md#other-peoples-names)
+has what else is recognised.
 """
 
 NATURAL = """# Natural logs
@@ -417,7 +417,7 @@ def _column_names() -> Iterator[str]:
         ("neutral", words.NEUTRAL),
         ("not what happened: the column is ignored", words.UNREAL),
     ]
-    yield COLUMNS
+    yield COLUMNS.format(rules=(words.__doc__ or "").replace("``", "`"))
     yield _table(("meaning", "words"), [(what, " ".join(sorted(some))) for what, some in rows])
     yield "\n## Units\n\nUnits are products and quotients of these, with powers (`rad/s^2`, `N·m`):\n"
     yield f"`{'`, `'.join(units._ATOMS)}`"

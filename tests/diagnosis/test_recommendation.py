@@ -21,7 +21,6 @@ from deltac.diagnosis.recommend.work_precision import (
     Trial,
     Trials,
     distance,
-    seen_gain,
 )
 from deltac.diagnosis.study.curves import common_times
 from deltac.problems import ball_on_compliant_floor
@@ -474,15 +473,6 @@ def test_the_stiff_governor(solvers: tuple[str, ...] | None) -> None:
         problem.mechanism, problem.state, 1.0, float(run.t[1]), dc.solvers.Scipy("Radau", 1e-11)
     )
     assert distance(problem.mechanism, run, exact) <= 1.1e-4
-
-
-@pytest.mark.parametrize("order", [1, 2, 5, 8])
-def test_the_gain_of_an_order_is_seen_from_three_runs(order: int) -> None:
-    """Errors e, e/γ, e/γ⁴ of runs at h, h/2, h/16 have known differences."""
-    e, gain = 3e-7, 2.0**order
-    whole, rest = e * (1 - gain**-4), e * (gain**-1 - gain**-4)
-    assert seen_gain(whole, rest, 4.0) == pytest.approx(gain, rel=1e-6)
-    assert seen_gain(1e-7, 2e-7, 4.0) == 1.0  # finer runs that are no nearer
 
 
 @pytest.mark.parametrize("solver", ["ode2", "ode3", "ode4", "ode5", "ode8", "DOP853", "RK45"])

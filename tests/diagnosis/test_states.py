@@ -9,7 +9,7 @@ from hypothesis import given, settings
 import deltac as dc
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.states import natural_scales, random_states
+from deltac.diagnosis.residuals.states import random_states
 from tests.oracles.textbook.tree import Textbook
 from tests.systems.hand_equations import CASES, lagrange_top, spherical_pendulum
 from tests.systems.random_mechanisms import Options, Sample, samples
@@ -39,7 +39,7 @@ def test_speeds_are_those_of_a_pendulum_of_that_length(length: float) -> None:
         gravity=(0.0, -9.81, 0.0),
     )
     # m l² ω² against m g l |sin q|, whose median over the circle is 1/√2
-    rate = natural_scales(Kane(mechanism)).rate
+    rate = Kane(mechanism).scales.rate
     assert rate == pytest.approx(np.sqrt(9.81 / length / np.sqrt(2)), rel=0.3)
     typical = np.sqrt(np.mean(random_states(mechanism, count=200).u ** 2))
     assert 0.7 * rate < typical < 3.0 * rate

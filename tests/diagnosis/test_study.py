@@ -200,21 +200,6 @@ def test_a_controller_held_over_the_step_makes_the_motion_first_order() -> None:
     assert "order-below-nominal" in kinds(held) - kinds(asked)
 
 
-def test_growth_in_time_is_told() -> None:
-    """Euler's energy of an oscillator grows exponentially; semi-implicit Euler's stays bounded."""
-    mechanism = dc.Mechanism(
-        [dc.point_mass("block", 1.0)],
-        [dc.prismatic("slide", "ground", "block", "x", stiffness=100.0)],
-        gravity=[0, 0, 0],
-    )
-    state = mechanism.state({"slide": 1.0})
-    euler = dc.study(mechanism, state, 10.0, (0.04, 0.02, 0.01), "ode1")
-    assert "growth-exponential" in kinds(euler)
-    symplectic = dc.study(mechanism, state, 10.0, (0.04, 0.02, 0.01), "semi-implicit-euler")
-    assert "growth-bounded" in kinds(symplectic)
-    assert "symplectic-drift" not in kinds(symplectic)
-
-
 # --- bad input ------------------------------------------------------------------------------------
 
 

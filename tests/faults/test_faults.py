@@ -1,4 +1,4 @@
-"""Published faults: each is found, and what is said of it is what docs/faults.md says.
+"""Published faults: each is found, and what is said of it is what docs/data/faults.csv says.
 
 The same case without the fault is consistent: what is found is the fault.
 """

@@ -18,7 +18,6 @@ from deltac.diagnosis.residuals.function import Caller as Caller
 from deltac.diagnosis.residuals.kane import Kane as Kane
 from deltac.diagnosis.residuals.states import States as States
 from deltac.diagnosis.residuals.states import draw as draw
-from deltac.diagnosis.residuals.states import natural_scales as natural_scales
 from deltac.diagnosis.residuals.states import told as told
 from deltac.diagnosis.study.convergence import Convergence as Convergence
 from deltac.diagnosis.study.convergence import order_text as order_text

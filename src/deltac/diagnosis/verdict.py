@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from deltac.arrays import ROUNDED
 from deltac.errors import InputError
 from deltac.results import Finding, Report, Weight, percent, told_findings
+
+if TYPE_CHECKING:
+    from deltac.energy import Ledger
 
 __all__ = ["Confidence", "Finding", "Judged", "Kind", "Verdict", "Weight", "percent"]
 
@@ -48,6 +51,12 @@ def check_tolerance(tolerance: float) -> float:
     if not (isinstance(tolerance, int | float) and 0.0 < tolerance < 1.0):
         raise InputError(f"tolerance is {tolerance!r}; expected a number between 0 and 1")
     return float(tolerance)
+
+
+def function_of(ledger: Ledger) -> str:
+    """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
+    preference = ("wang", "liu-huston", "kane-levinson-1990", *ledger.delta_c)
+    return next(name for name in preference if name in ledger.delta_c)
 
 
 LIMITS: tuple[str, ...] = (

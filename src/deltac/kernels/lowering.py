@@ -22,7 +22,6 @@ from typing import Any, TypeAlias
 import casadi
 import numpy as np
 
-from deltac.arrays import EPS
 from deltac.errors import FileError, InputError
 
 Scalar: TypeAlias = Any  # a scalar of an algebra that neither reorders nor folds sums
@@ -53,7 +52,7 @@ COSINE = (
 TO_INTEGER = 1.5 * 2.0**52
 """Added to a number and taken away again it leaves the nearest integer, of two the even one."""
 
-LARGEST = math.radians(1.0) / EPS
+LARGEST = 1e14
 """Angle (rad) up to which the quadrant is found; next to it, neighbouring numbers are a degree apart."""
 
 

@@ -84,21 +84,28 @@ def compiled() -> Iterator[None]:
 def at_rows(function: ca.Function, columns: Sequence[Array]) -> list[Array]:
     """Each output of a function of dense columns at T rows: arrays (T, size), entries stacked by columns.
 
-    `columns` are arrays (T, m) or (T,), one an input. CasADi's machine reads and writes one row in place:
-    arrays of its own would be copied number by number, which takes ten times as long.
+    `columns` are arrays (T, m) or (T,), one an input. CasADi's machine reads and writes `BLOCK` rows in
+    place: arrays of its own would be copied number by number, which takes ten times as long.
     """
     count = len(columns[0])
     inputs = [np.asarray(c, dtype=np.float64).reshape(count, -1) for c in columns]
     outputs = [np.empty((count, function.numel_out(k))) for k in range(function.n_out())]
-    read = [np.zeros(c.shape[1]) for c in inputs]
-    written = [np.zeros(m.shape[1]) for m in outputs]
-    _kept, evaluate = on_arrays(function, read, written)
-    arguments = [(row, c) for row, c in zip(read, inputs) if row.size]
-    results = [(m, row) for m, row in zip(outputs, written) if row.size]
-    for t in range(count):
-        for row, c in arguments:
-            row[:] = c[t]
-        evaluate()
-        for m, row in results:
-            m[t] = row
+    whole = count - count % BLOCK
+    for first, last, size in ((0, whole, BLOCK), (whole, count, count - whole)):
+        if first == last:
+            continue
+        read = [np.zeros((size, c.shape[1])) for c in inputs]
+        written = [np.zeros((size, m.shape[1])) for m in outputs]
+        _kept, evaluate = on_arrays(function.map(size), read, written)
+        for start in range(first, last, size):
+            rows = slice(start, start + size)
+            for block, c in zip(read, inputs):
+                block[:] = c[rows]
+            evaluate()
+            for m, block in zip(outputs, written):
+                m[rows] = block
     return outputs
+
+
+BLOCK = 64
+"""Rows of a call of CasADi's machine: calls take as long as some hundred instructions."""

@@ -34,6 +34,7 @@ from deltac.diagnosis.verdict import (
     Kind,
     Verdict,
     check_tolerance,
+    function_of,
 )
 from deltac.energy import Ledger, balance
 from deltac.energy.accumulator import KEPT
@@ -681,12 +682,6 @@ def _audit(reference: Reference, judged: Judgement, strict: bool) -> Audit:
 
 NORMAL_95 = 1.96
 """Standard errors of a bar that holds the truth in 95 of 100 cases."""
-
-
-def function_of(ledger: Ledger) -> str:
-    """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
-    preference = ("wang", "liu-huston", "kane-levinson-1990", *ledger.delta_c)
-    return next(name for name in preference if name in ledger.delta_c)
 
 
 @dataclass(frozen=True, eq=False)

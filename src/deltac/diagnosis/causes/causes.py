@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import casadi as ca
@@ -307,7 +308,7 @@ class Candidate:
     touching: tuple[float, float] | None = None
     stop: tuple[int, float, float] | None = None
 
-    @property
+    @cached_property
     def size(self) -> int:
         """How many numbers it has."""
         return int(self.linear.shape[1])

@@ -21,10 +21,6 @@ PLAIN = (1.0, 0.5, 2.0, 10.0)
 """Values that are tried, after zero, in place of an odd one."""
 
 
-WORTH = 0.01
-"""A simple state must show at least this share of the worst failure, or it would not convince."""
-
-
 @dataclass(frozen=True, eq=False)
 class Example:
     """A state at which the equations fail, most of it zero.
@@ -81,7 +77,8 @@ def simplest_failure(
     excess[~np.isfinite(excess)] = -1.0
     if excess.max() <= 1.0:
         return None
-    probe = _Probe(caller, test, typical, limit * max(1.0, WORTH * float(excess.max())))
+    # A simple state must show at least half of the worst failure's orders of magnitude, to convince.
+    probe = _Probe(caller, test, typical, limit * float(np.sqrt(excess.max())))
     start = test.states.take([int(np.argmax(excess))])
     return probe.example(_simplified(test, probe, start))
 
@@ -162,9 +159,8 @@ class _Probe:
             accelerations, test = self._at(state)
         except InputError:
             return False
-        kane = self.test.kane
         with np.errstate(all="ignore"):
-            if not admissible(kane, self.test.scales, state.t, state.q, state.u)[0]:
+            if not admissible(self.test.kane, state)[0]:
                 return False
             missed = _missed(test, accelerations)[:, 0]
         return bool(np.isfinite(missed).all() and (missed > self.limit * self.typical).any())
@@ -184,5 +180,5 @@ class _Probe:
         )
 
     def _at(self, state: States) -> tuple[Array, EquationTest]:
-        test = EquationTest(self.test.kane, state, scales=self.test.scales, strict=False)
+        test = EquationTest(self.test.kane, state, strict=False)
         return self.caller(state), test

@@ -194,7 +194,7 @@ def _explained(
 
 def _varied(test: EquationTest, caller: Caller, states: States) -> Array:
     """The residual at other states (n, S), which need not meet constraints."""
-    varied = EquationTest(test.kane, states, scales=test.scales, strict=False)
+    varied = EquationTest(test.kane, states, strict=False)
     return varied.residual(caller(states))
 
 

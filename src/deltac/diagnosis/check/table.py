@@ -20,7 +20,7 @@ from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.states import States, draw, from_told, natural_scales, told
+from deltac.diagnosis.residuals.states import States, draw, from_told, told
 from deltac.errors import FileError, LogError
 from deltac.foreign.files import appearing
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -56,7 +56,7 @@ def write_states(
     """
     loaded = load_model(model)
     kane = Kane(loaded.mechanism, loaded.coordinate_map(coordinates), loaded.first)
-    states = told(kane, draw(kane, natural_scales(kane), count=count, seed=seed))
+    states = told(kane, draw(kane, count=count, seed=seed))
     head = [*states.describe(0), *(f"udot.{name}" for name in states.speeds)]
     empty = [""] * len(states.speeds)
     table = io.StringIO()

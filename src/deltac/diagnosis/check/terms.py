@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, islice
+from fractions import Fraction
+from itertools import combinations, combinations_with_replacement, islice
 from typing import Any
 
 import casadi as ca
@@ -13,12 +14,11 @@ import numpy as np
 from deltac.arrays import SAME, Array
 from deltac.calls.caching import LRUCache
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.diagnosis.residuals.states import States, joined
-from deltac.dynamics.equations_of_motion import evaluate_at, matrices
+from deltac.diagnosis.residuals.kane import Kane
+from deltac.diagnosis.residuals.states import States
 from deltac.dynamics.forces import channels
-from deltac.dynamics.recursions import crba, gather, rnea, velocities
-from deltac.dynamics.spatial import SX, cross
+from deltac.dynamics.recursions import crba, rnea
+from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.errors import InputError
 from deltac.kernels.lowering import to_sympy
@@ -31,17 +31,14 @@ so many coordinates and speeds have plain functions of a residual or a factor.""
 MOST_INSTRUCTIONS, MOST_NODES = 300, 500
 """Of a term before it is simplified: SymPy takes a second for the latter."""
 
-MOST_SUMMANDS = 24
-"""Summands into which a term is divided."""
-
 LONGEST_TERM = 100
 """Characters of a term that is still worth reading."""
 
-PLAIN = 12
-"""The largest denominator of a fraction that is not written as a decimal number."""
+FRACTIONS = tuple({Fraction(a, b) for a in (1, 2, 3, 4) for b in (1, 2, 3, 4, 6, 12)})
+"""Numbers that people write, forget or put in."""
 
-Key = tuple[str, str, tuple[int, ...] | None]
-"""What a term is: its kind, the channel, speed or body, and the rates that it is proportional to."""
+Key = tuple[str, str]
+"""What a term is: its kind, and the channel or speed that it is of."""
 
 
 def written(kane: Kane, key: Key, row: int) -> str:
@@ -58,22 +55,30 @@ def written(kane: Kane, key: Key, row: int) -> str:
 def summands(kane: Kane, key: Key, row: int) -> list[tuple[str, Any]]:
     """The summands of a term as people write them, with functions of (t, q, u) that give their values.
 
-    Products of parameters, functions of the coordinates and rates, at the mechanism's parameters. Empty for
-    a term that is one product, or too long.
+    Products of parameters, functions of the coordinates and rates, at the mechanism's parameters; and sums of
+    those that differ by parameters alone. Empty for a term that is one product, or too long.
     """
     expression = _in_symbols(kane, key, row)
     if expression is None:
         return []
     import sympy
 
-    parts = sympy.Add.make_args(sympy.expand(expression))
-    if not 1 < len(parts) <= MOST_SUMMANDS:
-        return []
     names, values = _names(kane), kane.mechanism.parameters
     numbers = {symbol_of(name): value for name, value in values.items()}
-    arguments = [[symbol_of(name) for name in group] for group in names[:3]]
-    flat = [symbol for group in arguments for symbol in group]
-    return [(_as_text(part), sympy.lambdify(flat, part.subs(numbers), "numpy")) for part in parts]
+    flat = [symbol_of(name) for group in names[:3] for name in group]
+    parts = sympy.Add.make_args(sympy.expand(expression))
+    if len(parts) < 2:
+        return []
+    alike: dict[Any, list[Any]] = {}
+    for part in parts:
+        factor, shape = part.as_independent(*flat, as_Add=False)
+        alike.setdefault(shape, []).append(factor)
+    several = [(shape, some) for shape, some in alike.items() if 1 < len(some) < len(parts)]
+    sums = [sympy.factor(sympy.Add(*some)) * shape for shape, some in several]
+    return [
+        (_as_text(part), sympy.lambdify(flat, part.subs(numbers), "numpy"))
+        for part in (*sums, *parts)
+    ]
 
 
 def _names(kane: Kane) -> tuple[list[str], ...]:
@@ -88,16 +93,19 @@ def _names(kane: Kane) -> tuple[list[str], ...]:
 
 def _in_symbols(kane: Kane, key: Key, row: int) -> Any:
     """A term in SymPy's symbols, sines collected; None where it is too long to be read."""
-    if len(kane.speed_names) > MOST_WRITTEN_SPEEDS or key[0] == "inertia by body":
+    if len(kane.speed_names) > MOST_WRITTEN_SPEEDS:
         return None
     mechanism = kane.mechanism
     system = trace(mechanism, vary=tuple(mechanism.parameters))
     term, own_q, own_u = _term(system, kane, key, row)
-    function = ca.Function("term", [system.t, own_q, own_u, system.p], [ca.densify(ca.cse(term))])
-    if function.n_instructions() > MOST_INSTRUCTIONS:
-        return None
-    names = _names(kane)
-    return _TIDIED.get((function.serialize(), *map(tuple, names)), lambda: _tidied(function, names))
+    names, expression = _names(kane), 0
+    for part in _by_rates(term, own_u):  # each alone is short
+        function = ca.Function("term", [system.t, own_q, own_u, system.p], [ca.densify(part)])
+        tidied = _tidied(function, names)
+        if tidied is None:
+            return None
+        expression = expression + tidied
+    return expression
 
 
 _TIDIED: LRUCache[Any] = LRUCache(512)
@@ -106,6 +114,13 @@ _TIDIED: LRUCache[Any] = LRUCache(512)
 
 def _tidied(function: ca.Function, names: Sequence[Sequence[str]]) -> Any:
     """The value of a function of arguments of those names, sines collected; None where it is too long."""
+    if function.n_instructions() > MOST_INSTRUCTIONS:
+        return None
+    key = (function.serialize(), *map(tuple, names))
+    return _TIDIED.get(key, lambda: _collected(function, names))
+
+
+def _collected(function: ca.Function, names: Sequence[Sequence[str]]) -> Any:
     import sympy
 
     try:
@@ -123,7 +138,8 @@ def _as_text(expression: Any) -> str:
     """An expression with numbers as people write them."""
     import sympy
 
-    odd = [r for r in expression.atoms(sympy.Rational) if r.q > PLAIN]
+    largest = max(fraction.denominator for fraction in FRACTIONS)
+    odd = [r for r in expression.atoms(sympy.Rational) if r.q > largest]
     rounded = expression.xreplace({r: sympy.Float(f"{float(r):.6g}") for r in odd})
     return str(sympy.sstr(rounded, full_prec=False))
 
@@ -137,7 +153,7 @@ def _larger(expression: Any, most: int) -> bool:
 
 def _term(system: System, kane: Kane, key: Key, row: int) -> tuple[SX, SX, SX]:
     """The term in own symbols, and these."""
-    kind, name, rates = key
+    kind, name = key
     free = system.free_u
     n = len(free)
     own = kane.own
@@ -154,12 +170,6 @@ def _term(system: System, kane: Kane, key: Key, row: int) -> tuple[SX, SX, SX]:
         j = kane.speed_names.index(name)
         M = moved(crba(system)[free, free])
         term = -ca.mtimes(Y.T, ca.mtimes(M, Y))[row, j]
-    elif kind == "weight":
-        k = system.index[name]
-        link = system.links[k]
-        weight = link.mass * ca.mtimes(system.poses[k].E, system.gravity)
-        wrench = ca.vertcat(cross(link.centre, weight), weight)
-        term = ca.mtimes(Y.T, moved(gather(system, {k: wrench})[free]))[row]
     elif kind == "gyroscopic":
         still = ca.SX(system.udot_all)
         still[free] = 0
@@ -171,32 +181,29 @@ def _term(system: System, kane: Kane, key: Key, row: int) -> tuple[SX, SX, SX]:
     else:
         (force,) = (part.force for part in channels(system) if part.name == name)
         term = ca.mtimes(Y.T, moved(force[free]))[row]
-    return _proportional(term, own_u, rates), own_q, own_u
+    return term, own_q, own_u
 
 
-def _proportional(term: SX, u: SX, rates: tuple[int, ...] | None) -> SX:
-    """The part of a polynomial of the rates that is proportional to some of them; all of it for None."""
-    if rates is None:
-        return term
-    part, factor = term, ca.SX(1)
-    for i in rates:
-        part, factor = ca.jacobian(part, u[i]), factor * u[i]
-    if len(rates) == 2 and rates[0] == rates[1]:
-        factor = factor / 2
-    return ca.substitute(part, u, ca.SX.zeros(u.shape[0])) * factor
+def _by_rates(term: SX, u: SX) -> list[SX]:
+    """The parts of a polynomial of second degree in the rates that are proportional to a product of these.
+
+    The term itself, if it is none.
+    """
+    slope, curvature = ca.jacobian(term, u), ca.hessian(term, u)[0]
+    if ca.depends_on(curvature, u):
+        return [term]
+    zero, count = ca.SX.zeros(u.shape[0]), u.shape[0]
+    linear = [ca.substitute(slope[i], u, zero) * u[i] for i in range(count)]
+    pairs = combinations_with_replacement(range(count), 2)
+    square = [curvature[i, j] * u[i] * u[j] / (1 + (i == j)) for i, j in pairs]
+    parts = [ca.substitute(term, u, zero), *linear, *square]
+    return [part for part in map(ca.cse, parts) if not part.is_zero()] or [term]
 
 
 # --- the terms that a mechanism's equations are made of ------------------------------------------
 # Equations with one term T wrong by a factor k leave the residual (1 − k) T: twice the term where
 # its sign is wrong, the term itself where it is missing. So the residual is compared with the
 # model's own terms, and where none fits with products of sines, cosines and rates.
-
-
-MOST_DIVIDED_SPEEDS = 8
-"""Speeds up to which terms are divided by bodies and pairs of rates."""
-
-SUMMED = ("channel", "gyroscopic", "inertia")
-"""Kinds of terms that are divided into summands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,37 +224,27 @@ class Summand:
 
 
 def own_parts(test: EquationTest, udot: Array, row: int) -> list[Summand]:
-    """The terms of one equation at the accelerations `udot`, whole and in their parts."""
-    names = test.speeds
-    scale = float(test.typical(udot)[row])
-    own: list[Summand] = []
-
-    def add(name: str, values: Array, key: Key, symbols: str = "") -> None:
-        values = np.broadcast_to(np.asarray(values, dtype=float), test.states.t.shape)
-        if np.abs(values).max() > SAME * scale and np.isfinite(values).all():
-            own.append(Summand(name, values, key, symbols, row))
-
-    for channel, force in test.forces.items():
-        add(_called(channel), force[row], ("channel", channel, None))
+    """The terms of one equation at the accelerations `udot`, whole and in their summands."""
+    states, scale = test.states, float(test.typical(udot)[row])
     inertia = -test.M[:, row, :].T * udot
-    add("the sum of the gyroscopic terms", -test.bias[row], ("gyroscopic", "", None))
-    by_rates = _by_rates(test, row) if len(names) <= MOST_DIVIDED_SPEEDS else ()
-    for name, values, key in by_rates:
-        add(name, values, key)
-    for j, name in enumerate(names):
-        add(inertia_term(name), inertia[j], ("inertia", name, None))
-    if len(names) <= MOST_DIVIDED_SPEEDS:
-        for name, values, key in _by_bodies(test, udot, row):
-            add(name, values, key)
-    for part in [p for p in own if p.key is not None and p.key[0] in SUMMED and p.key[2] is None]:
+    whole = [Summand(_called(n), f[row], ("channel", n), row=row) for n, f in test.forces.items()]
+    whole.append(
+        Summand("the sum of the gyroscopic terms", -test.bias[row], ("gyroscopic", ""), row=row)
+    )
+    for name, values in zip(test.speeds, inertia):
+        whole.append(Summand(inertia_term(name), values, ("inertia", name), row=row))
+    parts = list(whole)
+    for part in whole:
         assert part.key is not None
+        kind, name = part.key
         for text, function in summands(test.kane, part.key, row):
-            values = function(test.states.t, *test.states.q, *test.states.u)
-            if part.key[0] == "inertia":
-                text = f"{text}*u̇.{part.key[1]}"
-                values = values * udot[names.index(part.key[1])]
-            add(part.name, values, part.key, text)
-    return own
+            values = function(states.t, *states.q, *states.u)
+            if kind == "inertia":
+                text, values = f"{text}*u̇.{name}", values * udot[test.speeds.index(name)]
+            values = np.broadcast_to(np.asarray(values, dtype=float), states.t.shape)
+            parts.append(replace(part, values=values, symbols=text))
+    sizes = (float(np.abs(part.values).max()) for part in parts)
+    return [part for part, size in zip(parts, sizes) if SAME * scale < size < np.inf]
 
 
 def inertia_term(speed: str) -> str:
@@ -257,97 +254,6 @@ def inertia_term(speed: str) -> str:
 
 def _called(channel: str) -> str:
     return "gravity" if channel == "gravity" else f"{channel!r}"
-
-
-def _by_rates(test: EquationTest, row: int) -> Iterable[tuple[str, Array, Key]]:
-    """Parts of forces and gyroscopic terms by the rates that they are proportional to."""
-    states = test.states
-    along_rays = EquationTest(test.kane, rays(states), scales=test.scales, strict=False)
-    gyroscopic: list[tuple[str, str, str, Array, Array]] = [
-        ("the gyroscopic term", "gyroscopic", "", -along_rays.bias, -test.bias)
-    ]
-    acting = [(_called(c), "channel", c, along_rays.forces[c], test.forces[c]) for c in test.forces]
-    for name, kind, which, along, whole in gyroscopic + acting:
-        parts = with_rates(polarised(along[row], states), states.u)
-        size = np.abs(whole[row]).max(initial=1e-300)
-        if not np.allclose(sum(parts.values()), whole[row], atol=1e-9 * size):
-            continue  # not a polynomial of the rates
-        for rates, values in parts.items():
-            how = f"with {product_of(test.speeds, rates)}" if rates else "at rest"
-            yield f"{name} {how}", values, (kind, which, rates)
-
-
-def rays(states: States) -> States:
-    """The states at rest, then with single speeds ±1, then with pairs of speeds 1, one after the other."""
-    n = len(states.u)
-    unit = np.eye(n)
-    pairs = [unit[i] + unit[j] for i, j in combinations(range(n), 2)]
-    u = np.ones(len(states))
-    along = [np.outer(ray, u) for ray in (np.zeros(n), *unit, *(-unit), *pairs)]
-    return joined([replace(states, u=each) for each in along])
-
-
-def polarised(along: Array, states: States) -> dict[tuple[int, ...], Array]:
-    """Coefficients (B,) of a polynomial of second degree in the rates, from its values along `rays`.
-
-    By the speeds that each is multiplied by: () for what is there at rest, (i,), (i, i), (i, j).
-    """
-    n = len(states.u)
-    rest, *others = along.reshape(-1, len(states))
-    plus, minus, both = others[:n], others[n : 2 * n], others[2 * n :]
-    coefficients: dict[tuple[int, ...], Array] = {(): rest}
-    for i in range(n):
-        coefficients[i,] = 0.5 * (plus[i] - minus[i])
-        coefficients[i, i] = 0.5 * (plus[i] + minus[i]) - rest
-    for (i, j), values in zip(combinations(range(n), 2), both):
-        coefficients[i, j] = values - plus[i] - plus[j] + rest
-    return coefficients
-
-
-def with_rates(
-    coefficients: Mapping[tuple[int, ...], Array], u: Array
-) -> dict[tuple[int, ...], Array]:
-    """Coefficients (B,) times the products of speeds (n, B) that they belong to."""
-    return {rates: c * u[list(rates)].prod(axis=0) for rates, c in coefficients.items()}
-
-
-def product_of(speeds: Sequence[str], rates: tuple[int, ...]) -> str:
-    """A product of speeds as people write it: "u.a", "u.a²", "u.a·u.b"; "" for none."""
-    if len(set(rates)) < len(rates):
-        return f"u.{speeds[rates[0]]}²"
-    return "·".join(f"u.{speeds[k]}" for k in rates)
-
-
-def _by_bodies(test: EquationTest, udot: Array, row: int) -> Iterable[tuple[str, Array, Key]]:
-    """Gravity and inertia terms of each body alone."""
-    kane, s = test.kane, test.kane.system
-    free = s.free_u
-    V = velocities(s, s.u_all)
-    bodies, outputs = [], []
-    for k, (link, pose) in enumerate(zip(s.links, s.poses)):
-        if s.mechanism.body(link.joint.child).massless:
-            continue
-        weight = link.mass * ca.mtimes(pose.E, s.gravity)
-        wrench: SX = ca.vertcat(cross(link.centre, weight), weight)
-        J = ca.jacobian(V[k], s.u)
-        columns = [link.inertia @ J[:, j] for j in range(J.shape[1])]
-        bodies.append(link.joint.child)
-        outputs.append(gather(s, {k: wrench})[free])
-        outputs.append(ca.mtimes(J.T, ca.horzcat(*columns)))
-    if not bodies:
-        return
-    point = test.point
-    values = evaluate_at(kane.function(outputs), test.states.t[None, :], point.q, point.u)
-    Yt, n = point.Y.transpose(0, 2, 1), len(free)
-    for body, weight, flat in zip(bodies, values[::2], values[1::2]):
-        yield f"gravity on body {body!r}", times(Yt, weight)[row], ("weight", body, None)
-        M = Yt @ matrices(flat, n, n) @ point.Y
-        for j, name in enumerate(test.speeds):
-            yield (
-                f"{inertia_term(name)} by body {body!r}",
-                -M[:, row, j] * udot[j],
-                ("inertia by body", body, None),
-            )
 
 
 def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list[Summand]:
@@ -372,7 +278,8 @@ def plain_parts(states: States, udot: Array, coordinates: Sequence[int]) -> list
         rates.append((f"u̇.{speed}", udot[i], None))
         for j in range(i, len(states.speeds)):
             of = {f"u.{speed}", f"u.{states.speeds[j]}"}
-            rates.append((product_of(states.speeds, (i, j)), states.u[i] * states.u[j], of))
+            product = f"u.{speed}²" if i == j else f"u.{speed}·u.{states.speeds[j]}"
+            rates.append((product, states.u[i] * states.u[j], of))
     return [
         Summand(
             "·".join(filter(None, (a, b))) or "1",

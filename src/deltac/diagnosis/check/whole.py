@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, islice, permutations
+from math import factorial
 
 import numpy as np
 
@@ -19,16 +20,13 @@ from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.explain.result import sentence
 from deltac.diagnosis.inference.hypotheses import Block, Fit, search
 from deltac.diagnosis.residuals.at_states import EquationTest
-from deltac.diagnosis.residuals.function import MOST_ORDERED, Caller
+from deltac.diagnosis.residuals.function import MOST_HYPOTHESES, Caller
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import TRIAL_STATES, States
 from deltac.diagnosis.verdict import Finding
 from deltac.dynamics.equations_of_motion import quaternions
 from deltac.errors import InputError
 from deltac.trajectories import Provenance, Trajectory
-
-MOST_HYPOTHESES = 600
-"""Hypotheses of a kind (coordinates, one parameter, two exchanged) that are tried, the likeliest first."""
 
 SMALL = (1e-2, 1e-3)
 """Angles are made this small to see how an error goes to zero."""
@@ -117,7 +115,7 @@ def _frames(test: EquationTest) -> Iterator[Convention]:
         remedy = "Convert them with np.radians"
         yield Convention(f"if {subject} in degrees, with rates in degrees", remedy, D, zero, D)
         yield Convention(f"if {subject} in degrees", remedy, D, zero, one)
-    orders = permutations(range(n)) if n <= MOST_ORDERED else _exchanges(n)
+    orders = permutations(range(n)) if factorial(n) <= MOST_HYPOTHESES else _exchanges(n)
     for order in orders:
         if order != tuple(range(n)):
             P = one[list(order)]
@@ -182,7 +180,9 @@ class _Varied:
     @cached_property
     def _kane(self) -> Kane:
         own = self.test.kane
-        return Kane(own.mechanism, own.coordinates, vary=tuple(self.known))
+        varied = Kane(own.mechanism, own.coordinates, vary=tuple(self.known))
+        varied.scales = own.scales  # symbols have no size
+        return varied
 
     def changed(self, values: Mapping[str, float]) -> EquationTest | None:
         """The equations with other values of some parameters; None where the mechanism allows no such.
@@ -192,7 +192,7 @@ class _Varied:
         try:
             self.test.kane.mechanism.with_parameters(**values)
             p = [*{**self.known, **values}.values()]
-            test = EquationTest(self._kane, self.states, scales=self.test.scales, p=p, strict=False)
+            test = EquationTest(self._kane, self.states, p=p, strict=False)
             return test if np.isfinite(test.acceleration).all() else None
         except (InputError, np.linalg.LinAlgError):
             return None
@@ -345,7 +345,7 @@ def _order(caller: Caller, test: EquationTest, some: States) -> float | None:
         udot = _called(caller, near)
         if udot is None:
             return None
-        right = EquationTest(test.kane, near, scales=test.scales, strict=False).acceleration
+        right = EquationTest(test.kane, near, strict=False).acceleration
         errors.append(float(np.abs(udot - right).max()))
     size = float(np.abs(test.acceleration).max())
     if not 0.0 < errors[1] < errors[0] < size:

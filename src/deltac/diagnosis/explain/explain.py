@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.explain.result import Cause, Explanation, Outcome, sentence
 from deltac.diagnosis.inference.hypotheses import Fit, nothing
 from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.inference.joint import joint_posterior
 from deltac.diagnosis.inputs.channels import Gear
+from deltac.diagnosis.residuals.kane import any_coordinates
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -27,17 +27,10 @@ def joint_explanation(inferences: Sequence[Inference], each: Sequence[Explanatio
     """The causes that several logs of one machine have together, in words; `each` is what one alone tells."""
     joint = joint_posterior(inferences)
     best, mechanism = joint.posterior.best, inferences[0].model.mechanism
-    total = joint.left(np.zeros(len(best.coefficients)))
 
     def causes(fit: Fit) -> tuple[Cause, ...]:
         """Those of a set, the largest share first."""
-        named = []
-        for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
-            others = fit.coefficients.copy()
-            np.subtract.at(others, list(c.columns), fit.of(k))
-            share = (joint.left(others) - joint.left(fit.coefficients)) / total
-            odds = fit.each[k] if k < len(fit.each) else fit.log_odds
-            named.append(_cause(mechanism, c, theta, joint.deviation(fit, k), share, odds))
+        named = _causes(mechanism, fit, joint.left, lambda k: joint.deviation(fit, k))
         return tuple(sorted(named, key=lambda cause: -cause.share))
 
     kind: Outcome = "unexplained" if any(one.kind == "unexplained" for one in each) else "nothing"
@@ -46,7 +39,7 @@ def joint_explanation(inferences: Sequence[Inference], each: Sequence[Explanatio
     return Explanation(
         kind,
         causes(best),
-        1.0 - joint.left(best.coefficients) / total if best.chosen else 0.0,
+        _explained(best, joint.left),
         tuple(causes(fit) for fit in joint.posterior.alternatives),
         "",
         tuple(n for n in each[0].unseen if all(n in one.unseen for one in each)),
@@ -69,60 +62,71 @@ def explanation_of(
     """The causes of an inference, if it is explained `by_causes`; `reasons` are findings beside them."""
     if inference is None:
         return Explanation(kind, reasons=reasons)
-    posterior = inference.posterior
-    best, block = posterior.best, inference.blocks[0]
-    total = block.projected.left(nothing(len(block.causes)).coefficients)
-    return Explanation(
+    block, posterior = inference.blocks[0], inference.posterior
+    told = Explanation(
         kind,
-        causes_of(inference, best) if by_causes else (),
-        1.0 - block.projected.left(best.coefficients) / total if by_causes else 0.0,
-        tuple(causes_of(inference, fit) for fit in posterior.alternatives if by_causes),
-        advice(run, inference) if by_causes and posterior.alternatives else "",
-        _unseen(inference),
-        "steps" if len(block.nuisance) or inference.methods else "samples",
-        residual,
-        float(inference.relative[1].max()),
-        len(block.r),
-        reasons,
+        unseen=_unseen(inference),
+        form="steps" if len(block.nuisance) or inference.methods else "samples",
+        residual=residual,
+        noise=float(inference.relative[1].max()),
+        samples=len(block.r),
+        reasons=reasons,
+    )
+    if not by_causes:
+        return told
+    return replace(
+        told,
+        causes=causes_of(inference, posterior.best),
+        explained=_explained(posterior.best, block.projected.left),
+        alternatives=tuple(causes_of(inference, fit) for fit in posterior.alternatives),
+        separating=advice(run, inference) if posterior.alternatives else "",
     )
 
 
 def causes_of(inference: Inference, fit: Fit) -> tuple[Cause, ...]:
     """The causes of a set, those through which most energy flows first."""
-    block, best = inference.blocks[0], fit is inference.posterior.best
-    residual = block.projected.left
-    total = residual(nothing(len(block.causes)).coefficients)
-    causes = []
-    for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
-        others = fit.coefficients.copy()
-        np.subtract.at(others, list(c.columns), fit.of(k))
-        share = (residual(others) - residual(fit.coefficients)) / total
-        odds = fit.each[k] if k < len(fit.each) else fit.log_odds
-        errors = fit.deviation(k) * np.sqrt(inference.tau)
-        cause = _cause(inference.model.mechanism, c, theta, errors, share, odds)
-        if best:
-            energies = float(inference.energy[k]), float(inference.exchanged[k])
-            cause = replace(cause, energy=energies[0], exchanged=energies[1])
-        causes.append(cause)
+    slowest = np.sqrt(inference.tau)
+    left = inference.blocks[0].projected.left
+    causes = _causes(inference.model.mechanism, fit, left, lambda k: fit.deviation(k) * slowest)
+    if fit is inference.posterior.best:
+        energies = zip(causes, inference.energy, inference.exchanged)
+        causes = [replace(c, energy=float(e), exchanged=float(x)) for c, e, x in energies]
     return tuple(sorted(causes, key=lambda cause: -cause.exchanged))
 
 
-def _cause(
-    mechanism: Mechanism, c: Candidate, theta: Array, errors: Array, share: float, odds: float
-) -> Cause:
-    """A cause with its numbers and their errors, its share of the squared residual and its log odds."""
-    return Cause(
-        c.kind,
-        c.element,
-        tuple(map(float, c.base + theta)),
-        tuple(map(float, errors)),
-        c.names,
-        c.units,
-        tuple(map(float, c.base)),
-        float(np.clip(share, 0.0, 1.0)),
-        sentence(mechanism, c, theta, errors),
-        odds,
-    )
+def _explained(fit: Fit, left: Callable[[Array], float]) -> float:
+    """The share of the sum of squares, `left` of it with coefficients, that the causes of a set explain."""
+    return 1.0 - left(fit.coefficients) / left(nothing(len(fit.coefficients)).coefficients)
+
+
+def _causes(
+    mechanism: Mechanism,
+    fit: Fit,
+    left: Callable[[Array], float],
+    errors: Callable[[int], Array],
+) -> list[Cause]:
+    """The causes of a set: numbers, their standard errors, shares of the residual, and odds."""
+    causes = []
+    total = left(nothing(len(fit.coefficients)).coefficients)
+    for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
+        others = fit.coefficients.copy()
+        np.subtract.at(others, list(c.columns), fit.of(k))
+        share, error = (left(others) - left(fit.coefficients)) / total, errors(k)
+        causes.append(
+            Cause(
+                c.kind,
+                c.element,
+                tuple(map(float, c.base + theta)),
+                tuple(map(float, error)),
+                c.names,
+                c.units,
+                tuple(map(float, c.base)),
+                float(np.clip(share, 0.0, 1.0)),
+                sentence(mechanism, c, theta, error),
+                fit.each[k] if k < len(fit.each) else fit.log_odds,
+            )
+        )
+    return causes
 
 
 def _unseen(inference: Inference) -> tuple[str, ...]:
@@ -232,7 +236,7 @@ def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampl
         t = np.full(STATES, float(run.t[0]))
         return t, q, u, udot, forces * rng.standard_normal((STATES, logged))
 
-    anywhere = _poses(mechanism, rng)
+    anywhere = any_coordinates(mechanism, 1.0, rng, STATES).T
     pose = np.repeat(run.q[:1, free.q], STATES, axis=0)
     still = np.zeros((STATES, nu))
     fast, hard = speed * rng.standard_normal((STATES, nu)), bent * rng.standard_normal((STATES, nu))
@@ -253,12 +257,3 @@ def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampl
         ("fast motions at constant speeds", states(anywhere, 5 * fast, still, 0.0)),
         ("a motion of all joints through other poses", states(anywhere, fast, hard, 0.0)),
     ]
-
-
-def _poses(mechanism: Mechanism, rng: np.random.Generator) -> Array:
-    """Random poses (STATES, free q); quaternions of unit length."""
-    q = rng.uniform(-np.pi, np.pi, (STATES, len(mechanism.coordinates)))
-    for place in mechanism.quaternions.values():
-        turns = rng.standard_normal((STATES, 4))
-        q[:, place] = turns / np.linalg.norm(turns, axis=1, keepdims=True)
-    return np.asarray(q[:, mechanism.free.q])

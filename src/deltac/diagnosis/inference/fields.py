@@ -59,26 +59,34 @@ class _Derivatives:
         self.model, self.rows = model, at
         self.a = model.at(at)
 
-    def _moved(self, q: Array | None, u: Array | None, d: Array, in_time: bool = False) -> Array:
+    def _ends(
+        self, q: Array | None, u: Array | None, d: Array, in_time: bool = False
+    ) -> list[Array]:
+        """At the states a length d (N, 1) ahead along (q, u), and as far behind."""
         at = self.rows
-        return self.model.acceleration(
-            at.t + d[:, 0] if in_time else at.t,
-            at.q if q is None else self.model.moved(at.q, q, d),
-            at.u if u is None else at.u + d * u,
-            at.F,
+        return self.model.at_each(
+            [
+                Rows(
+                    at.t + s[:, 0] if in_time else at.t,
+                    at.q if q is None else self.model.moved(at.q, q, s),
+                    at.u if u is None else at.u + s * u,
+                    at.F,
+                )
+                for s in (d, -d)
+            ]
         )
 
     def along(self, q: Array | None, u: Array | None, in_time: bool = False) -> Array:
         """First derivative along (q, u)."""
         d = _length(FIRST, q, u)
-        ends = (self._moved(q, u, s * d, in_time) for s in (1.0, -1.0))
-        return np.asarray((next(ends) - next(ends)) / (2.0 * d))
+        ahead, behind = self._ends(q, u, d, in_time)
+        return np.asarray((ahead - behind) / (2.0 * d))
 
     def twice(self, q: Array | None, u: Array | None) -> Array:
         """Second derivative along (q, u)."""
         d = _length(SECOND, q, u)
-        both = self._moved(q, u, d) + self._moved(q, u, -d)
-        return np.asarray((both - 2.0 * self.a) / d**2)
+        ahead, behind = self._ends(q, u, d)
+        return np.asarray((ahead + behind - 2.0 * self.a) / d**2)
 
     def of_dampers(self, u: Array) -> Array:
         """What the change of the dampers' forces along u does to the accelerations."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Protocol, TypeAlias
 
 import numpy as np
@@ -82,6 +83,10 @@ SUBDIVISIONS = 4
 """Parts of an interval in which a force that is filtered counts as constant."""
 
 
+FRACTIONS = 32
+"""Fractions of the intervals of which forces are kept: the stages of two steps of order 8."""
+
+
 @dataclass(frozen=True, eq=False)
 class LoggedForce:
     """Logged forces (N, m) between the rows: at the start, their change, and the bends of a spline.
@@ -103,11 +108,15 @@ class LoggedForce:
 
     def __call__(self, kinds: tuple[str, ...]) -> ForceBetween:
         """The forces of each column by its kind, see `FORCES`."""
-        a, b, c = np.array([FORCES[kind] for kind in kinds]).reshape(-1, 3).T
+        weights = np.array([FORCES[kind] for kind in kinds]).reshape(-1, 3).T
 
+        # Methods and their derivatives ask for the same stages again and again.
+        @lru_cache(FRACTIONS)
         def at(s: float) -> Array:
-            steady, linear, bent = self.parts(s)
-            return np.asarray(self.first + a * steady + b * linear + c * bent)
+            F = self.first
+            for weight, part in zip(weights, self.parts(s), strict=True):
+                F = F + weight * part if weight.any() else F
+            return F
 
         return at
 
@@ -194,9 +203,9 @@ def predict(
     if not steps:
         probes = np.unique(np.linspace(0, len(intervals) - 1, PROBES).astype(np.intp))
         few, steps = intervals.take(probes), 2
-        coarse = _flow(model, few, _some(force, probes), 1)[-1]
+        coarse = _flow(model, few, restricted(force, probes), 1)[-1]
         while True:
-            fine = _flow(model, few, _some(force, probes), steps)[-1]
+            fine = _flow(model, few, restricted(force, probes), steps)[-1]
             # Refined on their own are few: nine tenths must be exact enough.
             gap = np.abs(model.difference(coarse, fine)) <= allowed[probes]
             if gap.all(axis=1).mean() >= 0.9 or steps >= 2**DOUBLINGS:
@@ -209,13 +218,14 @@ def predict(
         if not len(some) or len(some) > 0.5 * len(intervals):
             break
         each = 4**level
-        finer = _flow(model, intervals.take(some), _some(force, some), steps, each)
+        finer = _flow(model, intervals.take(some), restricted(force, some), steps, each)
         error[some] = np.abs(model.difference(nodes[-1].take(some), finer[-1]))
         nodes = [_replaced(rows, some, own) for rows, own in zip(nodes, finer, strict=True)]
     return Prediction(tuple(nodes), error)
 
 
-def _some(force: ForceBetween, which: NDArray[np.intp]) -> ForceBetween:
+def restricted(force: ForceBetween, which: NDArray[np.intp]) -> ForceBetween:
+    """The forces in some of the intervals."""
     return lambda s: np.asarray(force(s)[which])
 
 
@@ -249,8 +259,11 @@ def runge_kutta(
     rates, slopes = list[Array](), list[Array]()
 
     def moved(weights: Sequence[float]) -> tuple[Array, Array]:
-        dq = sum((w * r for w, r in zip(weights, rates, strict=True) if w), 0.0 * rates[0])
-        du = sum((w * s for w, s in zip(weights, slopes, strict=True) if w), 0.0 * slopes[0])
+        dq, du = np.zeros_like(rates[0]), np.zeros_like(slopes[0])
+        for w, r, s in zip(weights, rates, slopes, strict=True):
+            if w:
+                dq += w * r
+                du += w * s
         return model.moved(at.q, dq, h) if on_group else at.q + h * dq, at.u + h * du
 
     for stage, (row, c) in enumerate(zip(tableau.a, tableau.c, strict=True)):

@@ -71,6 +71,12 @@ class Block:
         r = self.r.ravel()
         return D.T @ D, D.T @ r, float(r @ r)
 
+    def beside(self, noise: float) -> Block:
+        """The same equations beside noise of this variance."""
+        other = replace(self, noise=noise)
+        other.__dict__.update(gram=self.gram, floor=self.floor)
+        return other
+
     @cached_property
     def count(self) -> int:
         """How many numbers tell of the noise."""
@@ -228,12 +234,13 @@ RIDGE = 1e-10
 
 def autocorrelation_time(r: Array) -> float:
     """τ = 1 + 2Σρ of residuals (K, d), K in the order of time; at least 1."""
-    power = float((r * r).sum())
+    flat, d = r.ravel(), r.shape[1]
+    power = float(flat @ flat)
     if not power > 0.0:
         return 1.0
     total = 0.0
     for lag in range(1, min(LAGS, len(r) // 4)):
-        rho = float((r[lag:] * r[:-lag]).sum()) / power
+        rho = float(flat[lag * d :] @ flat[: -lag * d]) / power
         if rho < QUIET:
             break
         total += rho
@@ -285,88 +292,114 @@ def nothing(columns: int) -> Fit:
     return Fit((), (), np.zeros(columns), 0.0, np.zeros((0, 0)), np.zeros((columns, 0)))
 
 
+class _Together:
+    """Causes at once: their numbers x, one after the other, as coefficients of their own columns.
+
+    `own` are the places of these columns among those of all causes, hundreds. `grown`: whether some multiply
+    others; where the flow is taken again with the causes in it, their products are in that.
+    """
+
+    def __init__(self, chosen: Sequence[Candidate], products: bool) -> None:
+        self.chosen = chosen
+        columns = [k for c in chosen for k in c.columns]
+        self.own = np.array(sorted(set(columns)), dtype=np.intp)
+        rows = np.searchsorted(self.own, columns)
+        ends = np.cumsum([len(c.columns) for c in chosen])
+        self.rows = np.split(rows, ends[:-1])
+        last = np.cumsum([c.size for c in chosen]).tolist()
+        self.numbers = [slice(end - c.size, end) for c, end in zip(chosen, last)]
+        self.size = int(last[-1])
+        self.units = np.zeros((len(chosen), len(chosen)))
+        if products:
+            self.units[:] = [[c.scales(other) for other in chosen] for c in chosen]
+        self.grown = bool(self.units.any())
+        self.linear = not self.grown and all(c.quadratic is None for c in chosen)
+        self._fixed: Array | None = None
+        self._fixed = self.tangent(np.zeros(self.size)) if self.linear else None
+
+    def split(self, x: Array) -> tuple[Array, ...]:
+        """The numbers of each cause."""
+        return tuple(x[of] for of in self.numbers)
+
+    def factors(self, x: Array) -> list[float]:
+        """What the others multiply each by: the mass centre of a heavier body moves a heavier mass."""
+        if not self.grown:
+            return [1.0] * len(self.chosen)
+        first = x[[of.start for of in self.numbers]]
+        return list((1.0 + first @ self.units).tolist())
+
+    def coefficients(self, x: Array) -> Array:
+        """Of the own columns."""
+        if self._fixed is not None:
+            return np.asarray(self._fixed @ x)
+        result = np.zeros(len(self.own))
+        of_each = zip(self.chosen, self.split(x), self.rows, self.factors(x))
+        for c, theta, at, factor in of_each:
+            result[at] += factor * c.coefficients(theta)
+        return result
+
+    def tangent(self, x: Array) -> Array:
+        """Derivatives (columns, numbers) of these."""
+        if self._fixed is not None:
+            return self._fixed
+        T = np.zeros((len(self.own), self.size))
+        of_each = zip(self.chosen, self.split(x), self.rows, self.numbers, self.factors(x))
+        for k, (c, theta, at, of, factor) in enumerate(of_each):
+            T[at, of] += factor * c.tangent(theta)
+            for j in np.flatnonzero(self.units[:, k]) if self.grown else ():
+                T[at, self.numbers[j].start] += self.units[j, k] * c.coefficients(theta)
+        return T
+
+
 def fitted(
     blocks: Sequence[Block], chosen: Sequence[Candidate], start: Sequence[Array] = ()
 ) -> Fit | None:
     """The numbers of causes together by maximum likelihood; None where they are not told apart."""
-    P = len(blocks[0].causes)
-    theta = [np.array(x) for x in start] + [np.zeros(c.size) for c in chosen[len(start) :]]
-    variance = [b.misfit(np.zeros(P)) / b.count for b in blocks]
-
-    # Of the columns of all causes, hundreds of them, those of the chosen ones alone have coefficients.
-    own, places = np.unique(np.concatenate([c.columns for c in chosen]), return_inverse=True)
-    ends = np.cumsum([len(c.columns) for c in chosen])
-    rows = np.split(places, ends[:-1])
-    sizes = [c.size for c in chosen]
-    numbers = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist())]
+    P, causes = len(blocks[0].causes), _Together(chosen, not len(blocks[0].nuisance))
+    own, x = causes.own, np.zeros(causes.size)
+    for of, theta in zip(causes.numbers, start):
+        x[of] = theta
     raw = [b.gram[0][np.ix_(b.causes[own], b.causes[own])] for b in blocks]
     left = [b.projected.A[np.ix_(own, own)] for b in blocks]
+    variance = [b.misfit(np.zeros(P)) / b.count for b in blocks]
 
-    # Where the flow is taken again with the causes in it, their products are in that.
-    units = np.array([[one.scales(other) for other in chosen] for one in chosen])
-    units *= not len(blocks[0].nuisance)
+    def coefficients(x: Array) -> Array:
+        every = np.zeros(P)
+        every[own] = causes.coefficients(x)
+        return every
 
-    def factors(theta: Sequence[Array]) -> tuple[float, ...]:
-        """What the others multiply each by: the mass centre of a heavier body moves a heavier mass."""
-        return tuple((1.0 + np.array([x[0] for x in theta]) @ units).tolist())
-
-    def coefficients(theta: Sequence[Array]) -> Array:
-        mine = np.zeros(len(own))
-        for c, x, at, factor in zip(chosen, theta, rows, factors(theta)):
-            mine[at] += factor * c.coefficients(x)
-        made = np.zeros(P)
-        made[own] = mine
-        return made
-
-    def tangent(theta: Sequence[Array]) -> Array:
-        """Derivatives (columns of the chosen causes, numbers) of the coefficients."""
-        T = np.zeros((len(own), sum(sizes)))
-        grown = zip(chosen, theta, rows, numbers, factors(theta), units.T)
-        for c, x, at, of, factor, by in grown:
-            T[at, of] += factor * c.tangent(x)
-            for k in np.flatnonzero(by):
-                T[at, numbers[k].start] += by[k] * c.coefficients(x)
-        return T
-
-    def normal(T: Array) -> tuple[Array, Array]:
-        """Normal matrix and right side at the numbers as they are."""
-        now = coefficients(theta)
-        X = np.asarray(sum(T.T @ A @ T / s for A, s in zip(left, variance)))
-        y = sum(T.T @ b.projected.slope(now, own) / s for b, s in zip(blocks, variance))
-        return X, np.asarray(y)
-
-    def inverted(T: Array, X: Array) -> Array | None:
+    def inverted(T: Array) -> Array | None:
+        """The inverse of the normal matrix; None where it is singular."""
         squares = np.asarray(sum(((G @ T) * T).sum(axis=0) / s for G, s in zip(raw, variance)))
         if not np.all(squares > 0.0):
             return None
         d = _inverse_sizes(squares)
+        X = np.asarray(sum(T.T @ A @ T / s for A, s in zip(left, variance)))
         values, vectors = np.linalg.eigh(d[:, None] * X * d)
         if not values[0] >= SINGULAR:
             return None
         return np.asarray(d[:, None] * ((vectors / values) @ vectors.T) * d)
 
-    curved = units.any() or len(blocks) > 1 or any(c.quadratic is not None for c in chosen)
-    for _ in range(ITERATIONS if curved else 1):
-        T = tangent(theta)
-        X, y = normal(T)
-        inverse = inverted(T, X)
-        if inverse is None:
+    # What is linear is at its optimum after one step, but for the noise of several blocks.
+    once = causes.linear and len(blocks) == 1
+    every, inverse = coefficients(x), np.zeros((0, 0))
+    for _ in range(1 if once else ITERATIONS):
+        T = causes.tangent(x)
+        if (now := inverted(T)) is None:
             return None
-        step = inverse @ y
-        theta = [x + step[of] for x, of in zip(theta, numbers)]
-        made, before = coefficients(theta), variance
-        variance = [b.misfit(made) / b.count for b in blocks]
-        covariance = inverse * (variance[0] / before[0])
-    if curved:
-        T = tangent(theta)
-        inverse = inverted(T, normal(T)[0])
-        if inverse is None:
-            return None
-        covariance = inverse
-    along = np.zeros((P, sum(sizes)))
+        inverse = now
+        y = sum(T.T @ b.projected.slope(every, own) / s for b, s in zip(blocks, variance))
+        x = x + inverse @ y
+        every, before = coefficients(x), variance
+        variance = [b.misfit(every) / b.count for b in blocks]
+    T = causes.tangent(x)
+    covariance = inverse * (variance[0] / before[0]) if once else inverted(T)
+    if covariance is None:
+        return None
+    along = np.zeros((P, causes.size))
     along[own] = T
-    made = coefficients(theta)
-    return Fit(tuple(chosen), tuple(theta), made, 0.0, covariance, along, factors=factors(theta))
+    factors = tuple(causes.factors(x))
+    return Fit(tuple(chosen), causes.split(x), every, 0.0, covariance, along, factors=factors)
 
 
 def evidence(

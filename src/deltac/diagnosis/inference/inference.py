@@ -467,6 +467,7 @@ class _Inferring:
         self.kinds = tuple(kind or "smooth" for kind in self.declared)
         self.says_what_was_held = run.provenance.held is not None
         self.steps, self.log = 0, log
+        self.nominal_of: tuple[Observations, tuple[str, ...], int] | None = None
         self.shortlist: tuple[Integrator, ...] = ()
         self.by_rates: tuple[Block, Posterior] | None = None
         self.mapped: tuple[Prediction, list[Map]] | None = None
@@ -537,7 +538,12 @@ class _Inferring:
 
         self.flow = prediction(self.plant, force)
         self.steps = len(self.flow.nodes) - 1
-        self.nominal = self.flow if self.plant is self.model else prediction(self.model, force)
+        as_before = self.log, self.kinds, self.steps
+        if self.plant is self.model:
+            self.nominal = self.flow
+        elif self.nominal_of != as_before:
+            self.nominal = prediction(self.model, force)
+        self.nominal_of = as_before
         self.as_logged = (
             prediction(self.model, self.unfiltered) if self.filter is not None else self.nominal
         )
@@ -993,6 +999,7 @@ class _Inferring:
         series = self._block(white[:, :, 0], white[:, :, 1:], ni, places, spread)
         self.D = np.ascontiguousarray(white[:, :, ni + 1 :])
         self.gradient, self.slack = self._weights()
+        self.works, self.of_methods = self._works(), dict[Map, Block]()
         self.bias, self.omitted = self._attenuation(), self._remainder(series)
         measured = self._of_rates() if self._knows_accelerations else None
         posterior, series = (measured[1], series) if measured else self._of_series(series)
@@ -1113,7 +1120,7 @@ class _Inferring:
         known, noise = ~log.unknown, log.with_noise(w)
         if not np.any(LESS * noise.noise[1][:, known] < log.noise[1][:, known]):
             return posterior
-        self.log = noise
+        self.log, self.of_methods = noise, {}
         self.of_rows = self._of_method(of, places)
         return self._search(self.of_rows)
 
@@ -1188,7 +1195,7 @@ class _Inferring:
         variance = series.projected.left(posterior.best.coefficients) / series.count
         if variance > 2.0 * series.variance:
             # The numbers of an integrator are of the size of their prior beside the noise that there is.
-            series = replace(series, noise=variance)
+            series = series.beside(variance)
             posterior = self._search(series)
         return posterior, series
 
@@ -1213,6 +1220,8 @@ class _Inferring:
 
     def _of_method(self, of: Map, places: NDArray[np.intp]) -> Block:
         """Prediction errors of a method's map, whitened with the map's own derivatives."""
+        if of in self.of_methods:
+            return self.of_methods[of]
         log = self.log
         own = transition(self.plant, of, log.intervals, self.force(self.kinds))
         Phi = self.Phi if own is None else own
@@ -1220,7 +1229,9 @@ class _Inferring:
         columns = np.concatenate([errors, self.B, self.bent], axis=2)
         columns[:, :, places + 1] = self._moved_in(of)
         white, spread = log.innovations(Phi, self.Q)(columns)
-        return self._block(white[:, :, 0], white[:, :, 1:], 0, places, spread)
+        block = self._block(white[:, :, 0], white[:, :, 1:], 0, places, spread)
+        self.of_methods[of] = block
+        return block
 
     def _block(
         self, r: Array, D: Array, nuisance: int, places: NDArray[np.intp], spread: float = 0.0
@@ -1236,19 +1247,23 @@ class _Inferring:
     def _exchanged(self, fit: Fit) -> tuple[Array, Array, Array]:
         """Energy (J) that each cause of a fit exchanges, its standard error, and what it adds to ΔC.
 
-        Of some of the intervals, evenly: these are sums that need two digits.
+        Of some of the intervals: these are sums that need two digits.
         """
-        every = max(1, len(self.w) // ENOUGH)
-        gradient, scale = self.gradient[::every], self.whole * len(self.w)
-        B = self.B[::every, :, self.fields[0].shape[2] :]
-        exchanged, errors, energies = [], [], []
+        scale, exchanged, errors, energies = self.whole * len(self.w), [], [], []
         for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
-            work = gradient * (B[:, :, list(c.columns)] @ fit.of(k))
-            exchanged.append(scale * float(np.abs(work).sum(axis=1).mean()))
-            energies.append(scale * float(work.sum(axis=1).mean()))
+            work = (fit.of(k) @ self.works[list(c.columns)]) * scale
+            exchanged.append(float(np.abs(work).sum()))
+            energies.append(float(work.sum()))
             relative = fit.deviation(k) / np.maximum(np.abs(theta), 1e-300)
             errors.append(exchanged[-1] * min(float(relative.min()), 1.0))
         return np.array(exchanged), np.array(errors), np.array(energies)
+
+    def _works(self) -> Array:
+        """What a unit of each cause works on average (P, …), in the directions of some of the intervals."""
+        every = max(1, len(self.w) // ENOUGH)
+        B = self.B[::every, :, self.fields[0].shape[2] :]
+        works = self.gradient[::every, :, None] * B / len(B)
+        return np.ascontiguousarray(np.concatenate(works).T)
 
     def _attenuation(self) -> float:
         """Joules by which noise in the columns themselves may bias a cause.

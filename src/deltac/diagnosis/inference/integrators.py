@@ -18,8 +18,14 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.inference.fields import FIELDS
-from deltac.diagnosis.inference.flow import ForceBetween, ForceInStep, Intervals, runge_kutta
-from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.flow import (
+    ForceBetween,
+    ForceInStep,
+    Intervals,
+    restricted,
+    runge_kutta,
+)
+from deltac.diagnosis.inference.model import AT_ONCE, Model, Rows
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 PLACES = {f.name: k for k, f in enumerate(FIELDS)}
@@ -259,47 +265,59 @@ def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween)
     """Derivatives (N, 2n, 2n) of a method's map by differences; None for an implicit one, or many speeds."""
     if of.method.step is None or model.n > MOST_SPEEDS:
         return None
-    at, columns = intervals.start, []
+    at, starts, sizes = intervals.start, list[Rows](), list[float]()
     for k in range(2 * model.n):
         e = np.zeros((1, model.n))
         e[0, k % model.n] = 1.0
         d = 1e-6 * (1.0 + (0.0 if k < model.n else float(np.abs(at.u[:, k - model.n]).max())))
         along, u = np.broadcast_to(e, at.u.shape), at.u
         q = model.moved(at.q, along, np.full((len(u), 1), d)) if k < model.n else at.q
-        start = Rows(at.t, q, u if k < model.n else u + d * e, at.F)
-        moved = _repeated(model, of.method, replace(intervals, start=start), force, of.counts)
-        columns.append(model.difference(of.end, moved) / d)
-    return np.stack(columns, axis=2)
+        starts.append(Rows(at.t, q, u if k < model.n else u + d * e, at.F))
+        sizes.append(d)
+    Phi, each = np.empty((len(at.t), 2 * model.n, 2 * model.n)), max(1, AT_ONCE // len(at.t))
+    for first in range(0, len(starts), each):
+        some = starts[first : first + each]
+        many = np.tile(np.arange(len(at.t)), len(some))
+        moved = replace(intervals.take(many), start=Rows.join(some))
+        ends = _repeated(model, of.method, moved, restricted(force, many), of.counts[many])
+        change = model.difference(of.end.take(many), ends).reshape(len(some), len(at.t), -1)
+        for k, (one, d) in enumerate(zip(change, sizes[first:], strict=False), first):
+            Phi[:, :, k] = one / d
+    return Phi
+
+
+NODES = 3
+"""Start, middle and end of an interval: a parabola through these is what causes do within it."""
 
 
 class _Variation:
-    """Small changes y of a motion by causes, ẏ = J y + (0, G): methods make steps of it as of a model.
+    """Small changes y of a motion, ẏ = J y + (0, g): methods make steps of it as of a model.
 
-    J (N, 2n, 2n) and G (N, n, P) at the start, the middle and the end of each interval; rows of the changes
-    are those of all causes, interval by interval.
+    J (N, 2n, 2n) is given at the nodes of each interval, and lies on a parabola through three of them. Rows
+    of the changes are those by units of g at these, for each of the n speeds, interval by interval.
     """
 
     quaternions = ()
 
-    def __init__(self, J: Sequence[Array], G: Sequence[Array], intervals: Intervals) -> None:
+    def __init__(self, J: Sequence[Array], intervals: Intervals) -> None:
         nodes = [0, len(J) // 2, len(J) - 1]
-        self.J = np.stack([J[k][:, J[k].shape[1] // 2 :] for k in nodes])
-        self.G = np.stack([G[k] for k in nodes])
+        self.n = J[0].shape[1] // 2
+        self.J = np.stack([J[k][:, self.n :].transpose(0, 2, 1) for k in nodes])
         self.start, self.h = float(intervals.start.t[0]), float(intervals.h[0, 0])
-        self.n, self.causes = self.G.shape[2:]
+        self.units = NODES * self.n
 
     def rows(self, t: Array) -> Rows:
         """No changes, at times t (N,)."""
-        none = np.zeros((len(t) * self.causes, self.n))
-        return Rows(np.repeat(t, self.causes), none, none, none[:, :0])
+        none = np.zeros((len(t) * self.units, self.n))
+        return Rows(np.repeat(t, self.units), none, none, none[:, :0])
 
     def acceleration(self, t: Array, q: Array, u: Array, _: Array) -> Array:
-        """By J and G there: on the parabola through the three."""
+        """By J and g there."""
         c = (float(t[0]) - self.start) / self.h
         weights = ((2.0 * c - 1.0) * (c - 1.0), 4.0 * c * (1.0 - c), c * (2.0 * c - 1.0))
-        J, G = (np.tensordot(weights, parts, axes=1) for parts in (self.J, self.G))
-        y = np.concatenate([q, u], axis=1).reshape(len(J), self.causes, 2 * self.n)
-        a = y @ J.transpose(0, 2, 1) + G.transpose(0, 2, 1)
+        J = np.tensordot(weights, self.J, axes=1)
+        y = np.concatenate([q, u], axis=1).reshape(-1, self.units, 2 * self.n)
+        a = y @ J + np.concatenate([w * np.eye(self.n) for w in weights])
         return np.asarray(a.reshape(-1, self.n))
 
     def at(self, rows: Rows) -> Array:
@@ -320,26 +338,29 @@ def by_causes(
 ) -> Array | None:
     """What causes do to the rows of a map (N, 2n, P), by the method's own steps; None where it is not told.
 
-    J (N, 2n, 2n) and G (N, n, P) are ∂ẋ/∂x and the causes' accelerations at the nodes of the flow.
+    J (N, 2n, 2n) and G (N, n, P) are ∂ẋ/∂x and the causes' accelerations at the nodes of the flow. Steps are
+    linear in these: they are made for units of them alone.
     """
     method, N = of.method, len(intervals)
     if np.ptp(of.counts) or "damping" in method.name or not G[0].shape[2]:
         return None
-    variation: Any = _Variation(J, G, intervals)  # has what of a model steps ask for
-    P, n = variation.causes, variation.n
+    variation: Any = _Variation(J, intervals)  # has what of a model steps ask for
+    units, n = variation.units, variation.n
     start, end = (variation.rows(at.t) for at in (intervals.start, intervals.end))
     if method.step is not None:
         still = Intervals(start, end)
-        counts = np.repeat(of.counts, P)
+        counts = np.repeat(of.counts, units)
         moved = _repeated(variation, method, still, lambda _: start.F, counts)
-        y = np.concatenate([moved.q, moved.u], axis=1).reshape(N, P, 2 * n).transpose(0, 2, 1)
+        q, u = moved.q, moved.u
     elif method.defect is not None:
-        q, u = method.defect(variation, start, end, np.repeat(intervals.h, P, axis=0))
-        y = np.concatenate([q, u], axis=1).reshape(N, P, 2 * n).transpose(0, 2, 1)
-        y = _newton(method, J[-1], intervals.h, y)
+        q, u = method.defect(variation, start, end, np.repeat(intervals.h, units, axis=0))
     else:
         return None
-    return np.asarray(y)
+    response = np.concatenate([q, u], axis=1).reshape(N, units, 2 * n).transpose(0, 2, 1)
+    if method.defect is not None:
+        response = _newton(method, J[-1], intervals.h, response)
+    at_nodes = np.concatenate([G[0], G[len(G) // 2], G[-1]], axis=1)
+    return np.asarray(response @ at_nodes)
 
 
 def _newton(method: Integrator, J: Array, h: Array, gap: Array) -> Array:
@@ -361,26 +382,35 @@ def _repeated(
     counts: NDArray[np.intp],
 ) -> Rows:
     """The states after `counts` (N,) steps in each interval."""
-    assert method.step is not None
-    stages = intervals.stages if method.stages == len(intervals.stages) + 1 else ()
-    stages = stages if counts.max() == 1 else ()
+    if not np.ptp(counts):
+        return _stepped(model, method, intervals, force, int(counts[0]))
     at = intervals.start
+    intervals = replace(intervals, stages=())  # which are those of single steps
     ends = [np.array(x) for x in (at.t, at.q, at.u, at.F)]
-    for count in np.unique(counts):
+    for count in np.unique(counts).tolist():
         some = np.flatnonzero(counts == count)
-        rows, h = at.take(some), intervals.h[some] / count
-        for k in range(count):
-
-            def within(c: float, stage: int = 0) -> Array:
-                # Called in this turn of the loops.
-                F = stages[stage - 1] if stages and stage else force((k + c) / count)  # noqa: B023
-                return F[some]  # noqa: B023
-
-            q, u = method.step(model, rows, h, within)
-            rows = Rows(rows.t + h[:, 0], q, u, within(1.0))
+        rows = _stepped(model, method, intervals.take(some), restricted(force, some), count)
         for end, x in zip(ends, (rows.t, rows.q, rows.u, rows.F), strict=True):
             end[some] = x
     return Rows(*ends)
+
+
+def _stepped(
+    model: Model, method: Integrator, intervals: Intervals, force: ForceBetween, count: int
+) -> Rows:
+    """The same of as many steps in all."""
+    assert method.step is not None
+    known = count == 1 and method.stages == len(intervals.stages) + 1
+    stages = intervals.stages if known else ()
+    rows, h = intervals.start, intervals.h / count
+    for k in range(count):
+
+        def within(c: float, stage: int = 0, k: int = k) -> Array:
+            return stages[stage - 1] if stages and stage else force((k + c) / count)
+
+        q, u = method.step(model, rows, h, within)
+        rows = Rows(rows.t + h[:, 0], q, u, within(1.0))
+    return rows
 
 
 FEW = 4

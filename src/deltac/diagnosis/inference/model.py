@@ -86,30 +86,43 @@ class _Change:
     """
 
     def __init__(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> None:
-        at, self.damped = 0, False
-        self.parts: list[Expression] = []
-        for columns in kernels:
-            c = coefficients[at : at + len(columns.columns)]
-            at += len(c)
-            t, q, u, udot, logged, *rates = columns.inputs
-            of_dampers = np.array([_damps(column) for column in columns.columns], dtype=bool)
-            self.damped |= bool(np.any(c[of_dampers]))
-            x, damping = (
-                ca.mtimes(columns.expression[:, 1:], ca.sparsify(ca.DM(some)))
-                for some in (c, np.where(of_dampers, c, 0.0))
-            )
-            still = [ca.SX.zeros(rate.shape) for rate in rates]
-            x, damping = ca.substitute([x, damping], rates, still)
-            inputs = {"t": t, "q": q, "u": u, "udot": udot, "logged": logged}
-            self.parts.append(Expression("x", inputs, x, ca.jacobian(x, udot), damping))
+        ends = np.cumsum([len(columns.columns) for columns in kernels])
+        own, *geometry = np.split(coefficients, ends[:-1])
+        of_dampers = np.array([_damps(column) for column in kernels[0].columns], dtype=bool)
+        dampers = np.where(of_dampers, own, 0.0)
+        self.damped = bool(np.any(dampers))
+        self._force = _sum(kernels[0], own, "x", rated=True) if own.any() else None
+        self._damping = _sum(kernels[0], dampers, "d") if self.damped else None
+        of = zip(kernels[1:], geometry, strict=True)
+        self._geometry = [_sum(columns, c, "g") for columns, c in of if c.any()]
 
-    def __call__(self, t: Array, q: Array, u: Array, a: Array, F: Array) -> list[list[Array]]:
-        """Of forces, then of the geometry: x (T, n), ∂x/∂u̇ (T, n, n), and what of x are dampers (T, n)."""
+    def force(self, t: Array, q: Array, u: Array, a: Array, F: Array) -> tuple[Array, Array]:
+        """Sum x (T, n) of the columns of forces and masses, and ∂x/∂u̇ (T, n, n)."""
         n = a.shape[1]
-        return [
-            [x, A.reshape(len(t), n, n).transpose(0, 2, 1), d]
-            for x, A, d in (part(t, q, u, a, F) for part in self.parts)
-        ]
+        if self._force is None:
+            return np.zeros_like(a), np.zeros((len(t), n, n))
+        x, A = self._force(t, q, u, a, F)
+        return x, A.reshape(len(t), n, n).transpose(0, 2, 1)
+
+    def geometry(self, t: Array, q: Array, u: Array, a: Array, F: Array) -> Array | None:
+        """M times what places and axes add to the accelerations (T, n); None for nothing."""
+        parts = [part(t, q, u, a, F)[0] for part in self._geometry]
+        return np.sum(parts, axis=0) if parts else None
+
+    def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
+        """What of x are dampers (T, n)."""
+        if self._damping is None:
+            return np.zeros_like(u)
+        return self._damping(t, q, u, np.zeros_like(u), F)[0]
+
+
+def _sum(columns: ColumnKernels, c: Array, name: str, rated: bool = False) -> Expression:
+    """Columns times coefficients where logged forces stand still; `rated`: and its derivatives by u̇."""
+    t, q, u, udot, logged, *rates = columns.inputs
+    x = ca.mtimes(columns.expression[:, 1:], ca.sparsify(ca.DM(c)))
+    x = ca.substitute(x, ca.vertcat(*rates), ca.SX.zeros(ca.vertcat(*rates).shape))
+    inputs = {"t": t, "q": q, "u": u, "udot": udot, "logged": logged}
+    return Expression(name, inputs, x, *([ca.jacobian(x, udot)] if rated else []))
 
 
 def _damps(column: Column) -> bool:
@@ -190,16 +203,27 @@ class Model:
         if self.change is None:
             return a
         # M u̇ = F + x(u̇) with x affine in u̇: exact from any u̇ that it is evaluated at.
-        forces, *geometry = self.change(t, q, u, a, F)
         M, G = self._of_model(t, q)
-        for x, *_ in geometry:
-            a = a + np.linalg.solve(M, x[..., None])[..., 0]
-        x, A, _ = forces
-        return a + (_compliance(M - A, G) @ x[..., None])[..., 0]
+        of_geometry = self.change.geometry(t, q, u, a, F)
+        if of_geometry is not None:
+            a = a + np.linalg.solve(M, of_geometry[..., None])[..., 0]
+        x, A = self.change.force(t, q, u, a, F)
+        return a + _constrained(M - A, G, x[..., None])[..., 0]
 
     def at(self, rows: Rows) -> Array:
         """The same at rows."""
         return self.acceleration(rows.t, rows.q, rows.u, rows.F)
+
+    def at_each(self, parts: Sequence[Rows]) -> list[Array]:
+        """The same at several, all of one length: where these are short, several in one evaluation."""
+        size = len(parts[0].t)
+        some = max(1, AT_ONCE // max(size, 1))
+        groups = (parts[k : k + some] for k in range(0, len(parts), some))
+        return [
+            np.asarray(a)
+            for group in groups
+            for a in self.at(Rows.join(group)).reshape(len(group), size, self.n)
+        ]
 
     def every(self, rows: Rows) -> Array:
         """u̇ of all free speeds at rows."""
@@ -210,7 +234,7 @@ class Model:
         own = self._expressions.damping(t, q, u, F)[0]
         if self.change is None:
             return own
-        return own + sum(d for _, _, d in self.change(t, q, u, np.zeros_like(u), F))
+        return own + self.change.damping(t, q, u, F)
 
     def rate(self, t: Array, q: Array, u: Array) -> Array:
         """q̇ (T, nq) of the free coordinates."""
@@ -232,7 +256,7 @@ class Model:
         """What generalized forces (T, n) or (T, n, p) add to the accelerations."""
         M, G = self.matrices(t, q)
         columns = force if force.ndim == 3 else force[..., None]
-        a = _compliance(M, G) @ columns if self.rows_of_G else np.linalg.solve(M, columns)
+        a = _constrained(M, G, columns)
         return np.asarray(a if force.ndim == 3 else a[..., 0])
 
     def of_geometry(self, t: Array, q: Array, columns: Array) -> Array:
@@ -245,7 +269,7 @@ class Model:
         if self.change is not None:
             rest = np.zeros((len(t), self.n))
             F = np.zeros((len(t), self.symbols.logged.shape[0]))
-            M = M - self.change(t, q, rest, rest, F)[0][1]
+            M = M - self.change.force(t, q, rest, rest, F)[1]
         return M, G
 
     def _of_model(self, t: Array, q: Array) -> tuple[Array, Array]:
@@ -294,26 +318,33 @@ class Model:
             w = at.u[:, j : j + 3]
             J[:, j + 1, j + 2], J[:, j + 2, j], J[:, j, j + 1] = w[:, 0], w[:, 1], w[:, 2]
             J[:, j + 2, j + 1], J[:, j, j + 2], J[:, j + 1, j] = -w[:, 0], -w[:, 1], -w[:, 2]
-        here, one = self.at(at), np.ones((count, 1))
+        moved, sizes, one = [at], list[float](), np.ones((count, 1))
         for k, e in enumerate(np.eye(n)[:, None]):
             d = JACOBIAN_DIFFERENCE
+            speed = d * (1.0 + float(np.nanmax(np.abs(at.u[:, k]), initial=0.0)))
             q = self.moved(at.q, np.broadcast_to(e, at.u.shape), d * one)
-            J[:, n:, k] = (self.acceleration(at.t, q, at.u, at.F) - here) / d
-            d *= 1.0 + float(np.nanmax(np.abs(at.u[:, k]), initial=0.0))
-            J[:, n:, n + k] = (self.acceleration(at.t, at.q, at.u + d * e, at.F) - here) / d
+            moved += [Rows(at.t, q, at.u, at.F), Rows(at.t, at.q, at.u + speed * e, at.F)]
+            sizes += [d, speed]
+        here, *ends = self.at_each(moved)
+        for k, (end, d) in enumerate(zip(ends, sizes, strict=True)):
+            J[:, n:, k // 2 + n * (k % 2)] = (end - here) / d
         return J
 
 
-def _compliance(M: Array, G: Array) -> Array:
-    """Compliance C (T, n, n) of what constraints leave: M⁻¹ − M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹."""
-    inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
+def _constrained(M: Array, G: Array, force: Array) -> Array:
+    """Accelerations (T, n, k) by forces: M⁻¹F, without M⁻¹Gᵀ(G M⁻¹Gᵀ)⁻¹G M⁻¹F, which constraints take."""
     if not G.shape[1]:
-        return inverse
+        return np.asarray(np.linalg.solve(M, force))
+    inverse: Array = np.asarray(np.linalg.inv(M), dtype=np.float64)
     response = inverse @ G.transpose(0, 2, 1)
     # Redundant constraints leave G M⁻¹Gᵀ singular.
     multipliers = np.linalg.pinv(G @ response, rcond=1e-10)
-    return np.asarray(inverse - response @ multipliers @ response.transpose(0, 2, 1))
+    return np.asarray((inverse - response @ multipliers @ response.transpose(0, 2, 1)) @ force)
 
 
 JACOBIAN_DIFFERENCE = 1e-7
 """Length of one-sided differences of states of unit size: near √ε, where rounding and curvature balance."""
+
+AT_ONCE = 4096
+"""Rows up to which states are evaluated together: a call costs as much as some hundred rows, and longer
+columns leave the cache."""

@@ -52,8 +52,8 @@ class Innovations:
     def __call__(self, columns: Array) -> tuple[Array, float]:
         """L⁻¹ of columns (N, 2n, p), an array (N, d, p), and log det L; d is 2n, without speeds n."""
         inverse, below, scale, log_det = self._factor
-        y = self._without_speeds(columns) / scale[:, :, None]
-        r = inverse @ self._grouped(y)
+        y = self._without_speeds(columns)
+        r = inverse @ self._grouped(y, scale[:, :, None])
         # Forward substitution block by block, all columns at once; what is precomputed is of all blocks.
         carry, wide = inverse[1:] @ below[:-1], below.shape[2]
         for k in range(1, len(r)):
@@ -139,11 +139,12 @@ class Innovations:
         n = int(self.Phi.shape[1]) // 2
         return max(1, GROUP // (2 * n)) if self.speeds else max(2, GROUP // n)
 
-    def _grouped(self, x: Array) -> Array:
-        """Numbers (N, d, p) by blocks, zeros at the end."""
+    def _grouped(self, x: Array, scale: Array | float = 1.0) -> Array:
+        """Numbers (N, d, p) in units of a scale, by blocks; zeros at the end."""
         N, d, p = x.shape
-        whole = np.zeros((-(-N // self._group) * self._group, d, p))
-        whole[:N] = x
+        whole = np.empty((-(-N // self._group) * self._group, d, p))
+        np.divide(x, scale, out=whole[:N])
+        whole[N:] = 0.0
         return whole.reshape(-1, self._group * d, p)
 
     @cached_property

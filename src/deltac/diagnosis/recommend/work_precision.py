@@ -15,6 +15,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from deltac.arrays import EPS, Array
+from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
 from deltac.diagnosis.verdict import NOTHING
 from deltac.dynamics.equations_of_motion import equations_of_motion
@@ -331,8 +332,8 @@ class Trials:
         apart = partial(distance, self.mechanism, spans=spans)
         error = doubt = apart(run, finer(first))
         if first != check:
-            powers = math.log(first, check)
-            gain = seen_gain(error, apart(finer(check), finer(first)), powers) ** powers
+            rest = apart(finer(check), finer(first))
+            gain = first ** order_of((1.0, 1.0 / check, 1.0 / first), error - rest, rest)
             if gain >= piece.gain**ORDERLY:
                 doubt = error / (min(gain, piece.gain) - 1.0)
         for coarser, finest in itertools.pairwise(divisors):
@@ -435,21 +436,6 @@ def _energies(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
         return "the energies are not finite"
     scale = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
     return _Energies(float(np.abs(delta_c).max()), ledger.reference_energy, scale)
-
-
-def seen_gain(whole: float, rest: float, powers: float) -> float:
-    """By what factor γ an error falls at every division of the setting by the same number.
-
-    Of errors e, e/γ and e/γⁿ, n the `powers`, the differences to the last are known: e (1 − γ⁻ⁿ) is the
-    `whole`, e (γ⁻¹ − γ⁻ⁿ) the `rest`. 1 where nothing is gained.
-    """
-    if not whole or not rest:
-        return math.inf if whole else 1.0
-    ratio = whole / rest
-    gain = ratio
-    for _ in range(50):  # a contraction, from above
-        gain = max(ratio - (ratio - 1.0) * gain ** (1.0 - powers), 1.0)
-    return gain
 
 
 def _share(energy: float, reference_energy: float) -> float:

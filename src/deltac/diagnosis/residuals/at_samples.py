@@ -7,7 +7,7 @@ from one state to the next.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from deltac.arrays import EPS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.residuals.at_states import EquationTest, rms
 from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.diagnosis.residuals.states import natural_scales, some_rows, states_along
+from deltac.diagnosis.residuals.states import some_rows, states_along
 from deltac.diagnosis.verdict import Finding
 from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
@@ -25,7 +25,6 @@ from deltac.trajectories import Trajectory
 MOST_ROWS = 3000
 """Samples that are looked at, evenly over the log: enough for every statistic that is made of them."""
 
-PERTURBATIONS = 2
 CLEAR_OF_ROUNDING = 50.0
 """A residual this many times above what digits allow is no rounding: terms are sums of some tens
 of products."""
@@ -107,8 +106,7 @@ def run_residual(kane: Kane, run: Trajectory) -> RunResidual:
     test, udot = _tested(kane, run.take(rows))
     residual, rates = test.residual(udot), test.violation(udot)
     scale = test.typical(udot)
-    rng = np.random.default_rng(0)
-    moved = [_tested(kane, _moved(run, rows, rng)) for _ in range(PERTURBATIONS)]
+    rounded, moved = _tested(kane, within_digits(run, rows))
     return RunResidual(
         rows,
         test,
@@ -116,8 +114,8 @@ def run_residual(kane: Kane, run: Trajectory) -> RunResidual:
         residual,
         rates,
         scale,
-        rms(np.hstack([t.residual(a) - residual for t, a in moved])) + 4.0 * EPS * scale,
-        rms(np.hstack([t.violation(a) - rates for t, a in moved])),
+        rms(rounded.residual(moved) - residual) + 4.0 * EPS * scale,
+        rms(rounded.violation(moved) - rates),
     )
 
 
@@ -127,32 +125,29 @@ def _tested(kane: Kane, run: Trajectory) -> tuple[EquationTest, Array]:
     free = kane.mechanism.free.u
     forces = {name: force[:, free].T for name, force in run.forces.items()}
     states = states_along(kane, run, np.arange(len(run)))
-    test = EquationTest(kane, states, scales=natural_scales(kane), strict=False, forces=forces)
+    test = EquationTest(kane, states, strict=False, forces=forces)
     udot = run.udot[:, free].T - test.point.rest
     if kane.own is not None:  # else own speeds are the mechanism's
         udot = times(np.asarray(np.linalg.pinv(test.point.Y), dtype=float), udot)
     return test, udot
 
 
-def _moved(run: Trajectory, rows: NDArray[np.intp], rng: np.random.Generator) -> Trajectory:
+def within_digits(run: Trajectory, rows: NDArray[np.intp]) -> Trajectory:
     """Rows of a run, every number moved at random by up to half its last digit."""
-    digits, some = digits_of(run), run.take(rows)
+    rng, digits, some = np.random.default_rng(0), digits_of(run), run.take(rows)
+    places = LoggedForces.of(run).places
 
-    def moved(values: Array, name: str, places: Mapping[str, list[int]] | None = None) -> Array:
-        half = digits[name].half(rows)
-        change = rng.uniform(-1.0, 1.0, half.shape) * half
-        other = np.array(values)
-        other[:, slice(None) if places is None else places[name]] += change
+    def moved(values: Array, name: str, columns: Sequence[int] | slice = slice(None)) -> Array:
+        half, other = digits[name].half(rows), np.array(values)
+        other[:, columns] += rng.uniform(-1.0, 1.0, half.shape) * half
         return other
 
-    acting = {f"force {name}": places for name, places in LoggedForces.of(run).places.items()}
-    assert some.udot is not None
     return replace(
         some,
         q=moved(some.q, "q"),
         u=moved(some.u, "u"),
-        udot=moved(some.udot, "udot"),
-        forces={name: moved(f, f"force {name}", acting) for name, f in some.forces.items()},
+        udot=None if some.udot is None else moved(some.udot, "udot"),
+        forces={n: moved(f, f"force {n}", places[n]) for n, f in some.forces.items()},
     )
 
 

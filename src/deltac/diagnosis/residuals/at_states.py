@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import ASSEMBLED, SAME, TINY, Array
 from deltac.diagnosis.residuals.kane import Kane, StatePoint, times
-from deltac.diagnosis.residuals.states import Scales, States, natural_scales
+from deltac.diagnosis.residuals.states import States
 from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at, matrices
 from deltac.dynamics.independence import independence
 from deltac.dynamics.kkt import LeastSquares, least_squares
@@ -106,13 +106,12 @@ class EquationTest:
         mechanism: Mechanism | Kane,
         states: States,
         coordinates: CoordinateMap | None = None,
-        scales: Scales | None = None,
         *,
         p: ArrayLike = (),
         strict: bool = True,
         forces: Mapping[ChannelName, Array] | None = None,
     ) -> None:
-        """Evaluate all coefficients at the states (`scales`: natural ones, found if not given).
+        """Evaluate all coefficients at the states.
 
         `p` are the values of the parameters that `mechanism`, a `Kane`, keeps symbolic. `forces` of a run on
         the free speeds (nu, B), by channel, take the place of the model's own; those of prescribed joints and
@@ -122,7 +121,6 @@ class EquationTest:
         """
         kane = mechanism if isinstance(mechanism, Kane) else Kane(mechanism, coordinates)
         self.kane, self.states, self.speeds = kane, states, kane.speed_names
-        self.scales = natural_scales(kane) if scales is None else scales
         self.point: StatePoint = kane.point(states.t, states.q, states.u, p)
         motion_terms: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u, p)
         active = {
@@ -219,7 +217,7 @@ class EquationTest:
     @cached_property
     def _natural(self) -> Array:
         """Natural accelerations of the own speeds (n, B)."""
-        natural = np.linalg.norm(self.states.u, axis=0) * self.scales.rate
+        natural = np.linalg.norm(self.states.u, axis=0) * self.kane.scales.rate
         return np.broadcast_to(natural, self.states.u.shape)
 
     def typical(self, udot: Array) -> Array:

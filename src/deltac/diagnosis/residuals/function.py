@@ -36,17 +36,19 @@ NODES, ORDER = 9, 5
 STEP = 1e-6
 """Distance of these points, relative: hundreds of roundings even in single precision."""
 
-DIFFERENCED = 2e-3
-"""Turn or way (rad, m) between the configurations of differences of the mass matrix."""
+DIFFERENCED = EPS ** (1 / 9)
+"""Turn or way (rad, m) between the configurations of differences of the mass matrix: where what the order
+leaves, h⁸, is as large as rounding, EPS/h."""
 
 EIGHTH = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 """Weights of the central difference of order eight (B. Fornberg, Math. Comp. 51 (1988) 699-706)."""
 
-MOST_ORDERED = 5
-"""Coordinates whose orders are all tried."""
-
 ROUGH = 1024 * EPS
 """Noise above this (relative) is no rounding of double precision: differences or float32 are behind it."""
+
+MOST_HYPOTHESES = 600
+"""Hypotheses of a kind (orders, coordinates, one parameter, two exchanged) that are tried, the likeliest
+first."""
 
 
 @dataclass(eq=False)
@@ -108,7 +110,7 @@ class Caller:
             return whole == (len(rates), len(accelerations))
 
         nq, nu = len(rates), len(accelerations)
-        if nq != nu or nq > MOST_ORDERED or right(self.form):
+        if nq != nu or factorial(nq) > MOST_HYPOTHESES or right(self.form):
             return
         units = {entry.name: entry.unit for entry in self.kane.mechanism.coordinates}
         of = [units.get(name, "") for name in self.kane.told_names]
@@ -327,7 +329,7 @@ def noise(caller: Caller, test: EquationTest, scales: Array, among: int) -> Arra
         states.coordinates,
         states.speeds,
     )
-    residual = EquationTest(kane, line, scales=test.scales, strict=False).residual(caller(line))
+    residual = EquationTest(kane, line, strict=False).residual(caller(line))
     values = residual.reshape(len(residual), NODES, count)
     differences = np.diff(values, ORDER, axis=1)
     gain = factorial(ORDER) ** 2 / factorial(2 * ORDER)

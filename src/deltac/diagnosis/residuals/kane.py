@@ -24,6 +24,7 @@ from deltac.dynamics.equations_of_motion import (
     equations_of_motion,
     evaluate_at,
     matrices,
+    quaternions,
 )
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System
@@ -46,6 +47,30 @@ class StatePoint:
     u: Array
     Y: Array
     rest: Array
+
+
+WINDOW = (0.0, 10.0)
+"""Times (s) that are drawn from, for laws that depend on time."""
+
+LIGHT = 1e-2
+"""The least share of the whole mass that an inertia's radius of gyration is taken with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """Natural scales: `length` (m) and `rate` (1/s); `lever` (n,) is the length for speeds in m/s, else 1.
+
+    A motion u = lever·rate has inertia forces of the size of the forces that act at rest.
+    """
+
+    length: float
+    rate: float
+    lever: Array
+
+    @property
+    def speed(self) -> Array:
+        """A natural speed for each free speed (n,), m/s or rad/s."""
+        return self.lever * self.rate
 
 
 class Kane:
@@ -75,6 +100,11 @@ class Kane:
             if self.coordinates is None
             else trace_map(self.system, self.coordinates, self.rows)
         )
+
+    @cached_property
+    def scales(self) -> Scales:
+        """The length and the rate at which the mechanism's own forces move it."""
+        return _natural_scales(self)
 
     @cached_property
     def coordinate_names(self) -> tuple[str, ...]:
@@ -217,6 +247,56 @@ class Kane:
         # By orthogonal factors: the symbols' normal equations lose half of the digits.
         back: Array = np.asarray(np.linalg.pinv(matrices(slopes[0], len(rates), len(own_q))))
         return times(back, rates)
+
+
+def _natural_scales(kane: Kane) -> Scales:
+    """The length and the rate at which a mechanism's own forces move it (see `Scales`)."""
+    length = _length(kane.mechanism)
+    units = [kane.mechanism.speeds[int(k)].unit for k in kane.mechanism.free.u]
+    lever = np.array([length if unit == "m/s" else 1.0 for unit in units])
+    rng = np.random.default_rng(0)
+    t = rng.uniform(*WINDOW, 32)
+    q = any_coordinates(kane.mechanism, length, rng, 32)
+    at_rest = kane.motion.terms(t, q, np.zeros((len(lever), 32)))
+    force = np.abs(at_rest.force - at_rest.bias)
+    inertia = np.einsum("bij,i,j->b", np.abs(at_rest.M), lever, lever)
+    energy = lever @ force
+    usable = np.isfinite(energy) & np.isfinite(inertia) & (inertia > 0.0)
+    ratio = energy[usable] / inertia[usable]
+    rate = float(np.sqrt(np.median(ratio))) if usable.any() else 0.0
+    return Scales(length, rate if rate > 1e-6 else 1.0, lever)
+
+
+def _length(mechanism: Mechanism) -> float:
+    """The largest length (m) among joint placements, mass centres and radii of gyration; 1 if none.
+
+    An inertia with next to no mass has no such radius: it is taken with a share of the whole mass.
+    """
+    number = mechanism.number
+    light = LIGHT * sum(number(body.mass) for body in mechanism.bodies if not body.massless)
+    lengths = [0.0]
+    for joint in mechanism.joints:
+        for place in (joint.position, joint.child_position):
+            lengths.append(float(np.linalg.norm([number(x) for x in place])))
+    for body in mechanism.bodies:
+        lengths.append(float(np.linalg.norm([number(x) for x in body.mass_centre])))
+        if not body.massless:
+            trace = sum(number(body.inertia[k][k]) for k in range(3))
+            lengths.append(float(np.sqrt(trace / (2.0 * max(number(body.mass), light)))))
+    return max(lengths) or 1.0
+
+
+def any_coordinates(
+    mechanism: Mechanism, length: float, rng: np.random.Generator, count: int
+) -> Array:
+    """Free coordinates (nq, count) without regard to constraints."""
+    entries = [mechanism.coordinates[int(k)] for k in mechanism.free.q]
+    reach = np.array([length if entry.unit == "m" else np.pi for entry in entries])
+    q = reach[:, None] * rng.uniform(-1.0, 1.0, (len(entries), count))
+    for place in quaternions(mechanism):
+        turn = rng.standard_normal((4, count))
+        q[place] = turn / np.linalg.norm(turn, axis=0)
+    return q
 
 
 def times(A: Array, x: Array) -> Array:

@@ -10,11 +10,11 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ASSEMBLED, SAME, Array
+from deltac.arrays import ASSEMBLED, ROOT_EPS, ROUNDED, SAME, Array
 from deltac.calls.arguments import checked
-from deltac.diagnosis.residuals.kane import Kane, times
+from deltac.diagnosis.residuals.kane import WINDOW, Kane, any_coordinates, times
 from deltac.dynamics.admissible import NEWTON_STEPS, onto_positions, onto_speeds
-from deltac.dynamics.equations_of_motion import evaluate_at, matrices, quaternions
+from deltac.dynamics.equations_of_motion import evaluate_at, matrices
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.singular_inertia import singular_inertia
 from deltac.dynamics.spatial import SX
@@ -28,9 +28,6 @@ from deltac.mechanism.shapes import Box, Capsule, Shape, Sphere
 from deltac.models import ModelLike, load_model
 from deltac.trajectories import Trajectory
 
-WINDOW = (0.0, 10.0)
-"""Times (s) that are drawn from, for laws that depend on time."""
-
 SPREAD = 3.0
 """Speeds are this many times slower to this many times faster than the natural ones; so are slips than the
 speeds at which friction changes, where tanh differs from a step."""
@@ -41,9 +38,6 @@ ROUNDS, HOPELESS = 40, 4
 TRIAL_STATES = 12
 """States at which a hypothesis is tried, or a way to call a function."""
 
-LIGHT = 1e-2
-"""The least share of the whole mass that an inertia's radius of gyration is taken with."""
-
 WELL_CONDITIONED = 1e-2
 """Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map; a path on
 which the loops and own coordinates have one may change sides."""
@@ -53,12 +47,6 @@ PATH_STEPS, PATH_NEWTON = 48, 4
 
 ON_PATH, PATH = 1e-13, 1e-4
 """Violation at which Newton's steps end, and at which a place on the way has been reached (m, rad)."""
-
-REGULAR = 1e-11
-"""A mass matrix with a smaller eigenvalue than this, scaled to a diagonal of ones, is singular."""
-
-FARTHEST = 1e6
-"""No coordinate or speed of an admissible state is larger than this, in its natural scale."""
 
 
 @checked
@@ -94,23 +82,6 @@ class States:
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Scales:
-    """Natural scales: `length` (m) and `rate` (1/s); `lever` (n,) is the length for speeds in m/s, else 1.
-
-    A motion u = lever·rate has inertia forces of the size of the forces that act at rest.
-    """
-
-    length: float
-    rate: float
-    lever: Array
-
-    @property
-    def speed(self) -> Array:
-        """A natural speed for each free speed (n,), m/s or rad/s."""
-        return self.lever * self.rate
-
-
 @checked
 def random_states(
     model: ModelLike,
@@ -133,12 +104,10 @@ def random_states(
     """
     loaded = load_model(model)
     kane = Kane(loaded.mechanism, coordinates, loaded.first)
-    return draw(kane, natural_scales(kane), count=count, seed=seed, window=window)
+    return draw(kane, count=count, seed=seed, window=window)
 
 
-def draw(
-    kane: Kane, scales: Scales, *, count: int, seed: int, window: tuple[float, float] = WINDOW
-) -> States:
+def draw(kane: Kane, *, count: int, seed: int, window: tuple[float, float] = WINDOW) -> States:
     """`random_states` of a mechanism that is written out already."""
     if count < 1:
         raise InputError(f"count is {count}; expected one state or more")
@@ -153,7 +122,7 @@ def draw(
         total = sum(map(len, batches))
         if total >= count or (done >= HOPELESS and not total):
             break
-        batches.append(_draw_once(kane, scales, rng, count, window))
+        batches.append(_draw_once(kane, rng, count, window))
     total = sum(map(len, batches))
     if total < count:
         raise StateError(
@@ -255,68 +224,17 @@ def some_rows(run: Sized, most: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, len(run) - 1, min(len(run), most)).astype(np.intp))
 
 
-def natural_scales(kane: Kane) -> Scales:
-    """The length and the rate at which a mechanism's own forces move it (see `Scales`)."""
-    length = _length(kane.mechanism)
-    units = [kane.mechanism.speeds[int(k)].unit for k in kane.mechanism.free.u]
-    lever = np.array([length if unit == "m/s" else 1.0 for unit in units])
-    rng = np.random.default_rng(0)
-    t = rng.uniform(*WINDOW, 32)
-    q = _any_coordinates(kane.mechanism, length, rng, 32)
-    at_rest = kane.motion.terms(t, q, np.zeros((len(lever), 32)))
-    force = np.abs(at_rest.force - at_rest.bias)
-    inertia = np.einsum("bij,i,j->b", np.abs(at_rest.M), lever, lever)
-    energy = lever @ force
-    usable = np.isfinite(energy) & np.isfinite(inertia) & (inertia > 0.0)
-    ratio = energy[usable] / inertia[usable]
-    rate = float(np.sqrt(np.median(ratio))) if usable.any() else 0.0
-    return Scales(length, rate if rate > 1e-6 else 1.0, lever)
-
-
-def _length(mechanism: Mechanism) -> float:
-    """The largest length (m) among joint placements, mass centres and radii of gyration; 1 if none.
-
-    An inertia with next to no mass has no such radius: it is taken with a share of the whole mass.
-    """
-    number = mechanism.number
-    light = LIGHT * sum(number(body.mass) for body in mechanism.bodies if not body.massless)
-    lengths = [0.0]
-    for joint in mechanism.joints:
-        for place in (joint.position, joint.child_position):
-            lengths.append(float(np.linalg.norm([number(x) for x in place])))
-    for body in mechanism.bodies:
-        lengths.append(float(np.linalg.norm([number(x) for x in body.mass_centre])))
-        if not body.massless:
-            trace = sum(number(body.inertia[k][k]) for k in range(3))
-            lengths.append(float(np.sqrt(trace / (2.0 * max(number(body.mass), light)))))
-    return max(lengths) or 1.0
-
-
-def _any_coordinates(
-    mechanism: Mechanism, length: float, rng: np.random.Generator, count: int
-) -> Array:
-    """Free coordinates (nq, count) without regard to constraints."""
-    entries = [mechanism.coordinates[int(k)] for k in mechanism.free.q]
-    reach = np.array([length if entry.unit == "m" else np.pi for entry in entries])
-    q = reach[:, None] * rng.uniform(-1.0, 1.0, (len(entries), count))
-    for place in quaternions(mechanism):
-        turn = rng.standard_normal((4, count))
-        q[place] = turn / np.linalg.norm(turn, axis=0)
-    return q
-
-
 def _draw_once(
     kane: Kane,
-    scales: Scales,
     rng: np.random.Generator,
     count: int,
     window: tuple[float, float],
 ) -> States:
     """Up to `count` admissible states."""
     t = rng.uniform(*window, count)
-    q = _any_coordinates(kane.mechanism, scales.length, rng, count)
+    q = any_coordinates(kane.mechanism, kane.scales.length, rng, count)
     pace = SPREAD ** rng.uniform(-1.0, 1.0, count)
-    u = scales.speed[:, None] * pace * rng.standard_normal((len(scales.lever), count))
+    u = kane.scales.speed[:, None] * pace * rng.standard_normal((len(kane.scales.lever), count))
     own_q = None if kane.own is not None and kane.own.inverse is None else q
     assembled = np.ones(count, dtype=bool)
     with np.errstate(all="ignore"):
@@ -333,8 +251,8 @@ def _draw_once(
                 y, _ = kane.told(t, q, np.zeros((len(kane.speed_names), count)))
                 own_q, assembled = assembled_at(kane, t, y)
         own_u, regular = own_speeds(kane, t, own_q, u)
-        good = regular & assembled & admissible(kane, scales, t, own_q, own_u)
-    return States(t, own_q, own_u, kane.coordinate_names, kane.speed_names).take(good)
+        states = States(t, own_q, own_u, kane.coordinate_names, kane.speed_names)
+        return states.take(regular & assembled & admissible(kane, states))
 
 
 def own_speeds(kane: Kane, t: Array, own_q: Array, u: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -356,11 +274,9 @@ def own_speeds(kane: Kane, t: Array, own_q: Array, u: Array) -> tuple[Array, NDA
     return own_u, finite & (values[:, -1] > WELL_CONDITIONED * values[:, 0])
 
 
-def admissible(
-    kane: Kane, scales: Scales, t: Array, own_q: Array, own_u: Array
-) -> NDArray[np.bool_]:
+def admissible(kane: Kane, states: States) -> NDArray[np.bool_]:
     """Which states are finite and regular, and meet all constraints (B,)."""
-    point = kane.point(t, own_q, own_u)
+    t, point = states.t, kane.point(states.t, states.q, states.u)
     terms = kane.motion.terms(t, point.q, point.u)
     everything = [point.q, point.u, point.rest, terms.bias, terms.force, terms.gamma]
     good = np.logical_and.reduce([np.isfinite(x).all(axis=0) for x in everything])
@@ -369,7 +285,6 @@ def admissible(
     if len(t) > 1 and not regular.any() and (error := singular_inertia(kane.mechanism, terms.M)):
         raise error
     good &= regular
-    good &= (np.abs(point.u) < FARTHEST * scales.speed[:, None]).all(axis=0)
     good &= np.abs(terms.phi).max(axis=0, initial=0.0) < ASSEMBLED
     speed = np.maximum(1.0, np.abs(point.u).max(axis=0, initial=0.0))
     good &= np.abs(terms.psi).max(axis=0, initial=0.0) < ASSEMBLED * speed
@@ -377,7 +292,7 @@ def admissible(
 
 
 def _regular(M: Array) -> NDArray[np.bool_]:
-    """Which mass matrices (B, n, n) are positive definite by a margin, whatever the units of the speeds."""
+    """Which mass matrices (B, n, n) are positive definite beyond rounding, in any units of the speeds."""
     diagonal = np.einsum("bii->bi", M)
     good: NDArray[np.bool_] = np.asarray(
         np.isfinite(M).all(axis=(1, 2)) & (diagonal > 0.0).all(axis=1)
@@ -385,7 +300,7 @@ def _regular(M: Array) -> NDArray[np.bool_]:
     if good.any():
         size = np.sqrt(diagonal[good])
         scaled = M[good] / (size[:, :, None] * size[:, None, :])
-        good[good] = np.linalg.eigvalsh(scaled)[:, :1].min(axis=1, initial=1.0) > REGULAR
+        good[good] = np.linalg.eigvalsh(scaled)[:, :1].min(axis=1, initial=1.0) > ROUNDED
     return good
 
 
@@ -394,20 +309,14 @@ def _regular(M: Array) -> NDArray[np.bool_]:
 # zero, and small shapes seldom meet in them. So some states are drawn for each of these elements;
 # where that fails, the check says what it has not seen.
 
-EACH = 6
-"""States that are drawn for each scale of each element."""
-
-CANDIDATES = 4 * EACH
-"""States that are tried for it."""
+EACH = TRIAL_STATES // 2
+"""States that are drawn for each scale of each element, of four times as many candidates."""
 
 COVERED = (0.2, 4.0)
 """A slip speed in this range of a scale counts as about it."""
 
 OTHERS = 30.0
 """All other motion is slowed to this many times the slip: a small difference of large speeds is rounding."""
-
-LEAST_SLIP = 1e5
-"""A slip this many times smaller than the speeds it is the difference of is not used."""
 
 DEPTH = 0.1
 """Overlap, as a share of the smallest dimension of two shapes, down to which states are drawn."""
@@ -496,12 +405,12 @@ def _depth(mechanism: Mechanism, element: Contact) -> float:
 # --- states ------------------------------------------------------------------------------------------
 
 
-def close_states(kane: Kane, scales: Scales, where: tuple[Place, ...], seed: int) -> States | None:
+def close_states(kane: Kane, where: tuple[Place, ...], seed: int) -> States | None:
     """Admissible states of slow slip and small overlap, some for each place and scale; None if none."""
     if not where:
         return None
     try:
-        base = draw(kane, scales, count=CANDIDATES, seed=seed)
+        base = draw(kane, count=4 * EACH, seed=seed)
     except InputError:
         return None
     rng = np.random.default_rng(seed)
@@ -517,7 +426,7 @@ def close_states(kane: Kane, scales: Scales, where: tuple[Place, ...], seed: int
                 states = _sliding(place, states, speed * SPREAD ** rng.uniform(-1, 1, len(states)))
             if len(states):
                 with np.errstate(all="ignore"):
-                    good = admissible(kane, scales, states.t, states.q, states.u)
+                    good = admissible(kane, states)
                     good &= _about(place, states, speed)
                 batches.append(states.take(np.flatnonzero(good)[:share]))
     return joined(batches) if any(map(len, batches)) else None
@@ -593,7 +502,8 @@ def _about(place: Place, states: States, speed: float | None) -> NDArray[np.bool
         return touching
     size = np.linalg.norm(slip, axis=0)
     slow = (COVERED[0] * speed <= size) & (size <= COVERED[1] * speed)
-    return np.asarray(touching & slow & (_parts(slope, point.u) < LEAST_SLIP * size))
+    # Of the digits of a difference of larger speeds, half are to be left.
+    return np.asarray(touching & slow & (ROOT_EPS * _parts(slope, point.u) < size))
 
 
 # --- what was not seen -------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from deltac.arrays import Array, medians
+from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError
 
@@ -24,30 +24,17 @@ Trend = Literal[
 ]
 
 CLEAR = 4.0
-"""A curve, or a difference of two, counts from so many floors (rounding, quadrature) on."""
-
-WELL_CLEAR = 30.0
-"""An order is taken where rounding is less than a thirtieth: it is then off by 0.05 at most."""
-
-SAFETY = 1.25
-"""Roache's factor on the extrapolated correction, for its uncertainty with three or more steps."""
-
-SURE_LIMIT = 10.0
-"""A limit counts as not zero from so many of its uncertainties on."""
+"""A curve, a difference of two, or a limit counts from so many of its uncertainties (rounding, quadrature,
+terms of higher order) on."""
 
 LEAST_ORDER = 0.5
 """What falls more slowly with the step is not seen to fall: non-smooth motions show 0.5 to 1."""
 
-AGREE = 0.1
-"""Orders at neighbouring steps that differ by less are averaged: the digits of the data limit them."""
-
 UNVERIFIED = 0.05
 """Share of an order by which it may be off where no neighbouring steps confirm it: terms of higher order."""
 
-EARLY = 8
-"""The first so many parts of the time tell truncation from rounding, before either is amplified."""
-
-LARGEST_ORDER = 20.0
+EARLY = 32
+"""The first of so many parts of the time tells truncation from rounding, before either is amplified."""
 
 
 @dataclass(frozen=True)
@@ -128,88 +115,61 @@ def observed_order(
 def towards_zero(h: Array, y: Array, floors: Array) -> Convergence:
     """Convergence of curves (n, T) that are zero when all is right."""
     sizes = np.abs(y).max(axis=1)
-    return _told(_to_zero(h, y, sizes, floors), sizes, floors)
+    return _with_sizes(_to_zero(h, y, sizes, floors), sizes, floors)
 
 
 def _to_zero(h: Array, y: Array, sizes: Array, floors: Array) -> Convergence:
-    clear = sizes / CLEAR > floors
+    clear = sizes > CLEAR * floors
     if not clear.any():
         return Convergence("at its floor", limit=0.0, limit_error=float(floors.min()))
-    if len(h) == 1:
-        return Convergence("one run")
     # Quadrature on coarse samples may be worse than the motion; finer samples mend that.
     first = int(np.argmax(clear))
     h, y, sizes, floors = (x[first:] for x in (h, y, sizes, floors))
     clear = clear[first:]
-    count = len(h) if clear.all() else int(np.argmin(clear))
+    if len(h) == 1:
+        return Convergence("does not settle" if first else "one run")
     limit, limit_error, three = _limit(h, y, floors)
-    if three is not None and abs(limit) > SURE_LIMIT * limit_error:
-        return Convergence(
-            "tends to a limit", *three, limit, limit_error, tuple(map(float, h[-3:]))
-        )
-    pairs = [
-        (i, _estimates(h[i : i + 2], y[i : i + 2])) for i in range(len(h) - 1) if i + 1 < count
-    ]
-    if not pairs:
-        # All finer runs are at the floor: they fell as far as can be seen.
-        falls = count < len(h)
-        rate = _pair_order(h[count - 1 : count + 1], sizes[count - 1 : count + 1]) if falls else 0.0
-        trend: Trend = "falls to zero" if rate >= LEAST_ORDER else "does not settle"
+    if limit > CLEAR * limit_error:
+        steps = tuple(map(float, h[-3:]))
+        return Convergence("tends to a limit", *three, limit, limit_error, steps)
+    # The finest pair that is clear; where only one run is, the next one shows whether it fell to its floor.
+    count = len(h) if clear.all() else int(np.argmin(clear))
+    orders = [_orders(h[i : i + 2], *np.abs(y[i : i + 2])) for i in range(max(count - 1, 1))]
+    falls = max(orders[-1]) >= LEAST_ORDER
+    trend: Trend = "falls to zero" if falls else "does not settle"
+    if count < 2 or not falls:
         return Convergence(trend, limit=limit, limit_error=limit_error)
-    well_clear = [pair for pair in pairs if sizes[pair[0] + 1] > WELL_CLEAR * floors[pair[0] + 1]]
-    last, estimates = (well_clear or pairs)[-1]
-    falling = float(medians(np.array(pairs[-1][1]))) >= LEAST_ORDER
-    order, error = _with_neighbours(last, estimates, pairs, of_maximum=True)
-    certain = falling and order > 0.0
-    return Convergence(
-        "falls to zero" if falling else "does not settle",
-        order if certain else None,
-        error if certain else None,
-        limit,
-        limit_error,
-        (float(h[last]), float(h[last + 1])),
-    )
+    steps = tuple(map(float, h[count - 2 : count]))
+    order = _with_error(orders, float(floors[count - 1] / sizes[count - 1]))
+    return Convergence(trend, *order, limit, limit_error, steps)
 
 
 def between_runs(h: Array, x: Array, floors: Array) -> Convergence:
     """Convergence of states x (n, T, m) to a limit that is not known, by differences of successive runs."""
-    steps = np.diff(x, axis=0)
-    rms = np.sqrt(np.mean(steps**2, axis=2))  # (n - 1, T)
-    sizes = rms.max(axis=1) if len(rms) else np.zeros(0)
-    return _told(_to_a_limit(h, steps, rms, sizes, floors), sizes, floors)
+    rms = np.sqrt(np.mean(np.diff(x, axis=0) ** 2, axis=2))  # (n - 1, T)
+    return _with_sizes(_to_a_limit(h, rms, floors), rms.max(axis=1, initial=0.0), floors)
 
 
-def _to_a_limit(h: Array, steps: Array, rms: Array, sizes: Array, floors: Array) -> Convergence:
+def _to_a_limit(h: Array, rms: Array, floors: Array) -> Convergence:
     if len(h) == 1:
         return Convergence("one run")
     # A motion may amplify rounding as it amplifies truncation: they are told apart by how they begin.
-    early = rms[:, : max(2, rms.shape[1] // EARLY)].max(axis=1) if len(rms) else sizes
-    clear = early > WELL_CLEAR * floors[1:]
-    if not clear.any():
+    early = rms[:, : max(2, rms.shape[1] // EARLY)].max(axis=1)
+    clear = early > CLEAR * floors[1:]
+    triples = [i for i in range(len(h) - 2) if clear[i] and clear[i + 1]]
+    if not triples and not clear[-1]:
         return Convergence("at its floor", limit_error=float(floors.min()))
-    triples = []
-    for i in range(len(h) - 2):
-        if clear[i] and clear[i + 1]:
-            orders = _difference_orders(h[i : i + 3], rms[i], rms[i + 1])
-            if orders:
-                triples.append((i, orders))
     if not triples:
-        if clear[-1]:
-            return Convergence("does not settle" if len(h) > 2 else "two runs")
-        return Convergence("at its floor", limit_error=float(floors.min()))
-    first, estimates = triples[-1]
-    order, error = _with_neighbours(first, estimates, triples)
-    trend: Trend = "tends to a limit" if order >= LEAST_ORDER else "does not settle"
-    settles = trend == "tends to a limit"
-    return Convergence(
-        trend,
-        order if settles else None,
-        error if settles else None,
-        steps=tuple(float(s) for s in h[first : first + 3]),
-    )
+        return Convergence("does not settle" if len(h) > 2 else "two runs")
+    orders = [_orders(h[i : i + 3], rms[i], rms[i + 1]) for i in triples]
+    if orders[-1][0] < LEAST_ORDER:
+        return Convergence("does not settle")
+    last = triples[-1]
+    order = _with_error(orders, float(floors[last + 2] / early[last + 1]))
+    return Convergence("tends to a limit", *order, steps=tuple(map(float, h[last : last + 3])))
 
 
-def _told(convergence: Convergence, sizes: Array, floors: Array) -> Convergence:
+def _with_sizes(convergence: Convergence, sizes: Array, floors: Array) -> Convergence:
     return replace(convergence, sizes=tuple(map(float, sizes)), floors=tuple(map(float, floors)))
 
 
@@ -218,112 +178,63 @@ def _told(convergence: Convergence, sizes: Array, floors: Array) -> Convergence:
 
 def _limit(
     h: Array, y: Array, floors: Array
-) -> tuple[float, float, tuple[float | None, float | None] | None]:
-    """Largest |L| and its uncertainty; with (order, error) where the last three runs tell.
+) -> tuple[float, float, tuple[float | None, float | None]]:
+    """Largest |L| of the last three runs and its uncertainty; the order at which they tend to it, if any.
 
-    The uncertainty takes the correction that first order would ask for, where the observed order is
-    higher: an order that was hit by chance must not make a limit certain.
+    The uncertainty is the correction that first order would ask for, where the observed order is higher: an
+    order that was hit by chance must not make a limit certain. Curves that differ at no order, or by rounding
+    alone, are the limit themselves, as far as that goes.
     """
-    size = float(np.abs(y[-1]).max())
     if len(h) < 3:
-        return size, math.inf, None
-    coarse, fine = y[-3] - y[-2], y[-2] - y[-1]
-    largest = float(np.abs(fine).max())
-    noise = float(floors[-2:].max())
-    if largest <= CLEAR * noise and size > CLEAR * noise:
-        # The curves coincide as far as can be seen.
-        return size, SAFETY * max(largest, CLEAR * noise), (None, None)
-    estimates = _difference_orders(h[-3:], np.abs(coarse), np.abs(fine))
-    order, error = _centre(estimates) if estimates else (0.0, 0.0)
-    if order < LEAST_ORDER:
-        # They differ at no order that could be told: as far as that goes, they are the limit themselves.
-        largest = max(largest, float(np.abs(coarse).max()))
-        slowly = _weight(h[-2], h[-1], LEAST_ORDER)
-        return size, SAFETY * slowly * largest + noise, (None, None)
-    extrapolated = y[-1] - _weight(h[-2], h[-1], order) * fine
-    careful = _weight(h[-2], h[-1], min(order, 1.0))
-    uncertainty = SAFETY * careful * largest + noise
-    return float(np.abs(extrapolated).max()), uncertainty, (order, error)
+        return float(np.abs(y[-1]).max()), math.inf, (None, None)
+    coarse, fine = np.abs(np.diff(y[-3:], axis=0))
+    noise, largest = float(floors[-2:].max()), float(fine.max())
+    orders = [_orders(h[-3:], coarse, fine)]
+    settles = largest > CLEAR * noise and orders[0][0] >= LEAST_ORDER
+    if not settles and largest > CLEAR * noise:
+        largest = max(largest, float(coarse.max()))
+    slowest = min(orders[0][0], 1.0) if settles else LEAST_ORDER
+    uncertainty = _weight(h, slowest) * largest + noise
+    correction = _weight(h, orders[0][0]) * (y[-2] - y[-1]) if settles else 0.0
+    order = _with_error(orders, noise / largest) if settles else (None, None)
+    return float(np.abs(y[-1] - correction).max()), uncertainty, order
 
 
-def _weight(coarse: float, fine: float, order: float) -> float:
+def _weight(h: Array, order: float) -> float:
     """Richardson's: L = y_fine − weight (y_coarse − y_fine)."""
-    ratio = (coarse / fine) ** order
-    return float(1.0 / (ratio - 1.0))
+    return float(1.0 / ((h[-2] / h[-1]) ** order - 1.0))
 
 
-def _estimates(h: Array, y: Array) -> list[float]:
-    """Orders of a pair of curves (2, T) that fall to zero: by maximum and mean square."""
-    return [_pair_order(h, np.array(pair)) for pair in _measures(np.abs(y[0]), np.abs(y[1]))]
+def _orders(h: Array, coarse: Array, fine: Array) -> tuple[float, float]:
+    """The order at which curves (T,) fall, by maximum and by mean square."""
+    squares = (float(np.sqrt(np.mean(x**2))) for x in (coarse, fine))
+    return order_of(h, float(coarse.max()), float(fine.max())), order_of(h, *squares)
 
 
-def _pair_order(h: Array, sizes: Array) -> float:
-    return float(np.log(sizes[0] / sizes[1]) / np.log(h[0] / h[1])) if sizes[1] > 0.0 else math.inf
+def order_of(h: Array | Sequence[float], coarse: float, fine: float) -> float:
+    """The order r of errors C hʳ at two steps, or of their differences at three; 0 where they do not fall.
 
-
-def _difference_orders(h: Array, coarse: Array, fine: Array) -> list[float]:
-    """Orders by which two successive differences (T,) of three runs fall."""
-    orders = [_richardson_order(h, a / b) for a, b in _measures(coarse, fine)]
-    return [r for r in orders if r is not None]
-
-
-def _measures(a: Array, b: Array) -> list[tuple[float, float]]:
-    """Sizes of two curves, largest and in the mean; only where both are there."""
-    pairs = [(float(a.max()), float(b.max())), (_rms(a), _rms(b))]
-    return [(p, q) for p, q in pairs if p > 0.0 and q > 0.0]
-
-
-def _rms(values: Array) -> float:
-    top = float(np.abs(values).max(initial=0.0))
-    return top * float(np.sqrt(np.mean((values / top) ** 2))) if top > 0.0 else 0.0
-
-
-def _richardson_order(h: Array, ratio: float) -> float | None:
-    """The r with (h0ʳ − h1ʳ) / (h1ʳ − h2ʳ) = ratio, by bisection; it grows with r.
-
-    None where there is none between 0 and `LARGEST_ORDER`.
+    Of differences, r = ln(1 + ratio (1 − e^(−r b)))/a, with a and b the logarithms of the steps' ratios: a
+    contraction, from above.
     """
-    a, b = math.log(h[0] / h[1]), math.log(h[1] / h[2])
-
-    def excess(r: float) -> float:
-        return math.expm1(r * a) / -math.expm1(-r * b) - ratio
-
-    low, high = 1e-9, LARGEST_ORDER
-    if excess(low) > 0.0:
-        return 0.0  # the differences do not fall
-    if excess(high) < 0.0:
-        return None
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
-    return round(0.5 * (low + high), 12)
+    if not min(coarse, fine) > 0.0:
+        return math.inf if coarse > 0.0 else 0.0
+    a, ratio = math.log(h[0] / h[1]), coarse / fine
+    if len(h) < 3:
+        return round(math.log(ratio) / a, 12)
+    b, order = math.log(h[1] / h[2]), math.log1p(ratio) / a
+    for _ in range(200):
+        order = math.log1p(-ratio * math.expm1(-order * b)) / a
+    return round(order, 12)
 
 
-def _centre(estimates: Sequence[float], *, of_maximum: bool = False) -> tuple[float, float]:
-    """Median, or the order of the maximum, and half of the spread; of what is not finite there is none."""
-    if of_maximum and math.isfinite(estimates[0]):
-        _, spread = _centre(estimates)
-        return round(estimates[0], 12), spread
-    finite = [x for x in estimates if math.isfinite(x)]
-    if len(finite) < len(estimates):
-        return round(float(medians(np.array(finite or [0.0]))), 12), math.inf
-    return round(float(medians(np.array(estimates))), 12), 0.5 * float(np.ptp(estimates))
+def _with_error(orders: Sequence[tuple[float, float]], blur: float) -> tuple[float, float]:
+    """The order of the finest steps by maximum, and its error.
 
-
-def _with_neighbours(
-    chosen: int,
-    estimates: Sequence[float],
-    pairs: Sequence[tuple[int, list[float]]],
-    *,
-    of_maximum: bool = False,
-) -> tuple[float, float]:
-    """Order and error with what the next coarser steps say: their mean where they agree."""
-    order, error = _centre(estimates, of_maximum=of_maximum)
-    coarser = [_centre(e, of_maximum=of_maximum)[0] for i, e in pairs if i == chosen - 1]
-    if not coarser:
-        error = max(error, UNVERIFIED * abs(order))
-    for other in coarser:
-        error = max(error, 0.5 * abs(order - other))
-        if abs(order - other) <= AGREE:
-            order = round(0.5 * (order + other), 12)
-    return order, error
+    Half of the spread by maximum, by mean square, and at the next coarser steps; where there are none, terms
+    of higher order may be in it. And `blur`, what else there is of the finest errors, as a share.
+    """
+    order, squares = orders[-1]
+    if len(orders) < 2:
+        return order, blur + max(0.5 * abs(order - squares), UNVERIFIED * order)
+    return order, blur + 0.5 * max(abs(order - squares), abs(order - orders[-2][0]))

@@ -9,7 +9,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import SAME, Array
+from deltac.arrays import EPS, SAME, Array
+from deltac.diagnosis.study.convergence import Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
@@ -19,10 +20,8 @@ from deltac.trajectories import Trajectory
 Rows: TypeAlias = NDArray[np.intp]
 
 PARTED = 0.1
-"""Scaled difference of two motions from which on they are two motions."""
-
-CLOSE = 0.1 * PARTED
-"""Scaled difference up to which two motions are close: what parts them grows in proportion."""
+"""Scaled difference of two motions from which on they are two; a tenth of it is close: what parts motions
+grows in proportion up to there."""
 
 FEWEST = 8
 """Common times below which curves are not compared over time."""
@@ -36,16 +35,18 @@ class ComparedRuns:
         t: common times (T,).
         rows: of each run, which rows these are.
         states: scaled coordinates and speeds (n, T, m): of one unit and kind, the largest range is 1.
-        horizon: the time up to which runs with successive steps stay together.
-        together: for each pair of successive runs, the time up to which they do.
-        close: likewise the time up to which the three finest are close.
+        steps: of the runs (n,), s or tolerances, the coarsest first.
+        horizon: the time up to which the three finest stay together.
+        first: the coarsest run from which on all stay together up to there.
+        close: the time up to which the three finest are close.
     """
 
     t: Array
     rows: tuple[Rows, ...]
     states: Array
+    steps: Array
     horizon: float
-    together: tuple[float, ...]
+    first: int
     close: float
 
     @property
@@ -54,24 +55,46 @@ class ComparedRuns:
         return int(np.searchsorted(self.t, self.horizon, "right"))
 
     @property
-    def closely(self) -> int:
-        """How many of them lie where the runs are close; all within the horizon where that is too few."""
-        count = int(np.searchsorted(self.t, self.close, "right"))
-        return count if count >= FEWEST else self.within
+    def apart(self) -> bool:
+        """Whether too few times, or runs, are together to compare curves: maxima are all there is."""
+        return self.within < FEWEST or self.first > len(self.rows) - 2
 
-    def sampled(self, curves: Sequence[Array]) -> Array:
-        """Curves of each run at the common times (n, T)."""
-        return np.array([curve[rows] for curve, rows in zip(curves, self.rows)])
+    def towards_zero(self, curves: Sequence[Array], bars: Sequence[Array]) -> Convergence:
+        """How curves of the runs that should be zero converge, as long as these stay together."""
+        if self.apart:
+            tops, tallest = (np.array([np.abs(x).max() for x in each]) for each in (curves, bars))
+            return towards_zero(self.steps, tops[:, None], tallest)
+        first, within = self.first, slice(0, self.within)
+        y, floors = (
+            np.array([x[rows[within]] for x, rows in zip(each, self.rows)])[first:]
+            for each in (curves, bars)
+        )
+        return towards_zero(self.steps[first:], y, floors.max(axis=1))
+
+    def motion(self, rows: Sequence[int]) -> Convergence:
+        """How the motion converges while the runs, of so many rows, are close."""
+        within = int(np.searchsorted(self.t, self.close, "right"))
+        within = within if within >= FEWEST else self.within
+        if within < max(2, min(FEWEST, len(self.t))):
+            return Convergence("does not settle" if len(self.steps) > 1 else "one run")
+        x = self.states[self.first :, 1:within]
+        floors = 8.0 * EPS * np.sqrt(rows)[self.first :] * max(1.0, float(np.abs(x).max()))
+        return between_runs(self.steps[self.first :], x, floors)
 
 
-def compare(mechanism: Mechanism, runs: Sequence[Trajectory]) -> ComparedRuns:
-    """Put runs side by side, coarsest step first; the horizon is that of the three finest."""
+def compare(
+    mechanism: Mechanism, runs: Sequence[Trajectory], steps: Sequence[float]
+) -> ComparedRuns:
+    """Put runs side by side, coarsest step first."""
     t, rows = common_times([run.t for run in runs])
     states = _scaled(mechanism, runs, rows)
-    together = [_parting(t, a, b, PARTED) for a, b in zip(states, states[1:])]
-    close = [_parting(t, a, b, CLOSE) for a, b in zip(states[-3:], states[-2:])]
+    together, close = (
+        [_parting(t, a, b, difference) for a, b in zip(states, states[1:])]
+        for difference in (PARTED, 0.1 * PARTED)
+    )
     horizon, near = (min(times[-2:], default=float(t[-1])) for times in (together, close))
-    return ComparedRuns(t, tuple(rows), states, horizon, tuple(together), near)
+    first = max((k + 1 for k, end in enumerate(together) if end < horizon), default=0)
+    return ComparedRuns(t, tuple(rows), states, np.array(steps), horizon, first, near)
 
 
 def _parting(t: Array, a: Array, b: Array, difference: float) -> float:
@@ -141,39 +164,6 @@ def one_sided(mechanism: Mechanism, q: Array, reference: Array) -> Array:
         other = np.einsum("ij,ij->i", q[:, place], reference[:, place]) < 0.0
         q[other, place] *= -1.0
     return q
-
-
-def growth(t: Array, curve: Array) -> str:
-    """How the running maximum of |curve| grows: "bounded", "linear", "exponential", or "" for neither.
-
-    Bounded: the second half adds next to nothing to the first. Exponential: the logarithm is a straight
-    line in time over at least two decades. Linear: a straight line through the start.
-    """
-    peak = np.maximum.accumulate(np.abs(curve))
-    if len(t) < 16 or peak[-1] <= 0.0:
-        return ""
-    half = int(np.searchsorted(t, 0.5 * (t[0] + t[-1])))
-    if peak[-1] <= 1.1 * peak[half]:
-        return "bounded"
-    later = slice(max(1, len(t) // 10), None)
-    elapsed, size = (t - t[0])[later], peak[later]
-    if size[0] <= 0.0:
-        return ""
-    power = _straightness(np.log(elapsed), np.log(size))
-    exponential = _straightness(elapsed, np.log(size))
-    if size[-1] > 100.0 * size[0] and exponential[1] > max(0.97, power[1]):
-        return "exponential"
-    if 0.7 <= power[0] <= 1.3 and power[1] > 0.9:
-        return "linear"
-    return ""
-
-
-def _straightness(x: Array, y: Array) -> tuple[float, float]:
-    """Slope, and the coefficient of determination, of the line through (x, y)."""
-    slope, offset = np.polyfit(x, y, 1)
-    spread = float(np.var(y))
-    residual = float(np.var(y - slope * x - offset))
-    return float(slope), 1.0 - residual / spread if spread > 0.0 else 1.0
 
 
 # --- which runs are of one motion and may be compared, and what is wrong with the others ---------

@@ -8,26 +8,24 @@ import numpy as np
 
 from deltac.arrays import SAME, TINY
 from deltac.diagnosis.inputs.omissions import impacts_not_held
-from deltac.diagnosis.study.convergence import Convergence, order_text
-from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, by_unit, growth
-from deltac.diagnosis.study.rules import BELOW
-from deltac.diagnosis.study.runs import LASTING, BalancedRun, corrections
+from deltac.diagnosis.study.convergence import (
+    LEAST_ORDER,
+    Convergence,
+    order_of,
+    order_text,
+)
+from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, by_unit
+from deltac.diagnosis.study.runs import BalancedRun, corrections
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-
-SYMPLECTIC = ("semi-implicit-euler",)
-"""Solvers whose energy error stays bounded while no force takes energy out."""
 
 SPEED_JUMP = 10.0
 """A change of speed so many times its neighbours' is a jump."""
 
 NOTICEABLE = 0.01
 """Share of the largest speed of its unit that a jump must reach."""
-
-WORKLESS = 1e-3
-"""Share of the energy exchanged below which works that are no potential count as none."""
 
 
 def of_comparison(
@@ -64,15 +62,13 @@ def of_comparison(
         )
 
 
-def of_order(
-    state: Convergence, energy: Mapping[str, Convergence], nominal: int | None, solver: str
-) -> Iterator[Finding]:
+def of_order(state: Convergence, nominal: int | None, solver: str) -> Iterator[Finding]:
     """An observed order that is not the solver's own."""
     if nominal is None:
         return
     if state.order is not None and state.trend == "tends to a limit":
         error = state.order_error or 0.0
-        if state.order + error < nominal - min(BELOW, 0.4 * nominal):
+        if state.order + error < nominal - LEAST_ORDER:
             yield Finding(
                 "order-below-nominal",
                 f"the motion converges at order {order_text(state)}, below the {nominal} of {solver}",
@@ -80,54 +76,6 @@ def of_order(
                 "Either a force is not smooth (dry friction, contact, a table of values, a controller held "
                 "over the step), or the start violates the constraints, or the solver has a bug",
             )
-    for name, convergence in energy.items():
-        if convergence.order is None or convergence.trend != "falls to zero":
-            continue
-        error = convergence.order_error or 0.0
-        if convergence.order - error > nominal + 1 + BELOW:
-            yield Finding(
-                "super-convergence",
-                f"ΔC of {name} falls at order {order_text(convergence)}, above {nominal + 1}: faster than "
-                "the method guarantees",
-                f"at steps {_listed(convergence.steps)}",
-                "Where errors cancel over a period, or forces are symmetric, the energy is more accurate "
-                "than the motion",
-            )
-
-
-def of_growth(
-    run: BalancedRun, function: str, ledger: Ledger, solver: str, floor: float
-) -> Iterator[Finding]:
-    """How ΔC grows in time; a drift where a symplectic method should have none."""
-    curve = run.energy_error[function]
-    if float(np.abs(curve).max()) <= 10.0 * floor:
-        return
-    how = growth(ledger.t, curve)
-    if not how:
-        return
-    meaning = {
-        "bounded": "a longer run will not lose more energy; the motion itself may still be inaccurate",
-        "linear": "a run twice as long will have twice the energy error",
-        "exponential": "the method or the motion is unstable at this step",
-    }[how]
-    remedy = "Take a smaller step" if how == "exponential" else ""
-    yield Finding(
-        f"growth-{how}",
-        f"|ΔC| {'stays bounded' if how == 'bounded' else f'grows {how}ly in time'} at the finest step",
-        meaning,
-        remedy,
-    )
-    flowing = sum(
-        float(np.abs(w - w[0]).max()) for n, w in ledger.work.items() if n not in ledger.potential
-    )
-    if solver in SYMPLECTIC and how != "bounded" and flowing <= WORKLESS * ledger.energy_exchanged:
-        yield Finding(
-            "symplectic-drift",
-            f"ΔC drifts, though {solver} is symplectic and no force takes energy out",
-            f"it grows {how}ly" if how != "linear" else "it grows linearly",
-            "The property is lost where the kinetic energy depends on the coordinates, or steps are "
-            "large: use a smaller step, or a method of higher order",
-        )
 
 
 def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Finding]:
@@ -177,7 +125,8 @@ def of_constraints(
         stays = (
             len(together) > 1
             and compared.within >= FEWEST
-            and together[-1] > max(LASTING * max(together), 1e-6, tolerance * span)
+            and together[-1] > max(1e-6, tolerance * span)
+            and order_of(compared.steps[[0, -1]], together[0], together[-1]) < LEAST_ORDER
         )
         blamed = stays and not trusted and what != "quaternion"
         yield Finding(

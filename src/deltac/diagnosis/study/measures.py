@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.study.convergence import LEAST_ORDER, Convergence
+from deltac.diagnosis.study.convergence import LEAST_ORDER, Convergence, order_of
 from deltac.diagnosis.study.curves import FEWEST
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.errors import InputError
@@ -28,9 +28,6 @@ from deltac.trajectories import Trajectory
 if TYPE_CHECKING:
     from deltac.diagnosis.residuals.at_samples import RunResidual
     from deltac.diagnosis.residuals.kane import Kane
-
-LEAST_BLAMED = 0.02
-"""Equations whose residual is below this share of the worst one's are not blamed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +63,7 @@ class SampleResiduals(Serialisable, omit=("findings",)):
     @property
     def blamed(self) -> tuple[int, ...]:
         """Places of the equations that do not close, worst first."""
-        worst = float(self.relative.max(initial=0.0))
-        order = np.argsort(-self.relative)
-        return tuple(int(k) for k in order if self.relative[k] > max(LEAST_BLAMED * worst, 0.0))
+        return tuple(int(k) for k in np.argsort(-self.relative) if self.relative[k] > 0.0)
 
     def finding(self) -> Finding:
         """Which equations to look at."""
@@ -157,7 +152,7 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
     (h0, coarse), (h1, fine) = ((h, run_residual(kane, part).largest(part)) for h, part in parts)
     if not (coarse > 0.0 and fine > 0.0):
         return math.nan
-    return math.log(fine / coarse) / math.log(h1 / h0)
+    return order_of((h0, h1), coarse, fine)
 
 
 def _measured(run: Trajectory, *, trusted: bool) -> bool:

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import math
 
-from deltac.diagnosis.study.convergence import CLEAR, WELL_CLEAR, order_text
+from deltac.diagnosis.study.convergence import CLEAR, order_text
 from deltac.diagnosis.study.measures import StudyMeasures
 from deltac.diagnosis.verdict import NOTHING, Confidence, Kind, Verdict, percent
-
-BELOW = 0.6
-"""An observed order that is off by more than this and its error is a finding: what is not smooth costs a
-whole order or more, and steps that are still coarse a part of one."""
 
 LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
@@ -100,7 +96,7 @@ def _astray(m: StudyMeasures) -> list[str]:
         name
         for name, convergence in m.momentum.items()
         if convergence.trend == "tends to a limit"
-        and convergence.limit > WELL_CLEAR * max(convergence.floors)
+        and convergence.limit > CLEAR * max(convergence.floors)
     ]
 
 
@@ -112,7 +108,7 @@ def _wrong_limit(m: StudyMeasures) -> bool:
 
 def _decisive(m: StudyMeasures) -> float:
     """How many of its bars ΔC, or its limit, must exceed to count."""
-    return WELL_CLEAR if m.quadrature else CLEAR
+    return CLEAR if m.quadrature else CLEAR
 
 
 def _sure(m: StudyMeasures) -> Confidence:

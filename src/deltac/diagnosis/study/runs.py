@@ -15,7 +15,7 @@ from deltac.arrays import EPS, PHYSICAL, Array
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.inputs.omissions import EVERY_STEP, OF_RATES
-from deltac.diagnosis.measurements.digits import resolution
+from deltac.diagnosis.study.convergence import CLEAR, LEAST_ORDER, order_of
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import NO_NUMBER, ArgumentsError, DeltacError, InputError, WrongType
@@ -29,9 +29,6 @@ from deltac.trajectories import Trajectory
 FASTEST = 3e8
 """No speed of a mechanism reaches this (m/s: light's; rad/s): the integration has become unstable."""
 
-GROWN = 1e3
-"""Speeds so many times the usual ones belong to the blow-up already."""
-
 
 def before_blow_up(run: Trajectory) -> Trajectory:
     """The rows before speeds run away; the run itself where they do not."""
@@ -41,7 +38,8 @@ def before_blow_up(run: Trajectory) -> Trajectory:
         return run
     sane = int(np.argmax(away))
     usual = float(np.median(size[:sane])) if sane else 0.0
-    early = size[:sane] > GROWN * usual
+    # What is half of the orders of magnitude away from the usual belongs to the blow-up already.
+    early = size[:sane] > np.sqrt(FASTEST * usual)
     end = int(np.argmax(early)) if usual > 0.0 and early.any() else sane
     return run.between(run.t[0], run.t[max(end - 1, 0)])
 
@@ -54,9 +52,6 @@ LEAST_LEDGER_ROWS = 3
 
 REFINES = 1.1
 """Steps whose ratio is smaller say nothing about an order: its error grows as 1/log of it."""
-
-DIGIT_SPREAD = 3.0
-"""How many times farther than one random rounding moved it a quantity may be off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,28 +371,19 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
 
     Nothing for a log in double precision, whose rounding the ledger knows.
     """
-    run = log.run
-    halves = {"q": resolution(np.asarray(run.q)), "u": resolution(np.asarray(run.u))}
-    sizes = {"q": np.abs(run.q), "u": np.abs(run.u)}
-    if all(float((h - 2 * EPS * sizes[n]).max(initial=0.0)) <= 0.0 for n, h in halves.items()):
+    from deltac.diagnosis.residuals.at_samples import within_digits
+
+    run, was = log.run, log.ledger
+    moved = within_digits(run, np.arange(len(run)))
+    if all(np.allclose(a, b, 4 * EPS, 0.0) for a, b in ((moved.q, run.q), (moved.u, run.u))):
         return {}
-    rng = np.random.default_rng(0)
-    moved = replace(
-        run,
-        **{n: getattr(run, n) + rng.uniform(-1, 1, h.shape) * h for n, h in halves.items()},
-    )
-    ledger = balance(mechanism, moved, log.ledger.method)
-    was, now = log.ledger, ledger
-    pairs = [(was.delta_c, now.delta_c), (was.momentum, now.momentum)]
+    now = balance(mechanism, moved, was.method)
+    pairs = ((was.delta_c, now.delta_c), (was.momentum, now.momentum))
     return {
-        n: DIGIT_SPREAD * float(np.abs(after[n] - x).max())
+        n: CLEAR * float(np.abs(after[n] - x).max())
         for before, after in pairs
         for n, x in before.items()
     }
-
-
-LASTING = 0.7
-"""What is wrong in a log is the same at every step; what falls below this share is the method's."""
 
 
 def lasting(runs: tuple[StudyRun, ...]) -> tuple[StudyRun, ...]:
@@ -408,18 +394,17 @@ def lasting(runs: tuple[StudyRun, ...]) -> tuple[StudyRun, ...]:
     """
     successful = [run for run in runs if not run.failure]
 
+    def alike(finding: Finding, run: StudyRun) -> Finding | None:
+        same = (f for f in run.findings if (f.kind, f.element) == (finding.kind, finding.element))
+        return next(same, None)
+
     def lasts(finding: Finding) -> bool:
-        alike = [
-            next(
-                (f for f in run.findings if (f.kind, f.element) == (finding.kind, finding.element)),
-                None,
-            )
-            for run in successful
-        ]
-        if any(f is None for f in alike):
+        each = [alike(finding, run) for run in successful]
+        if None in each:
             return False
-        departures = [f.factor - 1.0 for f in alike if f is not None and f.factor is not None]
-        return not departures or min(x / departures[0] for x in departures) >= LASTING
+        departures = [f.factor - 1.0 for f in each if f is not None and f.factor is not None]
+        ends = successful[0].step, successful[-1].step
+        return not departures or order_of(ends, 1.0, departures[-1] / departures[0]) < LEAST_ORDER
 
     return tuple(
         replace(run, findings=tuple(f for f in run.findings if f.kind not in OF_RATES or lasts(f)))

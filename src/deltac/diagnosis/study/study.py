@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from deltac.arrays import EPS, SAME, Array
+from deltac.arrays import SAME
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
@@ -20,8 +20,8 @@ from deltac.diagnosis.inputs.omissions import (
     unresolved_works,
 )
 from deltac.diagnosis.study import findings as noticed
-from deltac.diagnosis.study.convergence import Convergence, between_runs, order_text, towards_zero
-from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, compare, disagreements
+from deltac.diagnosis.study.convergence import Convergence, order_text
+from deltac.diagnosis.study.curves import ComparedRuns, compare, disagreements
 from deltac.diagnosis.study.measures import SampleResiduals, StudyMeasures, residuals_of
 from deltac.diagnosis.study.rules import judge_study
 from deltac.diagnosis.study.runs import (
@@ -45,7 +45,14 @@ from deltac.diagnosis.study.simulators import (
     other_program,
     own_solver,
 )
-from deltac.diagnosis.verdict import REFINED_TOLERANCE, Finding, Judged, Verdict, check_tolerance
+from deltac.diagnosis.verdict import (
+    REFINED_TOLERANCE,
+    Finding,
+    Judged,
+    Verdict,
+    check_tolerance,
+    function_of,
+)
 from deltac.errors import ArgumentsError, InputError, SolverError
 from deltac.mechanism.coordinate_map import own_coordinates
 from deltac.mechanism.mechanism import Mechanism
@@ -206,32 +213,32 @@ def studied(
     findings = [*findings, *disagreeing]
     finest = comparable[-1]
     ledger = finest.ledger
-    compared = compare(mechanism, [entry.run for entry in comparable])
+    compared = compare(
+        mechanism, [entry.run for entry in comparable], [entry.step for entry in comparable]
+    )
     findings += noticed.of_comparison(compared, comparable, "step" if unit else "tolerance")
-    function = _function(comparable)
-    steps = np.array([entry.step for entry in comparable])
-    first = _first_together(compared)
-    over_all = (
-        compared.within < FEWEST or first > len(comparable) - 2
-    )  # maxima are all there is to compare
-    energy = {}
-    for name in finest.energy_error:
-        if all(name in entry.energy_error for entry in comparable):
-            curves = [entry.energy_error[name] for entry in comparable]
-            bars = [entry.bar[name] for entry in comparable]
-            if over_all:
-                y = np.array([[float(np.abs(c).max())] for c in curves])
-                energy[name] = towards_zero(steps, y, np.array([float(b.max()) for b in bars]))
-            else:
-                energy[name] = _within(curves, bars, compared, first, steps)
-            energy[name] = _kept(energy[name], ledger.energy_exchanged)
-    state = _state(compared, first, steps, [len(entry.run) for entry in comparable])
+    function = function_of(ledger)
+    energy = {
+        name: _kept(
+            compared.towards_zero(
+                [entry.energy_error[name] for entry in comparable],
+                [entry.bar[name] for entry in comparable],
+            ),
+            ledger.energy_exchanged,
+        )
+        for name in finest.energy_error
+        if all(name in entry.energy_error for entry in comparable)
+    }
+    state = compared.motion([len(entry.run) for entry in comparable])
     momentum = {}
-    if not mechanism.constraints and not over_all:  # whose reactions these balances leave out
-        for name in ledger.momentum:
-            curves = [entry.ledger.momentum[name] for entry in comparable]
-            bars = [entry.momentum_bar[name] for entry in comparable]
-            momentum[name] = _within(curves, bars, compared, first, steps)
+    if not mechanism.constraints and not compared.apart:  # whose reactions these balances leave out
+        momentum = {
+            name: compared.towards_zero(
+                [entry.ledger.momentum[name] for entry in comparable],
+                [entry.momentum_bar[name] for entry in comparable],
+            )
+            for name in ledger.momentum
+        }
     trusted = maker.trusted and maker.equations is None
     if trusted and finest.blown_up:  # what is left before that is no motion to have an order
         energy, state = {n: _none(c) for n, c in energy.items()}, _none(state)
@@ -263,15 +270,14 @@ def studied(
         missing = assumed_zero(finest.run, loaded.import_report)
         findings += assumed_zero_finding(missing)
         findings += noticed.of_impacts(mechanism, finest.run)
-    findings += noticed.of_order(state, energy, nominal, solver)
-    findings += noticed.of_growth(finest, function, ledger, solver, bar[-1])
+    findings += noticed.of_order(state, nominal, solver)
     findings += unresolved_works(finest.run, ledger)
     findings += noticed.of_corrections(ledger, function, tolerance * ledger.reference_energy)
     findings += noticed.of_constraints(comparable, compared, tolerance, trusted=trusted)
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
     measures = StudyMeasures(
-        steps=tuple(map(float, steps)),
+        steps=tuple(entry.step for entry in comparable),
         left=errors,
         bars=bar,
         energy_exchanged=ledger.energy_exchanged,
@@ -289,7 +295,7 @@ def studied(
         unit=unit,
         constrained=bool(mechanism.constraints),
         blown_up=finest.blown_up,
-        until=None if over_all or compared.horizon >= compared.t[-1] else compared.horizon,
+        until=None if compared.apart or compared.horizon >= compared.t[-1] else compared.horizon,
         findings=tuple(ranked),
     )
     return Study(
@@ -326,27 +332,6 @@ def _of_a_part(verdict: Verdict, omissions: list[Finding]) -> Verdict:
 # --- measures -------------------------------------------------------------------------------------
 
 
-def _first_together(compared: ComparedRuns) -> int:
-    """The coarsest run from which on all stay together up to the horizon."""
-    first = len(compared.rows) - 1
-    while first > 0 and compared.together[first - 1] >= compared.horizon:
-        first -= 1
-    return first
-
-
-def _within(
-    curves: Sequence[Array],
-    bars: Sequence[Array],
-    compared: ComparedRuns,
-    first: int,
-    steps: Array,
-) -> Convergence:
-    """How curves that should be zero converge within the horizon, from the `first` run on."""
-    y = compared.sampled(curves)[first:, : compared.within]
-    floors = compared.sampled(bars)[first:, : compared.within].max(axis=1)
-    return towards_zero(steps[first:], y, floors)
-
-
 def _kept(convergence: Convergence, scale: float) -> Convergence:
     """Without an order where energy is kept at every step: what is left is the noise of the solver."""
     if convergence.trend == "does not settle" and max(convergence.sizes) <= SAME * scale:
@@ -357,23 +342,6 @@ def _kept(convergence: Convergence, scale: float) -> Convergence:
 def _none(convergence: Convergence) -> Convergence:
     """The same without an order."""
     return replace(convergence, trend="does not settle", order=None, order_error=None, steps=())
-
-
-def _state(compared: ComparedRuns, first: int, steps: Array, rows: Sequence[int]) -> Convergence:
-    within = compared.closely
-    if within < min(FEWEST, len(compared.t)) or within < 2:
-        return Convergence("does not settle" if len(steps) > 1 else "one run")
-    states = compared.states[first:, 1:within]
-    floors = 8.0 * EPS * np.sqrt(rows)[first:]
-    return between_runs(steps[first:], states, floors * max(1.0, float(np.abs(states).max())))
-
-
-def _function(runs: Sequence[BalancedRun]) -> str:
-    """Wang's testing function where it is there: exact for all systems, and it sees energy made of V."""
-    names = runs[-1].energy_error
-    return next(
-        (n for n in ("wang", "liu-huston", "kane-levinson-1990") if n in names), next(iter(names))
-    )
 
 
 # --- `study`: the same motion at several steps: integration error or wrong equations? ------------

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import ROOT_EPS, SMALL_SHARE, Array
 from deltac.diagnosis import LEAST_TERMS as FLOOR
-from deltac.diagnosis import EquationTest, Kane, draw, natural_scales, told
+from deltac.diagnosis import EquationTest, Kane, draw, told
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap, Mechanism, State
 
@@ -124,9 +124,8 @@ class Target:
             seed = 1000 * self.seed + 10 * group + 5 * fresh
             count = VARIED if group else NOMINAL
             kane = Kane(mechanism, self.coordinates, self.start)
-            scales = natural_scales(kane)
-            states = draw(kane, scales, count=count, seed=seed)
-            self._tests[key] = EquationTest(kane, states, scales=scales)
+            states = draw(kane, count=count, seed=seed)
+            self._tests[key] = EquationTest(kane, states)
         return self._tests[key]
 
     def values(self, group: int, varied: tuple[str, ...]) -> dict[str, float]:

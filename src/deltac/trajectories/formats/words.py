@@ -1,8 +1,22 @@
-"""The words that people name columns with, and what they mean of a joint.
+"""The words by which columns of other programs are named, and what they mean.
 
-A name is taken apart into words, as in ``/joint_states/Elbow.position [deg]``. Of the words
-beside a joint's every one must be known as one for positions, velocities, accelerations or forces, or as one
-that says nothing. Columns that differ in one number alone are an array.
+- A name is split into words, as in `elbow_pos`, `Elbow.Rz.q`, `/joint_states/Elbow.position [deg]` or
+  `θ elbow`; Greek letters, dots and primes count as words. The words of a coordinate must occur. Every
+  other word must denote a position, a speed, an acceleration or a motor's force, be neutral, or occur
+  in every column of a joint. So `elbow_pos_desired` is not read, nor are two columns with the same
+  meaning and different values.
+- `theta`, `omega`, `x`, `xdot` suffice if the model has one joint, or one that turns and one that
+  slides. Names that differ in one number alone are an array: as many `q1, q2, …` as the model has are
+  in its order.
+- Forces of motors are named after the joint, or after the model's motor with a word or unit of force:
+  `lift_torque`, `T_lift (Nm)`. Commands (`ctrl`, `action`, `u`) are only guessed in the draft of a
+  mapping, since with a gear they are not forces.
+- Times are columns, dates, durations, integers since 1970, or seconds and nanoseconds in two columns;
+  or a single `dt`, `fps`, or `timestep` with `frame_skip`.
+- Units stand in brackets, after a comma or a slash, at the end (`elbow_deg_s`), or in a row below the
+  names; for arrays in an entry `units` (`{"q": "deg"}`, `{"angle": "deg", "rate": "deg/s"}`) or
+  `q_unit`. Otherwise SI is assumed. An unknown unit, two for one kind, and degrees of angles without a
+  unit of their rates are refused.
 """
 
 from __future__ import annotations

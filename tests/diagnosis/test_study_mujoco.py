@@ -70,6 +70,25 @@ def test_contacts_accuse_nobody(name: str) -> None:
     assert found.verdict.kind in ("integration-error", "unresolved", "consistent")
 
 
+LOOP = """<mujoco><option gravity="0 0 -9.81"><flag contact="disable"/></option><worldbody>
+ <body><joint name="crank" axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 0.2" size="0.02"/>
+  <body name="coupler" pos="0 0 0.2"><joint name="pin" axis="0 1 0"/>
+   <geom type="capsule" fromto="0 0 0 0.4 0 0" size="0.02"/></body></body>
+ <body name="rocker" pos="0.4 0 0"><joint name="rocker" axis="0 1 0"/>
+  <geom type="capsule" fromto="0 0 0 0 0 0.2" size="0.02"/></body></worldbody>
+ <equality><connect name="tip" body1="coupler" body2="rocker" anchor="0.4 0 0"/></equality></mujoco>"""
+
+
+def test_a_soft_constraint_that_the_model_lacks_is_a_force_of_the_log() -> None:
+    model = model_of(LOOP)
+    data = mujoco.MjData(model)
+    data.qvel[:] = 3.0, -3.0, 3.0
+    simulator = dc.mujoco_simulator(model, 0.5, integrator="rk4", state=data)
+    found = dc.study(model, runs=simulator, steps=(4e-3, 2e-3, 1e-3))
+    assert found.residuals is not None and found.residuals.closes
+    assert found.verdict.kind != "equation-error"
+
+
 def test_another_model_than_the_simulated_one() -> None:
     heavier = copy.copy(model_of(ARM))
     heavier.body_mass[2] *= 1.02

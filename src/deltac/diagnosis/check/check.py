@@ -349,7 +349,7 @@ def _judged(
     """
     residuals = test(udot)
     worst = np.array(finite_worst(residuals))
-    violated = float(residuals.relative_violation.max(initial=0.0))
+    violated = float(residuals.violation.max(initial=0.0))
     most = float(limit.max(initial=tolerance))
     missed = max(rates.values(), default=0.0)
     excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
@@ -449,11 +449,11 @@ def _seen(residuals: Residuals, limit: Array, constraints: tuple[str, ...]) -> t
     ]
     for name in dict.fromkeys(constraints):
         rows = [k for k, owner in enumerate(constraints) if owner == name]
-        violated = float(residuals.relative_violation[rows].max(initial=0.0))
+        violated = float(residuals.violation[rows].max(initial=0.0))
         results.append(Seen(f"constraint {name}", violated, violated > most))
     scalars: Mapping[str, Array] = {
-        **residuals.relative_power,
-        **{f"momentum, {name}": x for name, x in residuals.relative_momentum.items()},
+        **residuals.power,
+        **{f"momentum, {name}": x for name, x in residuals.momentum.items()},
     }
     for name, values in scalars.items():
         largest = float(values.max(initial=0.0))
@@ -592,7 +592,7 @@ def _other_coordinates(
         except InputError:
             continue
         # What constraint forces can explain is no residual: the accelerations must keep the constraints, too.
-        admissible = float(residuals.relative_violation.max(initial=0.0)) < TOLERANCE
+        admissible = float(residuals.violation.max(initial=0.0)) < TOLERANCE
         if admissible and float(relative.max(initial=0.0)) < TOLERANCE:
             names = ", ".join(states.coordinates)
             return (

@@ -22,7 +22,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import TIME_LIMIT, Progress
 from deltac.diagnosis.inputs.channels import not_simulated
-from deltac.diagnosis.recommend.families import families
+from deltac.diagnosis.recommend.families import LADDER, families
 from deltac.diagnosis.recommend.result import (
     Prospect,
     Recommendation,
@@ -41,6 +41,8 @@ from deltac.diagnosis.recommend.work_precision import (
     Trial,
     Trials,
 )
+from deltac.diagnosis.study.convergence import LEAST_ORDER
+from deltac.diagnosis.study.curves import PARTED
 from deltac.diagnosis.study.simulators import (
     MUJOCO,
     SimulationOptions,
@@ -56,16 +58,6 @@ TOO_DEAR = 8.0
 
 STEPS = 50
 """Of the first run of a solver with fixed steps."""
-
-MORE_STEPS = 10
-"""Settings further there are ten times as many steps: what these cost shows, where so few take no time."""
-
-HAS_ORDER = 0.1
-"""A run whose error is below this share of the ranges has the order of its solver, until more is known."""
-
-REDUCED = 0.5
-"""Share of its order that a solver is trusted to have, until two refinements tell less: the first trials
-may still be coarser than what is fastest in the motion."""
 
 SLACK = 2.0
 """Solvers of other error constants may take steps this many times as long as the motion's rate says."""
@@ -199,7 +191,7 @@ class SolverCandidate:
 
     def _resolved(self, place: int) -> bool:
         """Whether the order can be relied on: a trial's error is a small part of the motion."""
-        return self.trials[place].excess(1.0, 1.0) <= HAS_ORDER
+        return self.trials[place].excess(1.0, 1.0) <= PARTED
 
     @property
     def resolved(self) -> bool:
@@ -214,7 +206,7 @@ class SolverCandidate:
         limits, and then tell nothing of the steps that accuracy needs.
         """
         family, errors = self.family, {k: t.motion for k, t in self.trials.items()}
-        telling = [k for k, error in errors.items() if self.tolerances[1] < error <= HAS_ORDER]
+        telling = [k for k, error in errors.items() if self.tolerances[1] < error <= PARTED]
         if family.knob != "step" or not telling:
             return 0.0
         order = family.order or 1
@@ -245,8 +237,10 @@ class SolverCandidate:
         observed = list(itertools.starmap(self._observed, itertools.pairwise(resolved)))
         if not observed:
             return nominal
-        lower = len(observed) > 1 and max(observed[-2:]) < REDUCED * nominal
-        return min(max(observed[-1], 1.0 if lower else REDUCED * nominal), nominal)
+        # The first trials may still be coarser than what is fastest in the motion.
+        trusted = LEAST_ORDER * nominal
+        lower = len(observed) > 1 and max(observed[-2:]) < trusted
+        return min(max(observed[-1], 1.0 if lower else trusted), nominal)
 
     def _observed(self, coarse: int, fine: int) -> float:
         ratio = self.family.settings[coarse] / self.family.settings[fine]
@@ -284,8 +278,8 @@ class SolverCandidate:
             return setting / REFINEMENT
         if self._resolved(tried):
             return setting / (STEP_MARGIN * float(max(excess, EPS) ** (1.0 / self.order)))
-        # Coarser than anything that has an order: the error has still to fall from `HAS_ORDER`.
-        rest = 1.0 if first else float((HAS_ORDER / min(self.tolerances)) ** (1.0 / self.order))
+        # Coarser than anything that has an order: the error has still to fall from `PARTED`.
+        rest = 1.0 if first else float((PARTED / min(self.tolerances)) ** (1.0 / self.order))
         return setting / (2.0 * max(rest, 1.0))
 
     def _within(self, setting: float) -> int:
@@ -452,7 +446,7 @@ class Search:
             candidate.trials[place], candidate.given_up = trial, ""
             if not trial.message:
                 candidate.times[place] = trial.seconds
-            longer = place + MORE_STEPS
+            longer = place + len(LADDER)  # ten times as many steps: what they cost shows there
             brief = 10.0 * trial.seconds < LEAST_BUDGET and longer < len(settings)
             if brief and family.knob == "step" and place == max(candidate.times, default=0):
                 candidate.times[longer] = self._trials.seconds(family, settings[longer])

@@ -12,6 +12,7 @@ import pytest
 import deltac as dc
 from deltac.errors import InputError
 from deltac.problems import bicycle
+from deltac.problems.problem import G
 from tests.systems.constrained_mechanisms import four_bar, parallelogram
 from tests.systems.machines import pendulum, robot
 
@@ -221,9 +222,7 @@ def test_eigenvalues_of_the_bicycle_at_eleven_speeds() -> None:
         found = dc.linearise(problem).eigenvalues
         A = np.zeros((4, 4))
         A[:2, 2:] = np.eye(2)
-        A[2:, :2] = -np.linalg.solve(
-            bicycle.MASS, bicycle.G * bicycle.STIFFNESS + v**2 * bicycle.GYRO
-        )
+        A[2:, :2] = -np.linalg.solve(bicycle.MASS, G * bicycle.STIFFNESS + v**2 * bicycle.GYRO)
         A[2:, 2:] = -np.linalg.solve(bicycle.MASS, v * bicycle.DAMPING)
         for published in np.linalg.eigvals(A):
             near = np.abs(found - published).min()

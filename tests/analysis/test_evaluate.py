@@ -59,6 +59,7 @@ def test_along_a_run_it_is_what_the_run_recorded(name: str) -> None:
     free = problem.mechanism.free.u
     if len(found.rows):
         size = np.abs(recorded).max()
+        assert isinstance(recorded, np.ndarray)
         np.testing.assert_allclose(pull, recorded[:, free], atol=1e-8 * size)
 
 
@@ -71,6 +72,7 @@ def test_matrices_and_evaluation_agree_by_two_routes() -> None:
     np.testing.assert_allclose(found.M, B.T @ book.M @ B, atol=1e-13)
     np.testing.assert_allclose(found.udot, book.udot, atol=1e-10)
     total = sum(f for f in found.forces.values())
+    assert isinstance(total, np.ndarray)
     np.testing.assert_allclose(total[free], B.T @ book.F, atol=1e-11)
 
 

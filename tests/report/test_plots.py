@@ -111,9 +111,9 @@ def test_the_figure_of_a_ledger_has_its_numbers(results: dict[str, Shown]) -> No
     np.testing.assert_array_equal(curves["K"], K - K[0])
     np.testing.assert_array_equal(curves["V gravity"], V - V[0])
     np.testing.assert_array_equal(curves["damper shoulder"], ledger.work["damper shoulder"])
-    sizes = {line.get_label(): line.get_ydata() for line in left.lines}
+    sizes = {line.get_label(): np.asarray(line.get_ydata()) for line in left.lines}
     assert sizes["wang"].max() == np.abs(ledger.delta_c["wang"]).max()
-    names = {line.get_label(): line.get_ydata() for line in momenta.lines}
+    names = {line.get_label(): np.asarray(line.get_ydata()) for line in momenta.lines}
     for name, values in ledger.delta_p.items():
         share = np.abs(values).max() / ledger.momentum_exchanged[name]
         assert names[name].max() == pytest.approx(share, rel=1e-12)

@@ -34,6 +34,7 @@ def test_every_integrator_shows_its_order(name: str) -> None:
     assert found.observed_order["state"].order == pytest.approx(order, abs=0.15)
     energy = found.observed_order["wang"]
     assert energy.trend == "falls to zero"
+    assert energy.order is not None
     assert order - 0.15 <= energy.order <= order + 1.15
     assert found.verdict.kind == ("consistent" if order > 1 else "integration-error")
     assert found.residuals is not None and found.residuals.closes

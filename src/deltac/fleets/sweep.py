@@ -19,7 +19,7 @@ from deltac.errors import ArgumentsError, InputError, SpecificationError, Unknow
 from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import Piece
+from deltac.fleets.rows import LONG_PIECE, SHARES, Piece
 from deltac.fleets.runs import RefusedRun, RunPiece, Task
 from deltac.fleets.spec import SweepSpec, make_spec, read_spec
 from deltac.fleets.store import ADDRESS, digest, versions
@@ -29,12 +29,6 @@ from deltac.models import Model, ModelLike, load_model
 
 LARGEST_PIECE = 16384
 """Runs in a piece, at most: their records and states take some MB."""
-
-SHARES = 4
-"""Pieces of each setting for a worker, at least, so that none waits long for the last one."""
-
-STUDIES = 4
-"""Studies in a piece: each takes seconds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +67,7 @@ class SweepPlan(Plan):
         setting = self.design.setting[once]
         for one in dict.fromkeys(setting.tolist()):
             rows = once[setting == one].tolist()
-            most = STUDIES if self.spec.verb == "study" else LARGEST_PIECE
+            most = LONG_PIECE if self.spec.verb == "study" else LARGEST_PIECE
             share = math.ceil(len(rows) / (SHARES * workers))
             # Whole vectors of any machine, and not so few that calls cost more than they do.
             size = chunk or max(1, min(most, max(64, -(-share // 64) * 64)))

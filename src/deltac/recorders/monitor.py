@@ -294,7 +294,7 @@ class Monitor:
 
     @property
     def work(self) -> dict[str, float]:
-        """The work of each channel so far, J; that of sources with a potential is what it lost."""
+        """The work of each channel so far, J: the decrease of the potential where there is one."""
         side = self._standing
         if side is None:
             return {}

@@ -135,18 +135,18 @@ class Explanation(Report, also=("sentence",)):
     """What explains the residual F_r + F*_r of a log.
 
     Attributes:
-        kind: "nothing" to explain; "explained"; "ambiguous", where other causes do as well; "unexplained" by
-            the causes that are known; or "doubtful", where the log is to be corrected first.
+        kind: "nothing" to explain; "explained"; "ambiguous", where other causes fit equally well;
+            "unexplained" by the known causes; or "doubtful", where the log must be corrected first.
         causes: the fewest that explain it, largest first.
-        explained: share of the squared residual that they explain, what is noise left out.
-        alternatives: other sets of causes that the log does not tell from these.
-        separating: the motion that would tell them apart, or that none does.
-        unseen: elements whose masses, inertias or channels the log hardly shows.
+        explained: share of the squared residual, noise excluded, that they explain.
+        alternatives: other sets of causes that fit the log equally well.
+        separating: a motion that would distinguish them, or the statement that none does.
+        unseen: elements whose masses, inertias or channels the log hardly excites.
         form: "samples", with measured accelerations; "steps", of each row from the one before.
-        residual: what integrator and causes leave of the changes of a speed from row to row, as a share of
-            them, the largest; NaN where nothing was inferred.
-        noise: what noise of the log accounts for, likewise.
-        samples: how many were looked at.
+        residual: the largest unexplained change of a speed from row to row, as a share of its changes;
+            NaN where nothing was inferred.
+        noise: the part of it that the log's noise accounts for, as a share likewise.
+        samples: how many samples or intervals were used.
         reasons: findings of the audit in place of causes or beside them: doubts of the log, channels that
             differ from the model's, forces that the log lacks.
         notes: what the log's forces hide: channels that the model does not have.

@@ -86,10 +86,10 @@ def recommend(
 ) -> Recommendation:
     """Find the cheapest solver and step that keep a tolerance: predicted from coarse runs, then verified.
 
-    The motion error of the advice is the largest error of any q or u at any row that its user gets, as a
-    share of the range of what has its unit: at every step of a fixed-step solver, measured against a run of
-    a sixteenth of the step; of an adaptive solver at a thousand samples of the motion, and of its first
-    10th, 100th, … 10⁻⁶, against a run of a thousandth of the tolerance.
+    The motion error is the largest error of any q or u at any row of the recommended run, as a fraction
+    of the largest range among the quantities of the same unit: at every step of a fixed-step solver,
+    compared with a run of a sixteenth of the step; of an adaptive solver at a thousand samples of the motion,
+    and of its first 10th, 100th, … 10⁻⁶, compared with a run of a thousandth of the tolerance.
 
     Args:
         model: a mechanism, a problem or its name, an .xml or .urdf file, file.py:callable. A MuJoCo model
@@ -98,8 +98,8 @@ def recommend(
         duration: how long it is, s; by default the problem's.
         tolerance: of the largest |ΔC| (Wang's), as a fraction of the energy that the system has (max K +
             range of V).
-        motion_tolerance: accepted error of q and u, each as a share of the range of what has its unit; by
-            default `tolerance`. `inf` leaves the motion out, as for chaotic motions over long times.
+        motion_tolerance: accepted motion error; by default `tolerance`. `inf` ignores the motion, as for
+            chaotic motions over long times.
         solvers: names of the solvers to try; by default all that suit the model.
         time_limit: seconds that the search may take. It then ends with the best so far, and a note.
         progress: called with the fraction done.

@@ -224,13 +224,8 @@ class AtlasPlan(Plan):
     kind = "atlas"
 
     spec: AtlasSpec
-    source: str
     rows: tuple[AtlasRun, ...]
     skipped: tuple[str, ...]
-
-    def folder(self) -> Path:
-        """The atlas' name with ``.atlas``."""
-        return Path(f"{self.name}.atlas")
 
     def head(self) -> dict[str, Any]:
         """The plan, and the simulators that are not installed."""
@@ -253,10 +248,6 @@ class AtlasPlan(Plan):
                 yield AtlasPiece(
                     tuple(self.addresses[k] for k in some), tuple(self.rows[k] for k in some)
                 )
-
-    def command(self, piece: Piece) -> str:
-        """The command with the address of the run."""
-        return f"{self.source} --only {piece.addresses[0]}"
 
     def piece_at(self, address: str) -> AtlasPiece:
         """The piece of one run, by its address or the beginning of it; InputError if there is none."""
@@ -379,7 +370,7 @@ def plan_atlas(path: Path) -> AtlasPlan:
         }
         addresses.append(hashlib.blake2b(digest(about), digest_size=ADDRESS).hexdigest())
     return AtlasPlan(
-        spec.name, tuple(addresses), spec, f"deltac atlas {path}", tuple(rows), tuple(skipped)
+        spec.name, tuple(addresses), f"deltac atlas {path}", spec, tuple(rows), tuple(skipped)
     )
 
 

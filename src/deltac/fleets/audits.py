@@ -326,7 +326,7 @@ class AuditPlan(Plan):
         """The command that audits one log, or one episode."""
         about = piece.about()
         episode = "" if about["episode"] is None else f" --episode {about['episode']}"
-        return f"deltac audit {self.name} {about['log']}{episode}"
+        return f"{self.command_line} {about['log']}{episode}"
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one log, or of one episode."""
@@ -386,4 +386,6 @@ def plan_audits(
         own = seed.copy()
         own.update(f"{log.source}\n{log.fingerprint}\n{log.episode}".encode())
         addresses.append(own.hexdigest())
-    return AuditPlan(name, tuple(addresses), head, task, tuple(of_source), tuple(skipped))
+    return AuditPlan(
+        name, tuple(addresses), f"deltac audit {name}", head, task, tuple(of_source), tuple(skipped)
+    )

@@ -33,18 +33,13 @@ LARGEST_PIECE = 16384
 
 @dataclass(frozen=True, eq=False)
 class SweepPlan(Plan):
-    """The points of a sweep, what the runs of each setting share, and the command that runs it."""
+    """The points of a sweep, and what the runs of each setting share."""
 
     kind = "sweep"
 
     spec: SweepSpec
     design: Design
     tasks: tuple[Task | RefusedRun, ...]
-    source: str
-
-    def folder(self) -> Path:
-        """The sweep's name with ``.sweep``."""
-        return Path(f"{self.name.replace('/', '-').replace(':', '-')}.sweep")
 
     def head(self) -> dict[str, Any]:
         """The specification, and the digests of the models."""
@@ -73,10 +68,6 @@ class SweepPlan(Plan):
             size = chunk or max(1, min(most, max(64, -(-share // 64) * 64)))
             for first in range(0, len(rows), size):
                 yield self.piece(rows[first : first + size])
-
-    def command(self, piece: Piece) -> str:
-        """The command with the address of the run."""
-        return f"{self.source} --only {piece.addresses[0]}"
 
     def piece_at(self, address: str) -> RunPiece:
         """The piece of one run, by its address or the beginning of it; InputError if there is none."""
@@ -133,7 +124,7 @@ def plan_sweep(
         design, tasks = _distinct(design, tasks)
     addresses = tuple(_addresses(design, tasks))
     command = f"deltac sweep {source}" if isinstance(source, str | Path) else "dc.sweep(…)"
-    return SweepPlan(spec.name, addresses, spec, design, tuple(tasks), command)
+    return SweepPlan(spec.name, addresses, command, spec, design, tuple(tasks))
 
 
 def _loaded(source: ModelLike) -> Model | InputError:

@@ -276,7 +276,7 @@ def test_columns_with_constraints_are_derivatives_of_accelerations(
     np.testing.assert_allclose(X[0, :, 0], 0.0, atol=1e-10)
     M = equations_of_motion(mechanism).terms(0.3, q, u).M
     for what, build, x in changes(mechanism, equations, kernels):
-        expected = M @ derivative(lambda h, build=build: udot(build(h)))
+        expected = np.matmul(M, derivative(lambda h, build=build: udot(build(h))))
         scale = max(float(np.abs(expected).max()), 1e-3)
         np.testing.assert_allclose(
             X[0, :, 1:] @ x, expected, rtol=0, atol=1e-6 * scale, err_msg=what

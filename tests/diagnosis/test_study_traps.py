@@ -178,7 +178,7 @@ def sampled_control(step: float, every_row: bool) -> Trajectory:
         rows.append((q, u, torque))
 
         def rate(q: float) -> float:
-            return (torque - 9.81 * 0.5 * np.cos(q)) / inertia  # noqa: B023
+            return float((torque - 9.81 * 0.5 * np.cos(q)) / inertia)  # noqa: B023
 
         # Nyström's method of order 4
         a, b = rate(q), rate(q + 0.5 * step * u + 0.125 * step**2 * rate(q))

@@ -30,7 +30,7 @@ def turn(axis: Array, angle: float) -> Array:
     """Rodrigues' formula."""
     n = axis / np.linalg.norm(axis)
     cross = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
 def rates(f: Callable[[float], Array], t: float) -> tuple[Array, Array]:

@@ -15,7 +15,6 @@ from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName, closest
 from deltac.kernels.evaluators import Evaluator, Loop, compile_function, compile_loop
 from deltac.kernels.lowering import simplified
-from deltac.kernels.native import Call
 
 SX: TypeAlias = Any  # casadi.SX
 
@@ -192,8 +191,10 @@ class Kernel:
             self._loop.iterate(rows, p)
         return rows[1:]
 
-    def bound_batch(self, x: Array, out: Array, parameters: Array | None = None) -> Call:
-        """`flat` of the same arrays every time, which it keeps, to be called for rows of a log (`in_turn`).
+    def bound_batch(
+        self, x: Array, out: Array, parameters: Array | None = None
+    ) -> Callable[[], None]:
+        """`flat` of the same arrays every time, without arguments; it keeps them.
 
         All are float64: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_parameters, B)`, with whole SIMD
         vectors of columns. They may be parts of larger arrays, whose rows are as long in all of them.

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, PHYSICAL, Array
 from deltac.errors import warn_user
 from deltac.simulation.flow import CORRECTIONS, ENERGY_CORRECTION, Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.step_size.stiffness import ABSURD, fastest_rate, longest_step
+from deltac.simulation.step_size.stiffness import fastest_rate, longest_step
 from deltac.simulation.stepping.protocol import Motion
 from deltac.trajectories import Provenance
 
@@ -109,8 +109,8 @@ def energy_error(flow: Flow, columns: Mapping[str, Array], motion: Motion) -> En
     x = motion.x
     energies = columns["energies"][: len(x)].reshape(len(x), -1)
     # NaN compares as false.
-    if not (x.max() < ABSURD and x.min() > -ABSURD and np.isfinite(energies.sum())):
-        good = np.isfinite(energies).all(axis=1) & (np.abs(x) < ABSURD).all(axis=1)
+    if not (x.max() < PHYSICAL and x.min() > -PHYSICAL and np.isfinite(energies.sum())):
+        good = np.isfinite(energies).all(axis=1) & (np.abs(x) < PHYSICAL).all(axis=1)
         rows = len(x) if good.all() else int(np.argmin(good))
         if not rows:
             return None

@@ -83,7 +83,7 @@ Step = Callable[[Array, float, dict[str, float]], Array]
 
 
 def log(
-    step: Step, h: float, noise: float = 0.0, duration: float = 4.0, **wrong: float
+    step: Step, h: float, noise: float = 0.0, duration: float = 2.0, **wrong: float
 ) -> dc.Trajectory:
     rows = [np.array([1.2, 0.8, 0.0, 1.0])]
     for _ in range(round(duration / h)):

@@ -1,14 +1,13 @@
 """What deltac adds to the compiled code it stands on: whole runs beside the bare calls inside them.
 
 The bare side has no trajectory to fill, no checks, no report: the compiled loop of steps, and heyoka's own
-Taylor integrator, made before the clock starts. What the evaluators that take LLVM's place where it has no
-wheels do with the same steps stands beside: CasADi's own, and generated C.
+Taylor integrator, made before the clock starts. What CasADi's evaluator, which takes
+LLVM's place where that has no wheels, does with the same steps stands beside.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -51,10 +50,9 @@ def run(rounds: int) -> list[dict[str, Any]]:
     if evaluator_name() != "llvm":
         return [{"name": "what deltac adds to heyoka", "skipped": "llvm is not the evaluator"}]
     problem = dc.problems.load("triple-pendulum")
-    others = [_evaluators(problem, name, _WORDS[name]) for name in _WORDS if _there(name)]
     tied = dc.problems.load("andrews-squeezer")
     pairs = (_steps(problem), _constrained(tied, 1), _constrained(tied, TIED_STEPS))
-    return [_measured(pair, rounds) for pair in (*pairs, _taylor(problem), *others)]
+    return [_measured(pair, rounds) for pair in (*pairs, _taylor(problem), _interpreted(problem))]
 
 
 def table(found: list[dict[str, Any]]) -> str:
@@ -158,26 +156,19 @@ def _taylor(problem: dc.problems.Problem) -> Pair:
     return Pair("taylor / heyoka's taylor_adaptive", whole, bare, len(times) - 1, "per row")
 
 
-_WORDS = {"casadi": "on CasADi's evaluator", "c": "as generated C"}
-
-
-def _there(evaluator: str) -> bool:
-    return evaluator != "c" or shutil.which("cc") is not None
-
-
-def _evaluators(problem: dc.problems.Problem, name: str, words: str) -> Pair:
-    """The same steps on another evaluator."""
+def _interpreted(problem: dc.problems.Problem) -> Pair:
+    """The same steps on CasADi's evaluator."""
     steps = round(DURATION / STEP) // 10
     fast = _stepper(problem)
     start = _start(problem, fast)
-    with _evaluator(name):
+    with _evaluator("casadi"):
         slow = _stepper(problem)
         compiled_steps.end(slow, start, STEP, 1)
     ends = [compiled_steps.end(method, start, STEP, steps) for method in (fast, slow)]
     off = float(np.abs(ends[0] - ends[1]).max())
     assert off < 1e-10, f"the two evaluators end {off:.1e} apart"
     return Pair(
-        f"ode5 with testing functions {words} / as machine code by LLVM",
+        "ode5 with testing functions on CasADi's evaluator / as machine code by LLVM",
         lambda: compiled_steps.end(slow, start, STEP, steps),
         lambda: compiled_steps.end(fast, start, STEP, steps),
         steps,

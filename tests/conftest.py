@@ -20,7 +20,7 @@ os.environ.setdefault("DELTAC_CACHE_DIR", str(KEPT / "kernels"))
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
 sys.pycache_prefix = os.environ.setdefault("PYTHONPYCACHEPREFIX", str(KEPT / "bytecode"))
-# Searches for cycles at 700 new objects, Python's, take a tenth of the tests' time (deltac.cli.SELDOM).
+# Searches for cycles at 700 new objects, Python's, take a tenth of the tests' time.
 gc.set_threshold(100_000, *gc.get_threshold()[1:])
 
 # A shell starts what it puts in the background with interrupts ignored; tests send themselves some.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -39,14 +40,16 @@ def run(**changed: Any) -> dc.Trajectory:
     return dc.Trajectory(**{**given, **changed})
 
 
+def _at(verb: str, value: float) -> Any:
+    return getattr(dc, verb)(M, dc.State(0.0, np.array([value]), np.zeros(1)))
+
+
 PYTHON: dict[str, tuple[str, Callable[[], Any]]] = {
     # states that were not made by the mechanism
     **{
         f"{verb} at {value}": (
             "E-STATE",
-            lambda verb=verb, value=value: getattr(dc, verb)(
-                M, dc.State(0.0, np.array([value]), np.zeros(1))
-            ),
+            partial(_at, verb, value),
         )
         for verb in ("evaluate", "matrices", "linearise", "equilibrium", "assemble")
         for value in (np.nan, np.inf)

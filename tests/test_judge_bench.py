@@ -58,7 +58,7 @@ def test_the_oracle_sees_a_damper_that_is_off_through_noise(share: float) -> Non
 
     def step(name: str, k: int, x: np.ndarray) -> np.ndarray:
         changed = {**numbers, name: numbers[name] + OFFSET} if name else numbers
-        return advanced(system.plant(changed), "rk4", k, x, motion.torque, 0.002)
+        return np.asarray(advanced(system.plant(changed), "rk4", k, x, motion.torque, 0.002))
 
     odds = log_odds(step, rows, np.arange(1001), np.tile(level, (1001, 1)), ("m", "c"))
     assert (odds["c"] > 20) if share else (max(odds.values()) < 0)

@@ -20,7 +20,8 @@ def simulate(**options: Any) -> Any:
 
 
 def run() -> dc.Trajectory:
-    return simulate(duration=0.1)
+    found: dc.Trajectory = simulate(duration=0.1)
+    return found
 
 
 BAD: dict[str, tuple[Callable[[], Any], str, str]] = {

@@ -157,7 +157,8 @@ def test_checks_and_audits_tell_how_far_they_are() -> None:
     dc.check_equations(problem, lambda t, q, u: -q, progress=told.append)
     assert told == sorted(told) and told[0] == 0.0 and len(told) > 5
     run = replace(dc.simulate(problem, duration=0.5, step=0.01), udot=None, integrals={})
-    other = replace(problem.mechanism, gravity=tuple(0.9 * x for x in problem.mechanism.gravity))
+    weight = [0.9 * problem.mechanism.number(g) for g in problem.mechanism.gravity]
+    other = replace(problem.mechanism, gravity=weight)
     told.clear()
     dc.audit(other, run, progress=told.append)
     assert told == sorted(told) and told[0] == 0.0 and len(told) > 4

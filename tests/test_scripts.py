@@ -7,6 +7,7 @@ import subprocess
 import sys
 from math import sin
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -213,7 +214,7 @@ def main():
 
 
 def test_the_code_of_a_notebook(tmp_path: Path) -> None:
-    cells = [
+    cells: list[dict[str, Any]] = [
         {"cell_type": "markdown", "source": ["# A pendulum"]},
         {"cell_type": "code", "source": ["%matplotlib inline\n", "!pip install plots\n"]},
         {"cell_type": "code", "source": FUNCTION.splitlines(keepends=True)},

@@ -60,7 +60,8 @@ NOTEBOOKS = ROOT / "docs" / "notebooks"
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Put the pages of the Python reference into the navigation, and documents that nobody put there."""
-    for section in config.nav:
+    sections = config.nav or []
+    for section in sections:
         if "Reference" in section:
             section["Reference"] = [
                 {"Python": [{title: page} for title, page, _ in _modules()]} if "Python" in e else e
@@ -68,7 +69,7 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
             ]
     listed = set(re.findall(r"'([\w/-]+\.md)'", repr(config.nav)))
     new = sorted(p.name for p in (ROOT / "docs").glob("*.md") if p.name not in listed)
-    for section in config.nav:
+    for section in sections:
         if "How to" in section:
             section["How to"] += new
     return config

@@ -10,6 +10,7 @@ import io
 import os
 import sys
 from pathlib import Path
+from typing import cast
 
 import nbformat
 from nbclient import NotebookClient
@@ -38,7 +39,7 @@ def executed(path: Path, folder: Path) -> nbformat.NotebookNode:
         "kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"},
         "language_info": {"name": "python"},
     }
-    return notebook
+    return cast(nbformat.NotebookNode, notebook)
 
 
 def _kept(output: nbformat.NotebookNode) -> nbformat.NotebookNode | None:

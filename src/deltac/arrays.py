@@ -39,6 +39,12 @@ Hundreds of operations lose 10⁻¹³; the rest is room for what cancels, and fo
 ten digits. Of singular values, by the largest: those that are zero.
 """
 
+SMALL_SHARE = 1e-3
+"""What is smaller than this share of its like counts as this share: nothing is measured by what vanishes."""
+
+ENDLESS = 20_000
+"""Rounds after which a loop that should end by itself is given up: it will not end."""
+
 HALF_DIGITS = 1e-7
 """Relative difference of what agrees to half of a double's digits.
 

@@ -13,7 +13,7 @@ from typing import Any, Unpack
 
 from deltac.analysis.classify import Classification, classify
 from deltac.calls.arguments import checked
-from deltac.calls.progress import Parts, Progress
+from deltac.calls.progress import TIME_LIMIT, Parts, Progress
 from deltac.diagnosis.audit.audit import Audit, audit
 from deltac.diagnosis.check.check import EquationCheck, check_equations
 from deltac.diagnosis.inputs.logs import LogLike
@@ -27,9 +27,6 @@ from deltac.models import Model, ModelLike, StateLike, load_model
 from deltac.results import Finding, Report, Section, Table, told_findings
 from deltac.simulation.solvers import find_solver
 from deltac.trajectories.formats.mapping import MappingLike
-
-SEARCH = 20.0
-"""Of the seconds that a search for solver and step may take; `recommend` by itself may take more."""
 
 CANDIDATES = ("ode5", "ode4", "ode8", "generalized-alpha")
 """Solvers that are tried, explicit ones first; `recommend` tries all."""
@@ -194,7 +191,7 @@ def examine(
             duration,
             tolerance,
             solvers=solvers,
-            time_limit=SEARCH,
+            time_limit=TIME_LIMIT / 3,  # by itself it may take more
             progress=parts.part("recommend"),
             **of_model,
         )

@@ -223,9 +223,9 @@ def balance(
         model: what the motion is tested against: a Mechanism, a Problem, or what else `load_model` takes.
         run: the motion. Forces that it holds are used in place of the model's own, and channels that the
             model does not have are added.
-        work: how the power is integrated. "in-loop": by the integrals that the solver took, or by the works
-            of channels that a recorder took by the integrator's own stages, with a quadrature of the
-            powers whose work the run does not hold (the default where the run has either). "samples": by
+        work: how the power is integrated. "in-loop": by the integrals that the solver took, or by the
+            works that a recorder took at the integrator's own stages; powers without a recorded work are
+            integrated along the samples (the default where the run has either). "samples": by
             quadrature along the samples. "discrete": a force held over a step does the work
             h fᵀ(u_k + u_{k+1})/2, for engines of first order.
         testing: names of testing functions; by default those integrated in the loop, or all. "momentum"
@@ -312,9 +312,9 @@ def read_trajectory(
             the log schema.
 
     Returns:
-        The trajectory. ``provenance.reading`` says in one line what was read as what, and because of what;
-        ``provenance.guessed`` what of it only the motion tells. A log without any speeds gets them from
-        splines; ``provenance.derived`` says so.
+        The trajectory. ``provenance.reading`` says in one line how each column was read, and why;
+        ``provenance.guessed`` which readings rest on the motion alone. A log without any speeds gets them
+        from splines; ``provenance.derived`` says so.
 
     Raises:
         InputError: that names the file and, where it applies, column and row.

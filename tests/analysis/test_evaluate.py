@@ -12,6 +12,7 @@ import pytest
 import deltac as dc
 from deltac.errors import InputError
 from deltac.problems import bicycle
+from deltac.problems.problem import G
 from tests.systems.constrained_mechanisms import four_bar, parallelogram
 from tests.systems.machines import pendulum, robot
 
@@ -58,6 +59,7 @@ def test_along_a_run_it_is_what_the_run_recorded(name: str) -> None:
     free = problem.mechanism.free.u
     if len(found.rows):
         size = np.abs(recorded).max()
+        assert isinstance(recorded, np.ndarray)
         np.testing.assert_allclose(pull, recorded[:, free], atol=1e-8 * size)
 
 
@@ -70,6 +72,7 @@ def test_matrices_and_evaluation_agree_by_two_routes() -> None:
     np.testing.assert_allclose(found.M, B.T @ book.M @ B, atol=1e-13)
     np.testing.assert_allclose(found.udot, book.udot, atol=1e-10)
     total = sum(f for f in found.forces.values())
+    assert isinstance(total, np.ndarray)
     np.testing.assert_allclose(total[free], B.T @ book.F, atol=1e-11)
 
 
@@ -219,9 +222,7 @@ def test_eigenvalues_of_the_bicycle_at_eleven_speeds() -> None:
         found = dc.linearise(problem).eigenvalues
         A = np.zeros((4, 4))
         A[:2, 2:] = np.eye(2)
-        A[2:, :2] = -np.linalg.solve(
-            bicycle.MASS, bicycle.G * bicycle.STIFFNESS + v**2 * bicycle.GYRO
-        )
+        A[2:, :2] = -np.linalg.solve(bicycle.MASS, G * bicycle.STIFFNESS + v**2 * bicycle.GYRO)
         A[2:, 2:] = -np.linalg.solve(bicycle.MASS, v * bicycle.DAMPING)
         for published in np.linalg.eigvals(A):
             near = np.abs(found - published).min()

@@ -20,7 +20,7 @@ def counted() -> dict[str, dict[str, int]]:
     try:
         from counts import counts
 
-        return counts()
+        return dict(counts())
     finally:
         sys.path.remove(str(BENCHMARKS))
 

@@ -34,7 +34,7 @@ def _rivals(adapter: str, step: float) -> list[Any]:
     found = peers.pendulum_rivals(adapter, pendulum)
     if isinstance(found[0], peers.Absent):
         pytest.skip(found[0].why)
-    return found
+    return list(found)
 
 
 @pytest.mark.parametrize("adapter", peers.PENDULUMS)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from deltac import __version__, cli, problems
 from deltac.errors import InputError
+from deltac.problems import simple_pendulum
 from tests.support.commands import command as run
 
 
@@ -171,7 +172,7 @@ def test_a_problem_is_compared_with_its_references(capsys: pytest.CaptureFixture
 def test_a_reference_that_is_not_met_is_status_1(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deltac.problems.simple_pendulum.PERIOD", 2.4)
+    monkeypatch.setitem(simple_pendulum.POSITIONS, 1.0, (0.9, -0.2))
     status, out, _ = run("problems", "simple-pendulum", capsys=capsys)
     assert status == 1 and "NO" in out
 

@@ -11,7 +11,7 @@ import pytest
 import deltac as dc
 from tests.systems.cart_pole import CartPole, rk4
 
-STEP, ROWS, HELD = 0.002, 1500, 5
+STEP, ROWS, HELD = 0.002, 900, 5
 Actuator = Callable[[np.ndarray], np.ndarray]
 
 

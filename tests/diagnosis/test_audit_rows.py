@@ -219,7 +219,8 @@ class Walled(CartPole):
             return free
         m, l, theta = self.pole, self.length, float(q[1])
         a, b, c = self.cart + m, -m * l * np.sin(theta), self.inertia + m * l**2
-        return free - 2000.0 * (theta - self.wall) * np.array([-b, a]) / (a * c - b * b)
+        push = 2000.0 * (theta - self.wall) * np.array([-b, a]) / (a * c - b * b)
+        return np.asarray(free - push)
 
 
 def lacking(run: dc.Trajectory, share: float = 0.6) -> dc.Trajectory:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -85,7 +86,7 @@ def told(judge: Callable[[], dc.Audit]) -> str:
 )
 def test_each_is_judged_as_alone(logs: dict[str, dc.Trajectory], way: Callable) -> None:  # type: ignore[type-arg]
     with way():
-        alone = {name: told(lambda run=run: dc.audit(PROBLEM, run)) for name, run in logs.items()}
+        alone = {name: told(partial(dc.audit, PROBLEM, run)) for name, run in logs.items()}
         made = dict(zip(logs, audit_together(PROBLEM, list(logs.values()))))
         together = {name: report(one) for name, one in made.items()}
     assert together == alone

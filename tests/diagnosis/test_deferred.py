@@ -64,8 +64,8 @@ def test_a_motion_that_cannot_be_followed_is_cut_or_refused() -> None:
         count = len(correction.run)
         assert count < len(log)
         exact = dc.simulate(top, None, 1.0, 1e-3, "ode8", dc.Record([], every=4))
-        error = np.abs(correction.run.q - exact.q[:count]).max()
-        assert error <= 10.0 * correction.remaining.max() + 1e-6
+        off = np.abs(correction.run.q - exact.q[:count]).max()
+        assert off <= 10.0 * correction.remaining.max() + 1e-6
 
 
 @pytest.mark.parametrize("noise", [1e-8, 1e-6, 1e-4])

@@ -14,7 +14,7 @@ from explain_models import faults, model_of, noisy, simulate  # noqa: E402
 SAMPLE = (
     "planar-arm armature elbow",
     "cart-pole mass pole",
-    "arm-3d gear actuator m4",
+    pytest.param("arm-3d gear actuator m4", marks=pytest.mark.slow),
     pytest.param("arm-3d com fore", marks=pytest.mark.slow),
     "floating spring flap",
     "ball-chain inertia second",

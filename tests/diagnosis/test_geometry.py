@@ -115,6 +115,13 @@ def placed_anew(joint: Any, side: str, xi: Array) -> dict[str, Any]:
     return made
 
 
+def composed(
+    outer: Callable[[Any], Array], inner: Callable[[float], Any]
+) -> Callable[[float], Array]:
+    """Outer of inner."""
+    return lambda h: outer(inner(h))
+
+
 def changes(mechanism: dc.Mechanism, equations: LogEquations, kernels: ColumnKernels) -> Any:
     """(what, the mechanism with h of it, coefficients of the columns): places of each joint; all numbers."""
     rng = np.random.default_rng(7)
@@ -174,7 +181,7 @@ def test_columns_of_a_tree_are_derivatives_of_its_residual() -> None:
         *("hip", "slide", "drill", "shoulder", "wrist", "force.cord.length"),
     }
     for what, build, x in changes(mechanism, equations, kernels):
-        expected = derivative(lambda h, build=build: residual(build(h)))
+        expected = derivative(composed(residual, build))
         scale = max(float(np.abs(expected).max()), 1e-3)
         np.testing.assert_allclose(
             X[..., 1:] @ x, expected, rtol=0, atol=1e-6 * scale, err_msg=what
@@ -276,7 +283,7 @@ def test_columns_with_constraints_are_derivatives_of_accelerations(
     np.testing.assert_allclose(X[0, :, 0], 0.0, atol=1e-10)
     M = equations_of_motion(mechanism).terms(0.3, q, u).M
     for what, build, x in changes(mechanism, equations, kernels):
-        expected = M @ derivative(lambda h, build=build: udot(build(h)))
+        expected = M @ derivative(composed(udot, build))
         scale = max(float(np.abs(expected).max()), 1e-3)
         np.testing.assert_allclose(
             X[0, :, 1:] @ x, expected, rtol=0, atol=1e-6 * scale, err_msg=what

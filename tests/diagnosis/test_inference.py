@@ -61,17 +61,17 @@ def accelerations(x: Array, p: dict[str, float]) -> Array:
 
 
 def explicit_euler(x: Array, h: float, p: dict[str, float]) -> Array:
-    return x + h * np.r_[x[2:], accelerations(x, p)]
+    return np.asarray(x + h * np.r_[x[2:], accelerations(x, p)])
 
 
 def semi_implicit_euler(x: Array, h: float, p: dict[str, float]) -> Array:
     u = x[2:] + h * accelerations(x, p)
-    return np.r_[x[:2] + h * u, u]
+    return np.asarray(np.r_[x[:2] + h * u, u])
 
 
 def rk4(x: Array, h: float, p: dict[str, float]) -> Array:
     def rate(x: Array) -> Array:
-        return np.r_[x[2:], accelerations(x, p)]
+        return np.asarray(np.r_[x[2:], accelerations(x, p)])
 
     k1 = rate(x)
     k2 = rate(x + h / 2 * k1)
@@ -83,7 +83,7 @@ Step = Callable[[Array, float, dict[str, float]], Array]
 
 
 def log(
-    step: Step, h: float, noise: float = 0.0, duration: float = 4.0, **wrong: float
+    step: Step, h: float, noise: float = 0.0, duration: float = 2.0, **wrong: float
 ) -> dc.Trajectory:
     rows = [np.array([1.2, 0.8, 0.0, 1.0])]
     for _ in range(round(duration / h)):

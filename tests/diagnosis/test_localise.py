@@ -74,7 +74,7 @@ def test_when_it_happens() -> None:
     )
     found = dc.localise(model.mechanism, both)
     (departure,) = found.departures
-    assert departure.speed == "joint3"
+    assert departure.speed == "joint3" and departure.span is not None
     assert 0.0 < departure.span[0] < departure.span[1] <= 0.2
     damped = dc.localise(model.mechanism, replace(run, forces={}, works={}, integrals={}))
     assert [str(t) for t in damped.departures[0].terms] == ["0.2·u.joint3"]

@@ -60,7 +60,7 @@ def heun(f: Rate, q: float, u: float, h: float) -> tuple[float, float]:
     return q + 0.5 * h * (u + u + h * a), u + 0.5 * h * (a + b)
 
 
-def slid(step: Step, h: float = 1e-3, rows: int = 600) -> dc.Trajectory:
+def slid(step: Step, h: float = 1e-3, rows: int = 400) -> dc.Trajectory:
     q, u, table = 0.35, 0.4, []
     for k in range(rows):
         x, y = LENGTH * np.sin(q), LENGTH * np.cos(q)

@@ -60,6 +60,7 @@ def test_every_solver_shows_its_order(name: str) -> None:
     for function in ("wang", "liu-huston"):
         energy = found.observed_order[function]
         assert energy.trend == "falls to zero"
+        assert energy.order is not None
         assert order - 0.15 <= energy.order <= order + 1.15, (function, energy)
     assert found.verdict.kind in ("consistent", "integration-error")
     assert not kinds(found) & {"order-below-nominal", "horizon"}
@@ -379,7 +380,7 @@ def test_a_step_at_which_the_run_blows_up_gives_no_order(steps: tuple[float, ...
         assert order is None and found.observed_order["wang"].trend == "one run"
     else:
         # An order more than the method's, as wherever a decay has died down by the end.
-        assert 3.5 < order < 5.5
+        assert order is not None and 3.5 < order < 5.5
 
 
 def test_a_run_that_diverges_but_stays_finite_gives_no_order() -> None:

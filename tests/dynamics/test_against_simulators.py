@@ -144,7 +144,7 @@ def test_pinocchio(sample: Sample) -> None:
 
     def solve(applied: Array) -> Array:
         a = pin.aba(model, data, q, T @ sample.u, T @ applied)  # T is orthogonal: T⁻ᵀ = T
-        return T.T @ (a - bias)
+        return np.asarray(T.T @ (a - bias))
 
     compare(sample, T.T @ M @ T, T.T @ tau, solve)
 
@@ -245,7 +245,7 @@ def mujoco_agrees(sample: Sample) -> None:
     def solve(applied: Array) -> Array:
         data.qfrc_applied = T @ applied
         mujoco.mj_forward(model, data)
-        return T.T @ np.array(data.qacc)
+        return np.asarray(T.T @ np.array(data.qacc))
 
     compare(sample, T.T @ M @ T, T.T @ tau, solve)
 

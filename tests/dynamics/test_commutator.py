@@ -86,7 +86,7 @@ def commutator(sample: Sample, own: OwnSpeeds) -> float:
     def X(place: Array) -> Array:
         speeds = book.u_t.astype(place.dtype)
         speeds[free] = own.Z(place[:nq], place[nq])
-        return coordinate_rates(mechanism, place[:nq]) @ speeds
+        return np.asarray(coordinate_rates(mechanism, place[:nq]) @ speeds)
 
     now = np.append(sample.q, sample.t)
     bracket = along(W, now, np.append(X(now), 1.0)) @ own_u
@@ -96,6 +96,7 @@ def commutator(sample: Sample, own: OwnSpeeds) -> float:
     return float(p @ bracket)
 
 
+assert settings.default is not None
 FEW = 4 if settings.default.max_examples < 50 else settings.default.max_examples
 """SymPy takes a second for the speeds of each example."""
 

@@ -103,8 +103,9 @@ def shafts(constraint: Constraint, torque: str) -> dc.Mechanism:
 
 def accelerations(model: dc.Mechanism) -> np.ndarray:
     run = dc.simulate(model, model.state(), 1.0, 0.1, "ode4")
+    assert run.udot is not None
     np.testing.assert_allclose(run.u[-1], run.udot[0], rtol=1e-9, atol=1e-12)
-    return run.udot[0]
+    return np.asarray(run.udot[0])
 
 
 @pytest.mark.parametrize("crossed", [False, True])

@@ -91,7 +91,7 @@ def test_the_gap_opens_at_the_speed_of_the_material_points(pair: tuple[type, typ
 def rotation(q: Array) -> Array:
     w, v = q[0], q[1:]
     cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+    return np.asarray(np.eye(3) + 2 * w * cross + 2 * cross @ cross)
 
 
 def core(shape: Shape, q: Array) -> tuple[Array, Array, float]:

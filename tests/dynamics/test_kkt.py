@@ -28,7 +28,8 @@ sizes = st.integers(1, 9)
 def spd(rng: np.random.Generator, n: int, density: float) -> Array:
     """A sparse symmetric positive definite matrix with a condition of some tens."""
     lower = np.tril(rng.normal(size=(n, n)) * (rng.random((n, n)) < density), -1) / np.sqrt(n)
-    return (lower + np.eye(n)) @ np.diag(rng.uniform(0.5, 2, n)) @ (lower + np.eye(n)).T
+    unit = lower + np.eye(n)
+    return np.asarray(unit @ np.diag(rng.uniform(0.5, 2, n)) @ unit.T)
 
 
 def sparse(A: Array) -> Any:
@@ -246,4 +247,5 @@ def test_nearly_dependent_constraints_are_refused(tilt: float, accepted: bool) -
     # I q̈ = 1 at each wheel; z is free without the tilt and locked with it.
     inertia = 0.4 * 1.0 * 0.1**2
     expected = [1 / inertia, 1 / inertia, 1 / inertia if tilt == 0.0 else 0.0]
+    assert run.udot is not None
     np.testing.assert_allclose(run.udot[-1], expected, atol=1e-6 / inertia)

@@ -10,7 +10,6 @@ import pytest
 import deltac as dc
 from deltac.energy.sampling import quadrature
 from deltac.energy.sampling import samples as sampled
-from deltac.energy.sampling.interpolation import band_matrices, weighted_windows
 
 
 def logged() -> tuple[dc.Mechanism, dc.Trajectory]:
@@ -39,26 +38,12 @@ def test_powers_do_not_depend_on_blocks(monkeypatch: pytest.MonkeyPatch) -> None
     mechanism, run = logged()
     whole = dc.balance(mechanism, run, work="samples")
     monkeypatch.setattr(sampled, "AT_ONCE", 40)
-    monkeypatch.setattr(quadrature, "BANDS", 3)
+    monkeypatch.setattr(quadrature, "ROWS_AT_ONCE", 40)
     small = dc.balance(mechanism, run, work="samples")
     scale = whole.energy_exchanged
     for name in whole.power:
         np.testing.assert_array_equal(whole.power[name], small.power[name])
         np.testing.assert_allclose(whole.work[name], small.work[name], rtol=0, atol=1e-14 * scale)
-
-
-@pytest.mark.parametrize(("rows", "size", "count"), [(1, 1, 1), (3, 24, 2), (5, 7, 9)])
-def test_band_matrices_weight_windows(rows: int, size: int, count: int) -> None:
-    """Against the plain sum over the window, to rounding of eight terms."""
-    rng, window, n = np.random.default_rng(size), 8, size * count
-    values, weights = rng.normal(size=(rows, n + window + 3)), rng.normal(size=(window, n))
-    out = np.empty((rows, n))
-    bands = band_matrices(count, size, window)
-    for _ in range(2):  # the second time with weights of the first in the bands
-        weighted_windows(values, weights, bands, out)
-        expected = sum(weights[j] * values[:, j : j + n] for j in range(window))
-        np.testing.assert_allclose(out, expected, rtol=0, atol=1e-14)
-        weights = rng.normal(size=(window, n))
 
 
 def test_violations_of_a_long_log_are_told() -> None:

@@ -15,7 +15,7 @@ from tests.systems import four_bar
 def quaternion_to_matrix(q: np.ndarray) -> np.ndarray:
     from scipy.spatial.transform import Rotation
 
-    return Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix()
+    return np.asarray(Rotation.from_quat(q[:, [1, 2, 3, 0]]).as_matrix())
 
 
 def test_a_body_in_free_flight() -> None:

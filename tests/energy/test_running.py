@@ -21,16 +21,11 @@ def test_the_integrals_of_windows(columns: int) -> None:
     fine, half, quarter = (windows.sums(np.ascontiguousarray(powers[:, ::n]), n) for n in (1, 2, 4))
     running = Running(ROWS, columns)
     running.powers[:] = powers[:, FIRST - REACH : FIRST + ROWS + REACH + 1].T
-    running.start(0)
-    for piece in running.pieces:
-        piece.call(0)
+    state = running()
 
     expected = (fine[:, FIRST : FIRST + ROWS + 1] - fine[:, FIRST, None]).T
     places = np.arange(ROWS + 1)
     np.testing.assert_allclose(running.value(places), expected, atol=1e-12)
-    for piece in running.pieces:
-        np.testing.assert_allclose(piece.value, expected[piece.first : piece.last + 1], atol=1e-12)
-    state = running.end()
     np.testing.assert_array_equal(state["value"], running.value(places[-1:])[0])
 
     error = (fine[:, ::2] - half)[:, FIRST // 2 :]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ def turn(axis: Array, angle: float) -> Array:
     """Rodrigues' formula."""
     n = axis / np.linalg.norm(axis)
     cross = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
 
 
 def rates(f: Callable[[float], Array], t: float) -> tuple[Array, Array]:
@@ -94,6 +95,13 @@ def tree(seed: int) -> str:
                 found.append((R, place + R @ axis * s, place))
         return found
 
+    def orientation(j: int, t: float) -> Array:
+        return poses(t)[j][0]
+
+    def centre(j: int, t: float) -> Array:
+        R, r, _ = poses(t)[j]
+        return np.asarray(r + R @ centres[j])
+
     largest = max(np.abs(force).max() for force in run.forces.values())
     for t in run.t[::75]:
         now = poses(t)
@@ -104,8 +112,8 @@ def tree(seed: int) -> str:
             axis = now[k][0] @ (axes[k] / np.linalg.norm(axes[k]))
             needed = 0.0
             for j in beyond:
-                _, a = rates(lambda s, j=j: poses(s)[j][1] + poses(s)[j][0] @ centres[j], t)
-                momentum = _spin(lambda s, j=j: poses(s)[j][0], moments[j])
+                _, a = rates(partial(centre, j), t)
+                momentum = _spin(partial(orientation, j), moments[j])
                 force = masses[j] * (a - G)
                 arm = now[j][1] + now[j][0] @ centres[j] - now[k][2]
                 moment = rates(momentum, t)[0] + np.cross(arm, force)

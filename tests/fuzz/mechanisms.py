@@ -31,7 +31,8 @@ import numpy as np
 from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
-from deltac.dynamics.digits import NEARBY, SMALL_SHARE, condition
+from deltac.arrays import SMALL_SHARE
+from deltac.dynamics.digits import NEARBY, condition
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import InputError
 from deltac.kernels import to_mpmath

@@ -93,6 +93,7 @@ def test_motion_is_that_of_the_mechanism(way: str) -> None:
         method, {"shoulder": alpha, "elbow": beta - alpha}, parameters=VALUES
     )
     assert equations.coordinates is not None
+    assert isinstance(equations.coordinates, dc.CoordinateMap)
     assert equations.coordinates.coordinates == ("alpha", "beta")
     state = mechanism.state({"shoulder": 0.4, "elbow": -0.9}, {"shoulder": 1.0, "elbow": 2.0})
     runs = [
@@ -112,7 +113,7 @@ def test_rhs_takes_batches() -> None:
     )
     rng = np.random.default_rng(3)
     q, u = rng.normal(size=(2, 2, 5))
-    many = equations.rhs(0.0, q, u)
+    many = np.asarray(equations.rhs(0.0, q, u))
     assert many.shape == (2, 5)
     each = [equations.rhs(0.0, q[:, k], u[:, k]) for k in range(5)]
     np.testing.assert_array_equal(many, np.transpose(each))

@@ -9,4 +9,5 @@ def evaluator(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
     if request.param == "llvm":
         pytest.importorskip("llvmlite")
     monkeypatch.setenv("DELTAC_EVALUATOR", request.param)
-    return request.param
+    name: str = request.param
+    return name

@@ -16,6 +16,7 @@ import pytest
 from deltac.errors import InputError
 from deltac.kernels import Kernel, evaluator_name
 from deltac.kernels.parallel import spread
+from deltac.kernels.simd import LINE, aligned
 
 
 def pendulum() -> Kernel:
@@ -375,3 +376,15 @@ def test_kernels_outlive_their_linker() -> None:
     again = kept(x=points)
     np.testing.assert_array_equal(again["y"], first["y"])
     np.testing.assert_allclose(again["y"], np.sin(points), rtol=4 * np.finfo(float).eps)
+
+
+def test_a_bound_batch_is_the_batch_of_its_arrays(evaluator: str) -> None:
+    x = casadi.SX.sym("x", 9)
+    kernel = Kernel({"x": x}, {"y": 2.0 * x})
+    columns, doubled = aligned(9, 16), aligned(9, 16)
+    assert columns.ctypes.data % LINE == 0
+    call = kernel.bound_batch(columns, doubled)
+    for value in (1.0, -3.0):
+        columns[:] = value * np.arange(144.0).reshape(9, 16)
+        call()
+        np.testing.assert_array_equal(doubled, 2.0 * columns)

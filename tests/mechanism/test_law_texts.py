@@ -82,8 +82,8 @@ for name in "add sub mul truediv pow".split():
     forward = lifted(getattr(operator, name))
     setattr(Ball, f"__{name}__", forward)
     setattr(Ball, f"__r{name}__", lambda self, other, forward=forward: forward(other, self))
-Ball.__neg__ = lifted(operator.neg)
-Ball.__pos__ = lambda self: self
+for name, function in (("neg", lifted(operator.neg)), ("pos", lambda self: self)):
+    setattr(Ball, f"__{name}__", function)
 
 NAMES = "sin cos tan asin acos atan atan2 sinh cosh tanh exp log sqrt sign".split()
 MEANING: dict[str, Any] = {name: lifted(getattr(mpmath, name)) for name in NAMES}
@@ -114,14 +114,14 @@ CONDITIONS = (
 def texts(draw: Any, depth: int = 4, forms: list[str] = FORMS) -> str:
     """A text of the grammar; a condition has no conditions inside."""
     if depth == 0 or draw(st.integers(0, depth)) == 0:
-        return draw(st.sampled_from(ATOMS))
+        return str(draw(st.sampled_from(ATOMS)))
     form = draw(st.sampled_from(forms))
     parts = [draw(texts(depth - 1, forms)) if f"{{{i}}}" in form else "" for i in (0, 1)]
     if "{2}" in form:
         plain = [f for f in FORMS if "{2}" not in f]
         operands = [draw(texts(min(depth - 1, 1), plain)) for _ in (0, 1)]
         parts.append(draw(st.sampled_from(CONDITIONS)).format(*operands))
-    return form.format(*parts)
+    return str(form.format(*parts))
 
 
 values_of_symbols = st.lists(

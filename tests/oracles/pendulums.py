@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import mpmath
 import numpy as np
@@ -55,7 +56,7 @@ def spherical_pendulum() -> Values:
         assert min(abs(start - z1), abs(start - z2)) < 1e-25
         ahead = mpmath.mpf(0) if abs(start - z1) < 1e-25 else mpmath.ellipk(m)
 
-        def height(at: object) -> object:
+        def height(at: Any) -> Any:
             return z1 + (z2 - z1) * mpmath.ellipfun("sn", rate * at + ahead, m=m) ** 2
 
         values: Values = {"energy at 10 s": float(E)}

@@ -231,7 +231,7 @@ def driven_triple_pendulum() -> Values:
     for which, grid in grids.items():
         torques = [solved(t, states[t][:4])[1] for t in grid]
         fit = np.polynomial.Polynomial.fit(grid, torques, 8)
-        peak = min(fit.deriv().roots(), key=lambda root: abs(root - near[which]))
+        peak = min(fit.deriv().roots(), key=lambda root: abs(complex(root) - near[which]))
         values[f"{which} driving torque M1"] = float(fit(peak.real))
     return values
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import casadi
@@ -12,6 +13,7 @@ import pytest
 from deltac import Controller, InputError, problems, simulate
 from deltac.dynamics.system import trace
 from deltac.dynamics.terms import forward
+from deltac.problems import Problem
 from deltac.problems.triple_pendulum import driving_torque
 from deltac.problems.triple_pendulum_equations import HandEquations
 
@@ -48,13 +50,20 @@ def assert_close(found: Any, expected: Any) -> None:
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
+def equations_of(problem: Problem) -> Callable[..., Any]:
+    """The right-hand side of a problem's hand-written equations."""
+    assert problem.equations is not None
+    return problem.equations.rhs
+
+
 @pytest.mark.parametrize("damping", [0.0, (0.1, 0.02, 0.3)])
 @pytest.mark.parametrize("weights", [(10.0, 30.0, 20.0), (10.0, 40.0, 10.0)])
 def test_hand_equations_equal_the_mechanism(damping: Any, weights: Any) -> None:
     problem = problems.load("triple-pendulum", damping=damping, weights=weights)
+    rhs = equations_of(problem)
     own = own_dynamics(problem.mechanism)
     for t, theta, omega in random_states():
-        by_hand = problem.equations.rhs(t, theta, omega)
+        by_hand = rhs(t, theta, omega)
         assert_close(relative(by_hand), own(t, relative(theta), relative(omega))[0])
 
 
@@ -62,13 +71,13 @@ def test_driven_equations_and_torque_equal_the_mechanism() -> None:
     problem = problems.load("driven-triple-pendulum", damping=0.05)
     own = own_dynamics(problem.mechanism)
     free = own_dynamics(problems.load("triple-pendulum", drive="torque", damping=0.05).mechanism)
-    hand = HandEquations.of(problem.mechanism.parameters)
+    hand, rhs = HandEquations.of(problem.mechanism.parameters), equations_of(problem)
     for t, theta, omega in random_states():
         theta[0], omega[0] = math.sin(0.75 * t), 0.75 * math.cos(0.75 * t)
         q, u = relative(theta), relative(omega)
         udot, driving = own(t, q[1:], u[1:])
         first = -(0.75**2) * math.sin(0.75 * t)
-        by_hand = np.array([first, *problem.equations.rhs(t, theta[1:], omega[1:])])
+        by_hand = np.array([first, *rhs(t, theta[1:], omega[1:])])
         assert_close(relative(by_hand), udot)
         torque = hand.driving_torque(t, theta[1:], omega[1:])
         assert abs(torque - driving[0]) <= 1e-12 * np.abs(driving).max()
@@ -80,7 +89,7 @@ def test_the_mistake_is_the_one_sign_of_figure_4_7() -> None:
     problem = problems.load("triple-pendulum", mistake=True)
     m2, m3, r2, l2 = 30 / 9.8, 20 / 9.8, 0.125, 0.25
     for t, theta, omega in random_states():
-        difference = problem.equations.rhs(t, theta, omega) - right.free(t, theta, omega)
+        difference = equations_of(problem)(t, theta, omega) - right.free(t, theta, omega)
         (M11, M12, M13, M22, M23, M33), _ = right.terms(theta, omega)
         M = np.array([[M11, M12, M13], [M12, M22, M23], [M13, M23, M33]])
         torque = 2 * (m2 * r2 + m3 * l2) * 9.8 * math.sin(theta[1])
@@ -89,7 +98,7 @@ def test_the_mistake_is_the_one_sign_of_figure_4_7() -> None:
 
 @pytest.mark.parametrize("name", ["triple-pendulum", "driven-triple-pendulum"])
 def test_hand_equations_take_batches_and_symbols(name: str) -> None:
-    rhs = problems.load(name, damping=0.01).equations.rhs
+    rhs = equations_of(problems.load(name, damping=0.01))
     n = 3 if name == "triple-pendulum" else 2
     rng = np.random.default_rng(RNG_SEED)
     q, u = rng.normal(size=(2, n, 7))

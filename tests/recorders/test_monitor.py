@@ -105,8 +105,10 @@ def test_delta_p_names_the_equation_and_forgets_steps_taken_back() -> None:
     monitor = dc.Monitor(mechanism, on_exceed=None, testing="momentum")
     for k, t in enumerate(run.t):
         if k:
+            assert run.udot is not None
             monitor.update(t, run.q[k] + 0.1, run.u[k] - 3.0, run.udot[k])
             monitor.reject()
+        assert run.udot is not None
         monitor.update(t, run.q[k], run.u[k], run.udot[k])
     impulse = 0.2 / 3.0 * (1.0 - np.cos(3.0 * run.t[-1]))
     assert monitor.delta_p["b"] == pytest.approx(impulse, abs=1e-6)

@@ -148,7 +148,9 @@ def test_all_kinds_of_forces(integrator: str, jacobian: str) -> None:
     assert np.allclose(run.forces["damper t"][:, [a, slide]], np.outer(-b * rate, [2, 1]))
     assert np.allclose(run.forces["applied qfrc"], 0.3 * (np.arange(model.nv) == 0))
     # Joint a limits what its actuators do together.
-    on_a = sum(force for name, force in run.forces.items() if name.startswith("actuator"))
+    on_a = np.sum(
+        [force for name, force in run.forces.items() if name.startswith("actuator")], axis=0
+    )
     gravcomp = run.forces["applied gravcomp"]
     # The tendon's motor acts on it, too, and gravity compensation counts as actuation.
     assert np.abs(on_a[:, a] + gravcomp[:, a]).max() <= 1.0 + 1e-12

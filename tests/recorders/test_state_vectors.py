@@ -50,7 +50,7 @@ def in_order(order: tuple[int, ...]) -> Any:
     return f
 
 
-ORDERS = {
+ORDERS: dict[tuple[int, ...], Any] = {
     (0, 1, 2, 3): None,
     (2, 3, 0, 1): None,
     (0, 2, 1, 3): "interleaved",

@@ -13,9 +13,9 @@ import pytest
 import deltac as dc
 from deltac.report.page import document, html_of
 from deltac.report.page.geometry import coarser
-from deltac.report.page.parts import HISTORY_STRETCHES, Chapter, Page, Stretches
+from deltac.report.page.parts import Chapter, Page, Stretches
 from deltac.report.page.scene import scene
-from deltac.report.panels import Line, TimePlot
+from deltac.report.panels import POINTS, Line, TimePlot
 from deltac.results import Report, Table
 from tests.support.pages import data_of
 
@@ -94,9 +94,9 @@ def test_no_peak_is_lost() -> None:
     y = rng.normal(size=rows)
     peaks = rng.choice(rows, 50, replace=False)
     y[peaks] = 100.0 + np.arange(50)
-    cut = Stretches.of(np.arange(rows) / 1e3, HISTORY_STRETCHES)
+    cut = Stretches.of(np.arange(rows) / 1e3, POINTS)
     drawn = cut.extremes(y)
-    assert len(drawn) == len(cut.t) == 2 * HISTORY_STRETCHES
+    assert len(drawn) == len(cut.t) == 2 * POINTS
     stretch = np.searchsorted(cut.starts, np.arange(rows), "right") - 1
     pairs = drawn.reshape(-1, 2)
     assert np.all(pairs.max(axis=1)[stretch] >= y) and np.all(pairs.min(axis=1)[stretch] <= y)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -59,6 +60,11 @@ def test_a_continuous_controller_is_a_law(solver: str) -> None:
     assert run.provenance.held is None
 
 
+def constant(value: Any, t: float, q: Any, u: Any) -> Any:
+    """The same at every instant."""
+    return value
+
+
 def test_a_held_controller_is_a_constant_over_each_step() -> None:
     """Against a run of many short runs, each with a constant torque."""
     free = machine()
@@ -69,7 +75,7 @@ def test_a_held_controller_is_a_constant_over_each_step() -> None:
         held = answer(k * 0.02, state.q, state.u)
         step = dc.simulate(
             *(free, state, 0.02, 0.02, "ode4"),
-            controller=dc.Controller(lambda t, q, u, held=held: held, hold=False),
+            controller=dc.Controller(partial(constant, held), hold=False),
         )
         np.testing.assert_allclose(run.q[k + 1], step.q[-1], atol=1e-14)
         np.testing.assert_allclose(run.u[k + 1], step.u[-1], atol=1e-13)

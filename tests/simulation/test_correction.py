@@ -89,7 +89,7 @@ def test_change_is_the_least_in_the_mass_metric() -> None:
     inertia = mass * length**2
 
     def total(q: float, u: float) -> float:
-        return 0.5 * inertia * u**2 - mass * g * length * np.cos(q)
+        return float(0.5 * inertia * u**2 - mass * g * length * np.cos(q))
 
     target = total(0.2, 0.4)
     found = minimize(

@@ -68,7 +68,7 @@ def test_it_is_told_and_then_refused(monkeypatch: pytest.MonkeyPatch) -> None:
             dc.simulate(mechanism, start, 1e-3, 1e-3)
     found = dc.study(mechanism, start, 2e-3, [1e-3, 5e-4])
     assert [f.weight for f in found.findings if f.code == "F-ILL-CONDITIONED"] == ["doubt"]
-    monkeypatch.setattr("deltac.simulation.arguments.LOST", 1e-13)
+    monkeypatch.setattr("deltac.simulation.arguments.WORTHLESS", 1e-13)
     with pytest.raises(InputError, match="no correct digit") as caught:
         dc.simulate(mechanism, start, 1e-3, 1e-3)
     assert caught.value.code == "E-STATE"

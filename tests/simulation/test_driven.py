@@ -184,4 +184,5 @@ def test_inverse_dynamics_says_what_is_not_determined() -> None:
         constraints=(),
     )
     found = dc.inverse_dynamics(free, replace(run, forces={}), ["A", "B"])
+    assert run.udot is not None
     np.testing.assert_allclose(found.residual[:, 2], MASSES[2] * run.udot[:, 2], rtol=1e-9)

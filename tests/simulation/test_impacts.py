@@ -301,7 +301,7 @@ def newton_coulomb(W: Array, v: Array, e: float, mu: float) -> Array:
         return stick
     d = v[1:] / np.hypot(*v[1:])
     force = np.array([1.0, *(-mu * d)])
-    return -(1 + e) * v[0] / float(W[0] @ force) * force
+    return np.asarray(-(1 + e) * v[0] / float(W[0] @ force) * force)
 
 
 def test_friction_never_makes_energy_though_newton_s_ratio_would() -> None:

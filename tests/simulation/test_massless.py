@@ -99,6 +99,7 @@ def test_no_scale_of_mass_or_length_costs_digits(a: float, mass: float) -> None:
     np.testing.assert_allclose(here.multipliers, force, rtol=1e-11)
     np.testing.assert_array_equal(here.M, np.diag([mass, mass, 0.0]))
     run = dc.simulate(m, at(m, s, rate), 2e-3 * np.sqrt(a), 1e-3 * np.sqrt(a))
+    assert run.udot is not None
     np.testing.assert_allclose(run.udot[0], exact, rtol=1e-11)
     np.testing.assert_allclose(run.forces["constraint across"][0, 0], force[0], rtol=1e-10)
 

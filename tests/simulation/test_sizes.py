@@ -66,6 +66,7 @@ def test_integrals_cost_few_steps_and_the_orbit_closes(solver: Options) -> None:
     alone = dc.simulate(mechanism, state, period, None, solver, record=[])
     assert len(run) <= 4 * len(alone)
     assert np.hypot(*(run.q[-1] - state.q)) < 1e-3 * R
+    assert run.provenance.energy_error is not None
     assert run.provenance.energy_error < 1e-3 * 3e12
 
 

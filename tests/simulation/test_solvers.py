@@ -162,6 +162,7 @@ def test_taylor_against_elliptic_functions(name: str, tolerance: float) -> None:
     assert len(run) == 21
     assert np.abs(run.q[:, 0] - expected[:, 0]).max() < tolerance * AMPLITUDE
     assert np.abs(run.u[:, 0] - expected[:, 1]).max() < tolerance * 10.0
+    assert run.udot is not None
     assert np.abs(run.udot[:, 0] + 9.81 / 0.5 * np.sin(run.q[:, 0])).max() < 1e-13 * 20
 
 

@@ -98,6 +98,7 @@ def test_every_simulator_makes_the_same_motion(name: str, solver: str, arm: Path
         run = simulator.run(experiment, step, solver)
         row = int(np.argmin(np.abs(run.t - 0.2)))
         if abs(run.t[row] - 0.2) > 1e-9:  # the last state of steps with held forces is no row
+            assert run.udot is not None
             end = run.q[-1] + step * (run.u[-1] + step * run.udot[-1])
         else:
             end = run.q[row]
@@ -403,7 +404,8 @@ def test_differences_in_the_last_digits_are_no_mistake() -> None:
     model = pin.buildModelFromXML(experiment.text)
     data = model.createData()
     places = [model.joints[model.getJointId(name)].idx_v for name in run.speeds]
-    total, rows = sum(run.forces.values()), (run.q, run.u, run.udot)
+    assert run.udot is not None
+    total, rows = np.sum(list(run.forces.values()), axis=0), (run.q, run.u, run.udot)
     for k in range(len(run)):
         state = [np.zeros(model.nv) for _ in rows]
         for column, values in zip(state, rows):

@@ -87,8 +87,8 @@ def _equations(text: str) -> list[str]:
 def _rows() -> list[tuple[str, list[str], list[str]]]:
     text = (ROOT / "docs" / "data" / "thesis" / "source.csv").read_text("utf-8")
     return [
-        (what.replace("\\*", "*"), *(re.findall(r"`([^`]+)`", cell) for cell in named))
-        for what, *named in list(csv.reader(text.splitlines()))[1:]
+        (what.replace("\\*", "*"), re.findall(r"`([^`]+)`", code), re.findall(r"`([^`]+)`", test))
+        for what, code, test in list(csv.reader(text.splitlines()))[1:]
     ]
 
 

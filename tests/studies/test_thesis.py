@@ -474,7 +474,7 @@ def test_axes_are_those_that_the_thesis_labels(whole: Reproduction) -> None:
             assert ours == pytest.approx(panel_ticks, rel=1e-9), experiment.figure
         if experiment.figure in ("4.7", "4.10"):
             last = whole.outcomes[Run("by hand", "ode5", 1e-3)].trajectory
-            drawn = panels[0].lines[0].get_ydata()
+            drawn = np.asarray(panels[0].lines[0].get_ydata())
             assert drawn[-1] == pytest.approx(np.degrees(absolute_angles(last)[-1, 0]), abs=1.0)
             assert len(panels[0].lines) == 3
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import TypeAlias
 
 import numpy as np
@@ -152,9 +152,7 @@ def log(
         t = k * step
         now = float(system.force(t)) if held else None
         rows.append((t, q, u, system.acceleration(t, q, u), float(system.force(t))))
-        q, u = SCHEMES[scheme](
-            lambda s, x, v, now=now: system.acceleration(s, x, v, now), t, q, u, step
-        )
+        q, u = SCHEMES[scheme](partial(system.acceleration, force=now), t, q, u, step)
     t_, q_, u_, a_, f_ = (np.array([row[k] for row in rows]) for k in range(5))
     return dc.Trajectory(
         t=t_, q=q_, u=u_, udot=a_ if accelerations else None, coordinates=NAMES, speeds=NAMES,

@@ -215,7 +215,8 @@ def random_contact(rng: np.random.Generator, what: str, name: str, one: str, oth
             given = {"dissipation": 0.2}
         case _:
             raise ValueError(what)
-    return contact(name, *pair, "2*k_p", **given)
+    first, second = pair
+    return contact(name, first, second, "2*k_p", **given)
 
 
 def _two_bodies(rng: np.random.Generator, mechanism: Mechanism) -> tuple[str, str]:

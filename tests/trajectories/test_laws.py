@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,7 +39,11 @@ def driven(motion: object) -> dc.Mechanism:
     ],
 )
 def test_columns_that_laws_tell(
-    tmp_path: Path, motion: str, place: object, rate: object, with_speeds: bool
+    tmp_path: Path,
+    motion: str,
+    place: Callable[..., Any],
+    rate: Callable[..., Any],
+    with_speeds: bool,
 ) -> None:
     t = np.linspace(0.0, 1.0, 101)
     table = np.column_stack([t, np.sin(t), np.cos(t)])

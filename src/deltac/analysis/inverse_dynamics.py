@@ -13,7 +13,7 @@ from deltac.arrays import SAME, Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, closest
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import ByChannel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.results import Serialisable
@@ -40,8 +40,8 @@ class InverseDynamics(Serialisable, omit=("run",)):
     """
 
     speeds: tuple[str, ...]
-    forces: dict[ChannelName, Array]
-    constraints: dict[ChannelName, Array]
+    forces: ByChannel
+    constraints: ByChannel
     residual: Array
     singular: Array
     run: Trajectory

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import _thread
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -19,8 +20,6 @@ from types import FrameType
 from typing import TypeVar
 
 T = TypeVar("T")
-AGAIN = 0.01
-"""Seconds until an interrupt that would be dropped is sent again."""
 
 DROPPED = ("_from_array", "_from_csc")
 """Endings of the functions that CasADi calls back to convert arguments."""
@@ -96,7 +95,8 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     """The handler of SIGINT while work is under way."""
     _asked.set()
     if _dropped(frame):
-        timer = threading.Timer(AGAIN, _thread.interrupt_main)
+        # Sent again when the code that drops it has had its turns.
+        timer = threading.Timer(2.0 * sys.getswitchinterval(), _thread.interrupt_main)
         timer.daemon = True
         timer.start()
         return

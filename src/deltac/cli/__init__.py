@@ -25,8 +25,6 @@ from deltac.errors import InputError
 
 BAD_INPUT, INTERNAL_ERROR, INTERRUPTED, CLOSED = 2, 70, 130, 141
 
-SELDOM = 100_000
-"""New objects between two searches for cycles: at 700, Python's, they take a tenth of a verdict."""
 
 ClickException: Any = typer.BadParameter.__mro__[2]
 """The base of all errors of usage, from the click that typer brings or needs."""
@@ -204,7 +202,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="replace")  # a terminal may lack Δ or θ
     words_given = sys.argv[1:] if arguments is None else list(arguments)
     if arguments is None:  # a process of our own
-        gc.set_threshold(SELDOM, *gc.get_threshold()[1:])
+        # Searches for cycles after 700 new objects, as Python has them, take a tenth of a verdict.
+        gc.set_threshold(100_000, *gc.get_threshold()[1:])
         # Before NumPy is loaded; deltac.calls.linear_algebra says why.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:

@@ -15,9 +15,6 @@ from deltac.results import Table, number, plain
 if TYPE_CHECKING:
     from deltac.problems import Problem
 
-RUNS = 0.85
-"""The share of the runs in the time that `reproduce` takes; the rest is drawing."""
-
 
 def problems(
     name: Annotated[
@@ -168,10 +165,8 @@ def reproduce(
         figures = [part.strip() for entry in only for part in entry.split(",") if part.strip()]
     output_folder(out)
     with progress_bar() as progress:
-        study = thesis.reproduce(figures, lambda done: progress(RUNS * done))
-        written = thesis.write(
-            study, out, lambda done: progress(RUNS + (1 - RUNS) * done), thesis_axes=thesis_axes
-        )
+        study = thesis.reproduce(figures, progress)
+        written = thesis.write(study, out, thesis_axes=thesis_axes)
     if as_json:
         contents = {"figures": plain(written.figures), "results_file": str(written.results)}
         deliver(study, form=Form.json, page=page, **contents)

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deltac.arrays import ASSEMBLED, EPS, Array
+from deltac.arrays import ASSEMBLED, EPS, ROOT_EPS, Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.dynamics.kkt import least_squares
 
@@ -24,9 +24,6 @@ AT_ROUNDING = 4 * EPS
 
 NEWTON_STEPS = 100
 """More of them do not converge either."""
-
-SHORTEST_STEP = 1e-3
-"""Share of Newton's step at which its direction is given up."""
 
 
 def onto_positions(
@@ -83,7 +80,7 @@ def onto_positions(
             trial = _unit(equations, q + share * step)
             terms = at(trial)
             short = active & ~(terms[-1] < (1.0 - 0.1 * share) * size)
-            short &= (share >= SHORTEST_STEP) & (size > ASSEMBLED)
+            short &= (share >= ROOT_EPS) & (size > ASSEMBLED)
             if not short.any():
                 break
             share[short] *= 0.5

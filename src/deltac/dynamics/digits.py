@@ -18,7 +18,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.arrays import HALF_DIGITS, Array
+from deltac.arrays import HALF_DIGITS, SMALL_SHARE, Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.kernels import to_mpmath
 
@@ -143,8 +143,5 @@ def _relative_error(udot: Any, inertia_force: Any, arguments: list[Any]) -> floa
             return float("nan")
 
 
-VANISHING = 1e-30
+VANISHING = 10.0 ** (-DECIMAL_DIGITS / 2)
 """Accelerations this small beside their error are zero, and `DECIMAL_DIGITS` show their rounding."""
-
-SMALL_SHARE = 1e-3
-"""A share of the accelerations: errors above it are looked at twice, and what is below it nearly vanishes."""

@@ -31,12 +31,13 @@ from typing import Any, TypeAlias
 
 import casadi as ca
 
+from deltac.arrays import ROUNDED
 from deltac.dynamics.points import PlacedPoint, rotation
 from deltac.dynamics.spatial import SX, cross
 from deltac.dynamics.system import System
 from deltac.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere
 
-NO_DIRECTION = 1e-24
+NO_DIRECTION = ROUNDED**2
 """Squared distances (m²) below this have no direction; then a fixed one is taken."""
 
 

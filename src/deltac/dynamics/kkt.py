@@ -19,8 +19,11 @@ import numpy as np
 from deltac.arrays import EPS, ROUNDED, SAME, Array
 from deltac.dynamics.spatial import SX
 
-LEAST_PIVOT = 1e-11
-"""Smallest pivot below which a factorisation is not trusted."""
+LEAST_PIVOT = 16 * ROUNDED
+"""Smallest pivot below which a compiled factorisation is not trusted, a digit above rounding.
+
+Numeric least squares take over there.
+"""
 
 VANISHED = SAME
 """A row of the constraints whose square is this fraction of the largest one's has vanished.

@@ -85,7 +85,7 @@ class System(Once):
     @cached_property
     def gravity(self) -> SX:
         """Acceleration of free fall, world components."""
-        return self.vector(self.mechanism.gravity)
+        return self.vector(tuple(self.mechanism.gravity))
 
     def number(self, law: object) -> SX:
         """A law or quantity in symbols."""

@@ -118,7 +118,7 @@ class Ledger(
 
     @property
     def unresolved(self) -> tuple[ChannelName, ...]:
-        """The channels whose work is hardly known: its error is a tenth of it, or more.
+        """The channels whose work is not resolved: its error bar is a tenth of it, or more.
 
         Errors below a millionth of the energy exchanged do not count, nor does rounding of the energies.
         """

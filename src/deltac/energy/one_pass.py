@@ -14,8 +14,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
-from itertools import pairwise
 from threading import Condition
 from typing import TypeAlias
 
@@ -40,10 +38,8 @@ from deltac.energy.sampling.samples import Samples
 from deltac.energy.terms import LedgerKernels, LedgerSymbols, LoggedForces, variants
 from deltac.energy.works import LIKELY
 from deltac.kernels import Kernel
-from deltac.kernels.calls import in_turn
-from deltac.kernels.native import Call
 from deltac.kernels.parallel import check_cancelled, cores, spread
-from deltac.kernels.transposing import aligned, transposing
+from deltac.kernels.simd import aligned
 from deltac.mechanism.channels import ChannelName
 
 ROWS = 1024
@@ -51,9 +47,6 @@ ROWS = 1024
 
 PART = ROWS // 2
 """Rows of which one is kept at least."""
-
-LEAST = 1000
-"""Rows of a log from which on there is something to gain, where a few are kept."""
 
 MANY = 8
 """Rows of a log for each that is kept from which on this is faster than all columns."""
@@ -63,9 +56,6 @@ LONG = MANY * ROWS
 
 HALO = 4 * (SAMPLED // 2)
 """Rows on either side of a block at an end of the log: windows on every fourth row reach no further."""
-
-AT_ONCE = 264
-"""Rows, about, that go through the equations at once: they stay in a core's second cache."""
 
 
 @dataclass(frozen=True)
@@ -218,35 +208,13 @@ class _BlockWorker:
         outputs, self._integrals = self._y[: layout.n_out], self._y[layout.n_out : -1]
         self._columns = [(a, self._x[where]) for a, where in _inputs(samples, log, kernels)]
         self._kernel = kernel.bound_batch(self._x, outputs)
-        self._running = running = Running(size, layout.n_between)
+        self._running, self._rows = Running(size, layout.n_between), size + 2 * REACH + 1
+        whole = slice(_whole(self._rows))
+        self._inside = kernel.bound_batch(self._x[:, whole], outputs[:, whole])
         self._found = aligned(layout.rows.n_out, room)
-        compared = partial(_bound, layout.rows, self._y, self._found)
-        self._compared = compared(0, _whole(size + 1))
-        rows = size + 2 * REACH + 1
-        step = _whole(-(-rows // max(1, round(rows / AT_ONCE))))
-        calls: list[Call] = []
-        due = list(running.pieces)
-        for start in range(
-            0, rows, step
-        ):  # x of one part is overwritten by the next: it stays in cache
-            columns = slice(start, min(start + step, _whole(rows)))
-            x = self._x[:, : columns.stop - columns.start]
-            for a, where in _inputs(samples, log, kernels):
-                calls.append(transposing(a[start:], x[where], moving=True))
-            calls.append(kernel.bound_batch(x, outputs[:, columns]))
-            some = slice(start, min(columns.stop, rows))
-            calls.append(transposing(outputs[layout.between, some], running.powers[some]))
-            if not start:
-                calls.append(running.start)
-            while due and due[0].needed <= some.stop:
-                piece = due.pop(0)
-                calls.append(piece.call)
-                for k, which in _runs(layout.integrated):
-                    within = slice(REACH + piece.first, REACH + piece.last + 1)
-                    target = self._integrals[k : k + which.stop - which.start, within]
-                    calls.append(transposing(piece.value[:, which], target))
-                calls.append(compared(piece.first, piece.last + (0 if due else LANES)))
-        self._inside = in_turn(calls)
+        block, ahead = (self._y[:, k : k + _whole(size + 1)] for k in (REACH, REACH + 1))
+        out = self._found[:, : _whole(size + 1)]
+        self._compared = layout.rows.bound_batch(block, out, ahead)
         self._ends = EvenSums(1.0)
         self._fine: Array | None = None
 
@@ -254,9 +222,8 @@ class _BlockWorker:
         """The block from that row on: how many rows it has, but for the last, and what they come to."""
         last = min(first + self._size, self._last)
         start = first - REACH
-        if start >= 0 and start + _whole(self._size + 2 * REACH + 1) <= self._last + 1:
-            self._inside(start)
-            self._fine, sums = None, self._running.end()
+        if start >= 0 and start + _whole(self._rows) <= self._last + 1:
+            sums = self._in_the_middle(start)
         else:
             sums = self._at_an_end(first, last)
         layout, rows = self._layout, last - first
@@ -276,13 +243,28 @@ class _BlockWorker:
         )
         return rows, self.sums
 
+    def _in_the_middle(self, start: int) -> dict[str, Array]:
+        """What `Running` gives of a block, whose surroundings begin at row `start`."""
+        layout, running = self._layout, self._running
+        for a, x in self._columns:
+            x[:, : _whole(self._rows)] = a[start : start + _whole(self._rows)].T
+        self._inside()
+        running.powers[:] = self._y[: layout.n_out][layout.between, : self._rows].T
+        sums = running()
+        values = running.value(np.arange(self._size + 1))
+        block = slice(REACH, REACH + self._size + 1)
+        self._integrals[:, block] = values[:, list(layout.integrated)].T
+        self._compared()
+        self._fine = None
+        return sums
+
     def _at_an_end(self, first: int, last: int) -> dict[str, Array]:
         """What `Running` gives, by windows that lie aside where the log begins or ends."""
         layout, high = self._layout, min(last + HALO, self._last)
         low = max(min(first - HALO, (high - 4 * HALO) // 4 * 4), 0)
         for a, x in self._columns:
             x[:, : high - low + 1] = a[low : high + 1].T
-        self._kernel(0)
+        self._kernel()
         outputs = self._y[: layout.n_out, : high - low + 1]
         between = outputs[layout.between]
         fine, half, quarter = (
@@ -294,7 +276,7 @@ class _BlockWorker:
         self._y[: layout.n_out, block] = outputs[:, core].copy()
         self._fine = fine[:, core] - fine[:, core.start, None]
         self._integrals[:, block] = self._fine[list(layout.integrated)]
-        self._compared(0)
+        self._compared()
         ahead = (min(last + AHEAD + 1, high) - low) // 2 + 1
         error = fine[:, : 2 * ahead : 2] - half[:, :ahead]
         error = error[:, core.start // 2 :] - error[:, core.start // 2, None]
@@ -325,22 +307,9 @@ class _BlockWorker:
         return self._most[:, second].T, self._least[:, second].T
 
 
-def _bound(kernel: Kernel, y: Array, out: Array, first: int, last: int) -> Call:
-    """A kernel of rows and of those after them, for some rows of a block."""
-    now, then = (y[:, k + first : k + last] for k in (REACH, REACH + 1))
-    return kernel.bound_batch(now, out[:, first:last], then)
-
-
 def _whole(rows: int) -> int:
     """So many rows, and those that complete a `LANES`."""
     return -(-rows // LANES) * LANES
-
-
-def _runs(places: Sequence[int]) -> Iterator[tuple[int, slice]]:
-    """Neighbouring places together: the number of the first, and where they are."""
-    starts = [k for k, place in enumerate(places) if not k or place != places[k - 1] + 1]
-    for a, b in pairwise((*starts, len(places))):
-        yield a, slice(places[a], places[a] + b - a)
 
 
 def _inputs(
@@ -394,7 +363,7 @@ def in_one_pass(
     """
     count = len(samples.t)
     aside = samples.inward is not None or samples.held or samples.derived
-    enough = LONG if keep is None else max(LEAST, MANY * keep)
+    enough = LONG if keep is None else max(ROWS, MANY * keep)
     if aside or count < enough or not equidistant(samples.t):
         return None
     part = 1 if keep is None else min(max(count // keep, 1), PART)

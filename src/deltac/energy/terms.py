@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -39,7 +38,6 @@ from deltac.dynamics.testing_functions import MOMENTUM, TestingFunction
 from deltac.energy.sampling.segments import LogRows
 from deltac.errors import LogError
 from deltac.kernels import Kernel
-from deltac.kernels.parallel import spread
 from deltac.mechanism.channels import Channel, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.laws import as_law, check_symbols
@@ -76,7 +74,7 @@ class LoggedForces:
         columns: dict[ChannelName, slice] = {}
         start = 0
         for name, force in run.forces.items():
-            acting = [int(k) for k in np.flatnonzero(_any_nonzero(force))]
+            acting = [int(k) for k in np.flatnonzero(force.any(axis=0))]
             places[name] = acting
             columns[name] = slice(start, start + len(acting))
             start += len(acting)
@@ -94,34 +92,6 @@ def columns(values: np.ndarray, places: Sequence[int] | np.ndarray) -> np.ndarra
     first, last = int(places[0]), int(places[-1])
     neighbours = np.array_equal(places, np.arange(first, last + 1))
     return values[:, first : last + 1] if neighbours else values[:, places]
-
-
-SIDE_BY_SIDE, IN_TURN = 16, 256
-"""Rows that are added up number by number, and how many such lie side by side: rows are too short alone."""
-
-
-def _any_nonzero(force: np.ndarray) -> np.ndarray:
-    """Which columns of (T, n) have something in them (n,), many rows at a time and on all cores."""
-    rows, n = force.shape
-    block = SIDE_BY_SIDE * IN_TURN
-    whole = rows // block
-    nonzero = np.zeros((whole + 1, n), dtype=bool)
-    nonzero[-1] = (force[whole * block :] != 0.0).any(axis=0)
-    sizes = _sizes()
-
-    def look(k: int) -> None:
-        part = force[k * block : (k + 1) * block].reshape(SIDE_BY_SIDE, IN_TURN * n)
-        nonzero[k] = (sizes.flat(part)[0] != 0.0).reshape(IN_TURN, n).any(axis=0)
-
-    spread(look, range(whole))
-    return np.asarray(nonzero.any(axis=0))
-
-
-@cache
-def _sizes() -> Kernel:
-    """Σ |x| of a few numbers: zero only where all of them are."""
-    x = ca.SX.sym("x", SIDE_BY_SIDE)
-    return Kernel({"x": x}, {"size": ca.sum1(ca.fabs(x))}, name="sizes").compile()
 
 
 @dataclass(frozen=True, eq=False)

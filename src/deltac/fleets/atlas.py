@@ -33,7 +33,7 @@ from deltac.errors import FileError, InputError, SpecificationError, UnknownName
 from deltac.fleets.execution import local_crew
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import AUDITED, NUMBER, TEXT, Piece, audited_row, failed_row
+from deltac.fleets.rows import AUDITED, LONG_PIECE, NUMBER, TEXT, Piece, audited_row, failed_row
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import appearing, read_text
@@ -59,11 +59,6 @@ OUTCOME: Mapping[str, str] = {
 }
 """What the table says of every run; energies in J, see docs/atlas.md."""
 
-CHUNK = 8
-"""Runs of a model that a worker does in one go."""
-
-READING = 120.0
-"""Seconds that reading a model may take."""
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 
@@ -229,13 +224,8 @@ class AtlasPlan(Plan):
     kind = "atlas"
 
     spec: AtlasSpec
-    source: str
     rows: tuple[AtlasRun, ...]
     skipped: tuple[str, ...]
-
-    def folder(self) -> Path:
-        """The atlas' name with ``.atlas``."""
-        return Path(f"{self.name}.atlas")
 
     def head(self) -> dict[str, Any]:
         """The plan, and the simulators that are not installed."""
@@ -254,14 +244,10 @@ class AtlasPlan(Plan):
             return self.rows[k].setting.label, self.rows[k].setting.simulator
 
         for _, own in groupby(missing, group):
-            for some in _batched(list(own), chunk or CHUNK):
+            for some in _batched(list(own), chunk or LONG_PIECE):
                 yield AtlasPiece(
                     tuple(self.addresses[k] for k in some), tuple(self.rows[k] for k in some)
                 )
-
-    def command(self, piece: Piece) -> str:
-        """The command with the address of the run."""
-        return f"{self.source} --only {piece.addresses[0]}"
 
     def piece_at(self, address: str) -> AtlasPiece:
         """The piece of one run, by its address or the beginning of it; InputError if there is none."""
@@ -384,7 +370,7 @@ def plan_atlas(path: Path) -> AtlasPlan:
         }
         addresses.append(hashlib.blake2b(digest(about), digest_size=ADDRESS).hexdigest())
     return AtlasPlan(
-        spec.name, tuple(addresses), spec, f"deltac atlas {path}", tuple(rows), tuple(skipped)
+        spec.name, tuple(addresses), f"deltac atlas {path}", spec, tuple(rows), tuple(skipped)
     )
 
 
@@ -449,7 +435,7 @@ class ModelReading:
 
 
 def model_sizes(
-    files: dict[str, Path], execution: Execution, time_limit: float = READING
+    files: dict[str, Path], execution: Execution, time_limit: float = 120.0
 ) -> dict[str, Size | Failure]:
     """The sizes of all models, or why one cannot be read within so many seconds.
 

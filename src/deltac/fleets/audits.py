@@ -22,7 +22,16 @@ from deltac.errors import FileError, InputError, UnknownName, closest, listed
 from deltac.fleets.episodes import episode_names, file_system, read_episodes
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import AUDITED, NUMBER, TEXT, Piece, audited_row, failed_row
+from deltac.fleets.rows import (
+    AUDITED,
+    LONG_PIECE,
+    NUMBER,
+    SHARES,
+    TEXT,
+    Piece,
+    audited_row,
+    failed_row,
+)
 from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import read_text
@@ -43,7 +52,7 @@ AMBIGUOUS = (".txt", ".dat", ".tab", ".asc", ".json", ".jsonl", ".ndjson")
 SMALL = 1 << 20
 """Size (bytes) up to which files of such suffixes are looked into."""
 
-LOGS, EPISODES = 8, 256
+EPISODES = 256
 """Logs, and episodes of a log, in a piece, at most."""
 
 TOGETHER = 32
@@ -300,7 +309,7 @@ class AuditPlan(Plan):
     def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
         """Logs in small pieces, episodes in larger ones of one log; each once."""
         places = list({self.addresses[k]: k for k in reversed(missing)}.values())[::-1]
-        most = chunk or max(1, min(LOGS, len(places) // (4 * workers)))
+        most = chunk or max(1, min(LONG_PIECE, len(places) // (SHARES * workers)))
 
         def together(k: int) -> Any:
             """Logs go with each other, episodes with those of their log."""
@@ -317,7 +326,7 @@ class AuditPlan(Plan):
         """The command that audits one log, or one episode."""
         about = piece.about()
         episode = "" if about["episode"] is None else f" --episode {about['episode']}"
-        return f"deltac audit {self.name} {about['log']}{episode}"
+        return f"{self.command_line} {about['log']}{episode}"
 
     def write_case(self, address: str, path: Path) -> None:
         """The audit of one log, or of one episode."""
@@ -377,4 +386,6 @@ def plan_audits(
         own = seed.copy()
         own.update(f"{log.source}\n{log.fingerprint}\n{log.episode}".encode())
         addresses.append(own.hexdigest())
-    return AuditPlan(name, tuple(addresses), head, task, tuple(of_source), tuple(skipped))
+    return AuditPlan(
+        name, tuple(addresses), f"deltac audit {name}", head, task, tuple(of_source), tuple(skipped)
+    )

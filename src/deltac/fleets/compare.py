@@ -10,16 +10,14 @@ from typing import TYPE_CHECKING, Any
 from deltac.arrays import SAME
 from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError
-from deltac.fleets.result import CASES_SHOWN, shown_cell
+from deltac.fleets.result import shown_cell
 from deltac.fleets.rows import FAILED, is_point
 from deltac.fleets.store import Store
-from deltac.results import Report, Section, Table
+from deltac.results import SHOWN, Report, Section, Table
 
 if TYPE_CHECKING:
     import polars
 
-FACTOR = 2.0
-"""How many times larger an energy error has to be to have grown."""
 
 SEVERITY = {
     "consistent": 0,
@@ -83,7 +81,7 @@ class Comparison(Report):
 
 
 @checked
-def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) -> Comparison:
+def compare(before: str | Path, after: str | Path, *, factor: float = 2.0) -> Comparison:
     """Compare two folders of results of the same runs or logs, before and after a change.
 
     Args:
@@ -140,7 +138,7 @@ def compare(before: str | Path, after: str | Path, *, factor: float = FACTOR) ->
         better=int((both["change"] < 0).sum()),
         grown=int(both["grown"].sum()),
         shrunk=int(both["shrunk"].sum()),
-        listed=tuple(bad.head(CASES_SHOWN).select(columns).to_dicts()),
+        listed=tuple(bad.head(SHOWN).select(columns).to_dicts()),
         factor=float(factor),
     )
 

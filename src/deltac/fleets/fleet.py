@@ -26,16 +26,17 @@ class RecomputedWarning(UserWarning):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A fleet before it is run: what it is called, and the addresses of all its rows, in order."""
+    """A fleet before it is run: its name, the addresses of all its rows, in order, and its command."""
 
     kind: ClassVar[Literal["sweep", "audit", "atlas"]]
 
     name: str
     addresses: tuple[str, ...]
+    command_line: str
 
     def folder(self) -> Path:
-        """Where the results go if nothing is said."""
-        raise NotImplementedError
+        """Where the results go if nothing is said: the plan's name, and its kind."""
+        return Path(f"{self.name.replace('/', '-').replace(':', '-')}.{self.kind}")
 
     def head(self) -> dict[str, Any]:
         """What the folder says of the plan, for `Store.make`."""
@@ -54,7 +55,7 @@ class Plan:
 
     def command(self, piece: Piece) -> str:
         """The command that makes the row of a piece alone."""
-        raise NotImplementedError
+        return f"{self.command_line} --only {piece.addresses[0]}"
 
     def write_case(self, address: str, path: Path) -> None:
         """Write the page of one row; InputError if the plan has no such row, or it cannot be made."""

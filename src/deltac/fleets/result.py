@@ -13,7 +13,7 @@ from deltac.diagnosis import EXIT_CODES
 from deltac.errors import listed
 from deltac.fleets.rows import FAILED, SETTING, is_point
 from deltac.fleets.store import RESULTS, Store
-from deltac.results import Report, Section, Table, number, percent, worst_code
+from deltac.results import SHOWN, Report, Section, Table, number, percent, worst_code
 
 if TYPE_CHECKING:
     import polars
@@ -26,9 +26,6 @@ OUTSIDE = "outside of the table"
 
 OF_AUDITS = ("log", "episode", "verdict", "relative", "energy_error", "findings", "code")
 """Columns of the worst audits that are listed."""
-
-CASES_SHOWN = 10
-"""Worst cases that are listed."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -283,7 +280,7 @@ def summarise(store: Store, frame: polars.DataFrame, total: int, others: int) ->
         aside=len(store.aside()),
         others=others,
         exit_codes=_exit_codes(frame),
-        worst=_worst(frame, CASES_SHOWN),
+        worst=_worst(frame, SHOWN),
         skipped=tuple(map(str, store.head.get("skipped", ()))),
     )
 

@@ -27,6 +27,12 @@ SETTING = ("model", "solver", "step", "solver_tolerance", "duration")
 
 POINT = ("log", "episode", "motion", *SETTING)
 
+LONG_PIECE = 8
+"""Studies, audits or runs of other simulators in a piece of work: each takes seconds."""
+
+SHARES = 4
+"""Pieces for a worker, at least, so that none waits long for the last one."""
+
 
 def is_point(column: str) -> bool:
     """Whether a column tells what a row is of: its log, its setting, the value of an axis."""

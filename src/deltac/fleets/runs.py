@@ -322,7 +322,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
     Of solvers that choose their steps at 100, 10 and 1 times their tolerance.
     """
     from deltac import study
-    from deltac.simulation import DEFAULT_TOLERANCE, find_solver, solver_options
+    from deltac.simulation import Adaptive, find_solver, solver_options
 
     task, (row,) = piece.task, piece.values
     assert isinstance(task, Task)
@@ -331,7 +331,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
     began = time.process_time()
     stepping = find_solver(task.solver).takes_steps
     # Taylor's method has no tolerance by default, which could be refined.
-    refined = None if stepping else task.solver_tolerance or DEFAULT_TOLERANCE
+    refined = None if stepping else task.solver_tolerance or Adaptive.tolerance
     solver = solver_options(task.solver, refined)
     steps = None
     if stepping and task.step is not None:

@@ -227,9 +227,7 @@ class Store:
     def table(self, rows: polars.DataFrame | None = None) -> polars.DataFrame:
         """The planned rows that are there (of `rows`, if these were read already), in the plan's order."""
         frame = self.rows() if rows is None else rows
-        # Sorted by number: Polars' join has been seen to keep the order of the rows in place of the plan's.
-        planned = self.planned().with_row_index("number")
-        return planned.join(frame, on="address").sort("number").drop("number")
+        return self.planned().join(frame, on="address", maintain_order="left")
 
     # --- what failed -----------------------------------------------------------------------------
 

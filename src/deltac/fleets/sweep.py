@@ -19,7 +19,7 @@ from deltac.errors import ArgumentsError, InputError, SpecificationError, Unknow
 from deltac.fleets.design import Design, Setting, lay_out
 from deltac.fleets.fleet import Plan
 from deltac.fleets.result import Fleet
-from deltac.fleets.rows import Piece
+from deltac.fleets.rows import LONG_PIECE, SHARES, Piece
 from deltac.fleets.runs import RefusedRun, RunPiece, Task
 from deltac.fleets.spec import SweepSpec, make_spec, read_spec
 from deltac.fleets.store import ADDRESS, digest, versions
@@ -30,27 +30,16 @@ from deltac.models import Model, ModelLike, load_model
 LARGEST_PIECE = 16384
 """Runs in a piece, at most: their records and states take some MB."""
 
-SHARES = 4
-"""Pieces of each setting for a worker, at least, so that none waits long for the last one."""
-
-STUDIES = 4
-"""Studies in a piece: each takes seconds."""
-
 
 @dataclass(frozen=True, eq=False)
 class SweepPlan(Plan):
-    """The points of a sweep, what the runs of each setting share, and the command that runs it."""
+    """The points of a sweep, and what the runs of each setting share."""
 
     kind = "sweep"
 
     spec: SweepSpec
     design: Design
     tasks: tuple[Task | RefusedRun, ...]
-    source: str
-
-    def folder(self) -> Path:
-        """The sweep's name with ``.sweep``."""
-        return Path(f"{self.name.replace('/', '-').replace(':', '-')}.sweep")
 
     def head(self) -> dict[str, Any]:
         """The specification, and the digests of the models."""
@@ -73,16 +62,12 @@ class SweepPlan(Plan):
         setting = self.design.setting[once]
         for one in dict.fromkeys(setting.tolist()):
             rows = once[setting == one].tolist()
-            most = STUDIES if self.spec.verb == "study" else LARGEST_PIECE
+            most = LONG_PIECE if self.spec.verb == "study" else LARGEST_PIECE
             share = math.ceil(len(rows) / (SHARES * workers))
             # Whole vectors of any machine, and not so few that calls cost more than they do.
             size = chunk or max(1, min(most, max(64, -(-share // 64) * 64)))
             for first in range(0, len(rows), size):
                 yield self.piece(rows[first : first + size])
-
-    def command(self, piece: Piece) -> str:
-        """The command with the address of the run."""
-        return f"{self.source} --only {piece.addresses[0]}"
 
     def piece_at(self, address: str) -> RunPiece:
         """The piece of one run, by its address or the beginning of it; InputError if there is none."""
@@ -139,7 +124,7 @@ def plan_sweep(
         design, tasks = _distinct(design, tasks)
     addresses = tuple(_addresses(design, tasks))
     command = f"deltac sweep {source}" if isinstance(source, str | Path) else "dc.sweep(…)"
-    return SweepPlan(spec.name, addresses, spec, design, tuple(tasks), command)
+    return SweepPlan(spec.name, addresses, command, spec, design, tuple(tasks))
 
 
 def _loaded(source: ModelLike) -> Model | InputError:

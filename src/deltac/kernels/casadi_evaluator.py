@@ -11,7 +11,6 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.errors import InputError
-from deltac.kernels.native import Call
 
 _COLUMNS = 256
 """Columns per call: enough to hide the cost of a call, few enough for the processor's cache."""
@@ -77,9 +76,9 @@ class CasadiEvaluator:
             for start in range(whole, n):
                 self._column.run(slice(start, start + 1), x, out, parameters)
 
-    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Call:
-        """`batch` of these arrays, whatever row of a log it is called for."""
-        return lambda first: self.batch(x, out, parameters)
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], None]:
+        """`batch` of these arrays, without arguments."""
+        return partial(self.batch, x, out, parameters)
 
     def _bind(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Point the buffers at these arrays; CasADi would read past the end of short ones."""

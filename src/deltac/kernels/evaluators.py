@@ -15,7 +15,7 @@ from deltac.kernels.lowering import simplified
 if TYPE_CHECKING:
     from deltac.kernels.native import NativeEvaluator
 
-EVALUATORS = ("llvm", "c", "casadi")
+EVALUATORS = ("llvm", "casadi")
 
 
 class Evaluator(Protocol):
@@ -34,10 +34,8 @@ class Evaluator(Protocol):
     def batch(self, x: Array, out: Array, parameters: Array | None) -> None:
         """Many states: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_par, B)`."""
 
-    def bound_batch(
-        self, x: Array, out: Array, parameters: Array | None
-    ) -> Callable[[int], object]:
-        """`batch` of these arrays, whatever row of a log it is called for; it keeps them.
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], None]:
+        """`batch` of these arrays, without arguments; it keeps them.
 
         Rows are contiguous, and as far apart in all of them; no column is to be left out.
         """
@@ -105,12 +103,7 @@ def compile_loop(function: Any) -> Loop:
 def _machine_code(function: Any, batches: bool) -> NativeEvaluator | None:
     """The function compiled, as an `Evaluator` and a `Loop`; None where it is to be interpreted."""
     chosen = bool(os.environ.get("DELTAC_EVALUATOR", "").strip())
-    name = evaluator_name()
-    if name == "c":
-        from deltac.kernels.c_evaluator import c_evaluator
-
-        return c_evaluator(function)
-    if name == "casadi":
+    if evaluator_name() == "casadi":
         if not chosen:
             _interpreting("llvmlite is not installed")
         return None
@@ -134,7 +127,6 @@ def _interpreting(why: str) -> None:
     """Say, once in a process, that kernels are slow."""
     warn_user(
         f"{why}: kernels are interpreted by CasADi, which takes some ten times as long as machine code. "
-        "Install llvmlite where it has wheels, or set DELTAC_EVALUATOR=c where there is a C compiler; "
-        "DELTAC_EVALUATOR=casadi says that it is meant so",
+        "Install llvmlite; DELTAC_EVALUATOR=casadi says that it is meant so",
         EvaluatorWarning,
     )

@@ -15,7 +15,6 @@ from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName, closest
 from deltac.kernels.evaluators import Evaluator, Loop, compile_function, compile_loop
 from deltac.kernels.lowering import simplified
-from deltac.kernels.native import Call
 
 SX: TypeAlias = Any  # casadi.SX
 
@@ -192,8 +191,10 @@ class Kernel:
             self._loop.iterate(rows, p)
         return rows[1:]
 
-    def bound_batch(self, x: Array, out: Array, parameters: Array | None = None) -> Call:
-        """`flat` of the same arrays every time, which it keeps, to be called for rows of a log (`in_turn`).
+    def bound_batch(
+        self, x: Array, out: Array, parameters: Array | None = None
+    ) -> Callable[[], None]:
+        """`flat` of the same arrays every time, without arguments; it keeps them.
 
         All are float64: x `(n_in, B)`, out `(n_out, B)`, parameters `(n_parameters, B)`, with whole SIMD
         vectors of columns. They may be parts of larger arrays, whose rows are as long in all of them.
@@ -289,17 +290,23 @@ class Kernel:
                 f"{self.name}: parameters have shape {p.shape}, expected ({self.n_parameters},) or "
                 f"({times}, {self.n_parameters})"
             )
-        results = {key: np.empty((times, *self._shape(key))) for key in self.output_slices}
-        for start in range(0, times, AT_ONCE):
+        parts = []
+        for start in range(0, max(times, 1), AT_ONCE):
             block = slice(start, min(start + AT_ONCE, times))
             x = np.empty((self.n_in, block.stop - start))
             for key, where in self.input_slices.items():
                 x[where] = (rows[key] if len(rows[key]) == 1 else rows[key][block]).T
             y = self.flat(x, p[block].T if varying and p is not None else p)
-            for key, where in self.output_slices.items():
-                shape = self._shape(key)[::-1]  # of a matrix (T, rows, columns): column by column
-                results[key][block] = y[where].reshape(*shape, y.shape[1]).T
-        return results
+            # Of a matrix (T, rows, columns): column by column.
+            parts.append(
+                {
+                    key: y[where].reshape(*self._shape(key)[::-1], y.shape[1]).T
+                    for key, where in self.output_slices.items()
+                }
+            )
+        if len(parts) == 1:
+            return parts[0]
+        return {key: np.concatenate([part[key] for part in parts]) for key in self.output_slices}
 
     def _rows(self, key: str, value: ArrayLike) -> Array:
         """The values of an input as `(T, n)`, with T = 1 for one that stays the same."""

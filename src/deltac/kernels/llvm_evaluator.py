@@ -100,11 +100,6 @@ def _target() -> str:
     return repr((version, *machine, features))
 
 
-def llvm_function(name: str, text: str) -> Any:
-    """A function in LLVM's language, ready to run: name -> address, which stays as long as this object."""
-    return _loaded(compiled(repr((_target(), text)), lambda: _assembled(text)), (name,))
-
-
 def _made(function: Any, width: int, strided: bool) -> bytes:
     """The object code of a function."""
     from deltac.kernels.llvm_ir import llvm_ir

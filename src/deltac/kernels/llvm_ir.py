@@ -28,7 +28,7 @@ from deltac.kernels.lowering import (
     lower,
     sine,
 )
-from deltac.kernels.simd import AVX512_WIDTH
+from deltac.kernels.simd import INSTRUCTIONS_CACHED, LINE
 
 Function: TypeAlias = Any  # casadi.Function
 Node: TypeAlias = tuple[str, tuple[Any, ...]]
@@ -36,21 +36,19 @@ Node: TypeAlias = tuple[str, tuple[Any, ...]]
 PIECE = 2000
 """Instructions in a piece."""
 
-COPIED = 250
+COPIED = PIECE // 8
 """Outputs that are constants or inputs in a piece: LLVM's time grows with the square of their number."""
 
-CACHED = 10_000
-"""Instructions that a processor keeps beside it (some 100 kB). Of longer code each piece goes through `BLOCK`
-vectors before the next one begins: chains of 30 and 100 joints take four fifths of the time.
-"""
 
 BLOCK = 4
+"""Vectors that go through a piece of code longer than `INSTRUCTIONS_CACHED` before the next one begins.
+
+Chains of 30 and 100 joints take four fifths of the time so.
+"""
 
 LARGEST_POWER = 16
 """Whole powers up to this one are products."""
 
-ALIGN = 8 * AVX512_WIDTH
-"""Bytes: as wide as the widest vector of doubles."""
 
 _BINARY = ("fadd", "fsub", "fmul", "fdiv")
 
@@ -226,7 +224,9 @@ def llvm_ir(function: Function, width: int, strided: bool = True) -> str:
             pieces[-1].store(place, row)
     text = [
         *(piece.text(k) for k, piece in enumerate(pieces)),
-        _evaluate(width, len(pieces), len(carried), BLOCK if len(needed) > CACHED else 1),
+        _evaluate(
+            width, len(pieces), len(carried), BLOCK if len(needed) > INSTRUCTIONS_CACHED else 1
+        ),
     ]
     text += [_iterate(len(pieces), len(carried), len(places), function.nnz_in(1)), CALL]
     called = {tape.nodes[place][0] for place in needed} & LIBRARY.keys()
@@ -348,10 +348,10 @@ def _memory(width: int, carried: int) -> tuple[str, str]:
     """The lines that make the memory between the pieces, %w, and give it back."""
     if not carried:
         return "%w = inttoptr i64 0 to ptr", ""
-    make = f"""%m = call ptr @{PREFIX}malloc(i64 {8 * width * carried + ALIGN})
+    make = f"""%m = call ptr @{PREFIX}malloc(i64 {8 * width * carried + LINE})
 %m0 = ptrtoint ptr %m to i64
-%m1 = add i64 %m0, {ALIGN - 1}
-%m2 = and i64 %m1, -{ALIGN}
+%m1 = add i64 %m0, {LINE - 1}
+%m2 = and i64 %m1, -{LINE}
 %w = inttoptr i64 %m2 to ptr"""
     return make, f"call void @{PREFIX}free(ptr %m)"
 

@@ -1,12 +1,11 @@
-"""Machine code as an evaluator, whoever compiled it: three functions at known addresses."""
+"""Machine code as an evaluator: three functions at known addresses."""
 
 from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable
-from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import Any, Protocol, TypeAlias
+from functools import partial
+from typing import Any, Protocol
 
 from deltac.arrays import Array
 from deltac.errors import InputError
@@ -23,32 +22,6 @@ _POINTER, _COUNT = ctypes.c_void_p, ctypes.c_int64
 _EVALUATE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _POINTER, _COUNT, _COUNT)
 _ITERATE = ctypes.CFUNCTYPE(None, _POINTER, _POINTER, _COUNT, _COUNT)
 _CALL = ctypes.PYFUNCTYPE(None, _POINTER)  # keeps the GIL: giving it up takes longer than the call
-
-
-Call: TypeAlias = Callable[[int], object]
-"""Something to be done for the rows of a log that begin at some `first`."""
-
-
-@dataclass(frozen=True, eq=False)
-class NativeCall:
-    """``function(*arguments)``, whole numbers and addresses; `code` and `arrays` live as long as this.
-
-    The address that comes first goes on by `step` bytes with each row of a log.
-    """
-
-    address: int
-    arguments: tuple[int, ...]
-    kept: tuple[object, ...]
-    step: int = 0
-
-    @cached_property
-    def _function(self) -> Any:
-        return ctypes.CFUNCTYPE(None, *(ctypes.c_int64,) * len(self.arguments))(self.address)
-
-    def __call__(self, first: int = 0) -> None:
-        """Call it for rows from `first` on."""
-        start, *others = self.arguments
-        self._function(start + first * self.step, *others)
 
 
 class Code(Protocol):
@@ -110,13 +83,17 @@ class NativeEvaluator:
             p = 0 if parameters is None else parameters.ctypes.data
             self._evaluate(x.ctypes.data, out.ctypes.data, p, columns, whole)
 
-    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> NativeCall:
-        """`batch` of these arrays, whatever row of a log it is called for."""
+    def bound_batch(self, x: Array, out: Array, parameters: Array | None) -> Callable[[], None]:
+        """`batch` of these arrays, without arguments; it keeps them."""
         arrays = [a for a in (x, out, parameters) if a is not None]
         places = [0 if a is None else a.ctypes.data for a in (x, out, parameters)]
         stride = max(a.strides[0] for a in arrays) // out.itemsize
         arguments = (*places, stride, out.shape[1] - out.shape[1] % self.width)
-        return NativeCall(self._code["evaluate"], arguments, (self, *arrays))
+
+        def call(_kept: object = arrays) -> None:
+            self._evaluate(*arguments)
+
+        return call
 
     def iterate(self, rows: Array, parameters: Array) -> None:
         """rows[k + 1] = f(rows[k], parameters[k modulo their number]), from the first row on."""

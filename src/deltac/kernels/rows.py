@@ -84,14 +84,15 @@ def compiled() -> Iterator[None]:
 def at_rows(function: ca.Function, columns: Sequence[Array]) -> list[Array]:
     """Each output of a function of dense columns at T rows: arrays (T, size), entries stacked by columns.
 
-    `columns` are arrays (T, m) or (T,), one an input. CasADi's machine reads and writes `BLOCK` rows in
-    place: arrays of its own would be copied number by number, which takes ten times as long.
+    `columns` are arrays (T, m) or (T,), one an input. CasADi's machine reads and writes rows in place:
+    arrays of its own would be copied number by number, which takes ten times as long.
     """
     count = len(columns[0])
     inputs = [np.asarray(c, dtype=np.float64).reshape(count, -1) for c in columns]
     outputs = [np.empty((count, function.numel_out(k))) for k in range(function.n_out())]
-    whole = count - count % BLOCK
-    for first, last, size in ((0, whole, BLOCK), (whole, count, count - whole)):
+    block = BLOCK if function.n_instructions() < LONG else 1
+    whole = count - count % block
+    for first, last, size in ((0, whole, block), (whole, count, count - whole)):
         if first == last:
             continue
         read = [np.zeros((size, c.shape[1])) for c in inputs]
@@ -99,13 +100,14 @@ def at_rows(function: ca.Function, columns: Sequence[Array]) -> list[Array]:
         _kept, evaluate = on_arrays(function.map(size), read, written)
         for start in range(first, last, size):
             rows = slice(start, start + size)
-            for block, c in zip(read, inputs):
-                block[:] = c[rows]
+            for values, c in zip(read, inputs):
+                values[:] = c[rows]
             evaluate()
-            for m, block in zip(outputs, written):
-                m[rows] = block
+            for m, values in zip(outputs, written):
+                m[rows] = values
     return outputs
 
 
 BLOCK = 64
-"""Rows of a call of CasADi's machine: calls take as long as some hundred instructions."""
+"""Rows of a call of CasADi's machine, which takes as long as some hundred instructions; of what is `LONG`
+one: to repeat its code takes longer."""

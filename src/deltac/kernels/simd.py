@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 from functools import cache
 from pathlib import Path
 
+import numpy as np
+
+from deltac.arrays import Array
 from deltac.errors import InputError
 
 _TELLING = {
@@ -38,6 +42,13 @@ def processor() -> tuple[tuple[str, str], ...]:
 
 WIDTHS = (1, 2, 4, 8)
 AVX512_WIDTH = 8
+
+INSTRUCTIONS_CACHED = 10_000
+"""Instructions that a processor keeps beside it, some 100 kB of them."""
+
+LINE = 8 * AVX512_WIDTH
+"""Bytes of a line of the processor's cache, which is as wide as the widest vector of doubles."""
+
 _AVX512 = {"avx512f", "avx512dq"}  # the registers, and double-precision logic on them
 
 
@@ -68,3 +79,11 @@ def features() -> set[str]:
     import llvmlite.binding as llvm
 
     return {name for name, supported in llvm.get_host_cpu_features().items() if supported}
+
+
+def aligned(*shape: int) -> Array:
+    """Zeros that begin where a line of the cache does: vectors of that width then lie in one, not in two."""
+    size, each = math.prod(shape), np.dtype(np.float64).itemsize
+    room = np.zeros(size + LINE // each)
+    start = -room.ctypes.data % LINE // each
+    return room[start : start + size].reshape(shape)

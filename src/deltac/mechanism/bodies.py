@@ -15,6 +15,7 @@ from deltac.mechanism.laws import LawLike, VectorLike, as_law
 from deltac.mechanism.parts import NonNegative, Part, Point, constructor
 from deltac.mechanism.quantities import (
     ZERO,
+    AxisLike,
     Matrix,
     Quantity,
     positive,
@@ -88,7 +89,7 @@ def rod(
     name: str,
     mass: LawLike,
     length: LawLike,
-    along: str | Sequence[float] = "x",
+    along: AxisLike = "x",
     start: VectorLike = ZERO,
 ) -> Body:
     """A uniform slender rod from the point `start` along the direction `along`; I = m l²/12."""
@@ -115,7 +116,7 @@ def disc(
     name: str,
     mass: LawLike,
     radius: LawLike,
-    axis: str | Sequence[float] = "z",
+    axis: AxisLike = "z",
     thickness: LawLike = 0.0,
     mass_centre: VectorLike = ZERO,
 ) -> Body:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Any, TypeAlias
 
+from deltac.arrays import TINY
 from deltac.errors import ModelError
 from deltac.mechanism.expressions import symbol_of
 from deltac.mechanism.laws import LawLike, as_law, symbol_names
@@ -34,9 +35,6 @@ from deltac.mechanism.scene import Constraint, Expr, Scene
 from deltac.mechanism.scope import GROUND, Scope
 
 Direction: TypeAlias = tuple[float, float, float]
-
-NO_SINE = 1e-280
-"""Keeps the slope of a sine finite (zero) where axes are parallel, where it has no direction."""
 
 
 @dataclass(frozen=True)
@@ -282,7 +280,8 @@ class Angle(Constraint):
         """
         first, second = scene.axis(self.body1, self.axis1), scene.axis(self.body2, self.axis2)
         normal = scene.cross(first, second)
-        sine = scene.sqrt(scene.dot(normal, normal) + NO_SINE)
+        # Axes that are parallel have no direction across both: the slope is zero there, not NaN.
+        sine = scene.sqrt(scene.dot(normal, normal) + TINY)
         return [scene.atan2(sine, scene.dot(first, second)) - scene.number(self.angle)]
 
 

@@ -8,7 +8,6 @@ but spherical and free the speeds are the rates of the coordinates.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, TypedDict, Unpack
 
@@ -25,7 +24,7 @@ from deltac.mechanism.parts import (
     Rotation,
     constructor,
 )
-from deltac.mechanism.quantities import IDENTITY, ZERO, RotationLike, unit_vector
+from deltac.mechanism.quantities import IDENTITY, ZERO, AxisLike, RotationLike, unit_vector
 from deltac.mechanism.scope import GROUND, require_name
 
 
@@ -134,7 +133,7 @@ def _joint(
     name: str,
     parent: str,
     child: str,
-    *axes: str | Sequence[float],
+    *axes: AxisLike,
     position: VectorLike = ZERO,
     rotation: RotationLike = IDENTITY,
     child_position: VectorLike = ZERO,
@@ -231,7 +230,7 @@ def revolute(
     name: str,
     parent: str,
     child: str,
-    axis: str | Sequence[float] = "z",
+    axis: AxisLike = "z",
     **options: Unpack[JointOptions],
 ) -> Joint:
     """A hinge: the child turns by the angle q (rad, right-handed) about `axis` of the joint frame.
@@ -249,7 +248,7 @@ def prismatic(
     name: str,
     parent: str,
     child: str,
-    axis: str | Sequence[float] = "x",
+    axis: AxisLike = "x",
     **options: Unpack[JointOptions],
 ) -> Joint:
     """A slide: the child moves by q (m) along `axis` of the joint frame."""
@@ -261,7 +260,7 @@ def screw(
     name: str,
     parent: str,
     child: str,
-    axis: str | Sequence[float] = "z",
+    axis: AxisLike = "z",
     *,
     pitch: LawLike,
     **options: Unpack[JointOptions],
@@ -275,7 +274,7 @@ def cylindrical(
     name: str,
     parent: str,
     child: str,
-    axis: str | Sequence[float] = "z",
+    axis: AxisLike = "z",
     **options: Unpack[JointOptions],
 ) -> Joint:
     """Turns by `.angle` (rad) about `axis` and slides by `.slide` (m) along it."""
@@ -287,8 +286,8 @@ def universal(
     name: str,
     parent: str,
     child: str,
-    first: str | Sequence[float] = "x",
-    second: str | Sequence[float] = "y",
+    first: AxisLike = "x",
+    second: AxisLike = "y",
     **options: Unpack[JointOptions],
 ) -> Joint:
     """Turns by `.first` about the axis `first`, then by `.second` about the turned axis `second`."""

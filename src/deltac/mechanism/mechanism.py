@@ -18,9 +18,9 @@ from deltac.mechanism.coordinates import Entries, Entry, Free
 from deltac.mechanism.events import Event, Happening
 from deltac.mechanism.forces import JointDamper, JointSpring, JointTorque
 from deltac.mechanism.joints import JOINT_KINDS, Joint
-from deltac.mechanism.laws import evaluate
+from deltac.mechanism.laws import VectorLike, evaluate
 from deltac.mechanism.parts import Part
-from deltac.mechanism.quantities import Quantity, Vector, vector
+from deltac.mechanism.quantities import Quantity, vector
 from deltac.mechanism.scene import Constraint, Element
 from deltac.mechanism.scope import GROUND, Scope
 from deltac.mechanism.shapes import Visual
@@ -54,7 +54,7 @@ class Mechanism(Shown):
     joints: Sequence[Joint]
     forces: Sequence[Element] = ()
     constraints: Sequence[Constraint] = ()
-    gravity: Vector = NO_GRAVITY
+    gravity: VectorLike = NO_GRAVITY
     parameters: Mapping[str, float] = field(default_factory=dict)
     name: str = "mechanism"
     events: Sequence[Happening] = ()
@@ -81,11 +81,12 @@ class Mechanism(Shown):
         ):
             store(attribute, _of_kind(getattr(self, attribute), attribute, kind, example))
         store("joints", _tree_order(self.bodies, self.joints))
-        store("gravity", vector(self.gravity, "gravity"))
+        gravity = vector(self.gravity, "gravity")
+        store("gravity", gravity)
         store("parameters", FrozenDict(_parameters(self.parameters)))
         _distinct((e for e in self.events if isinstance(e, Event)), "events")
         _check_names_of_coordinates(self)
-        self.scope.laws(self.gravity, self.scope.constants, "gravity")
+        self.scope.laws(gravity, self.scope.constants, "gravity")
         for part in self.parts:
             part.check(self.scope)
         for visual in self.visuals:
@@ -221,7 +222,7 @@ class Mechanism(Shown):
     def _digest(self, left_out: set[str]) -> str:
         values = sorted((k, v) for k, v in self.parameters.items() if k not in left_out)
         description = (self.bodies, self.joints, self.forces, self.constraints, self.gravity)
-        parts = (*description, values, sorted(left_out), *self.events)
+        parts: tuple[object, ...] = (*description, values, sorted(left_out), *self.events)
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
     @cached_property

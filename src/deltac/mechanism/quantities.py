@@ -19,6 +19,9 @@ from deltac.mechanism.laws import VectorLike, as_law
 RotationLike: TypeAlias = "Sequence[Sequence[float]] | Sequence[float] | NDArray[Any] | None"
 """What users may give for a rotation: see `as_rotation`."""
 
+AxisLike: TypeAlias = "str | Sequence[float] | NDArray[Any]"
+"""What users may give for a direction: `"x"`, `"-y"`, …, or three numbers."""
+
 Quantity: TypeAlias = Any
 """A float, or a SymPy expression."""
 
@@ -56,7 +59,7 @@ def vector(value: VectorLike, where: str) -> Vector:
     return (x, y, z)
 
 
-def unit_vector(value: str | Sequence[float], where: str) -> tuple[float, float, float]:
+def unit_vector(value: AxisLike, where: str) -> tuple[float, float, float]:
     """A direction: ``"x"``, ``"-z"``, … or three numbers of any length but zero (normalised)."""
     if isinstance(value, str):
         if value not in AXES:
@@ -102,7 +105,7 @@ def as_rotation(value: Any, where: str) -> Matrix:
 
 
 @checked
-def rotation_matrix(axis: str | Sequence[float], angle: float) -> Matrix:
+def rotation_matrix(axis: AxisLike, angle: float) -> Matrix:
     """The matrix of a turn by `angle` (rad, right-handed) about `axis`: for joints, shapes, loops."""
     n = unit_vector(axis, "rotation")
     if not math.isfinite(angle):

@@ -7,7 +7,6 @@ mechanism's parameters. A `Visual` says what a body looks like, for pictures alo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeAlias
 
@@ -26,6 +25,7 @@ from deltac.mechanism.parts import (
 from deltac.mechanism.quantities import (
     IDENTITY,
     ZERO,
+    AxisLike,
     Matrix,
     Quantity,
     RotationLike,
@@ -159,7 +159,7 @@ def capsule(
     body: str,
     radius: LawLike,
     length: LawLike,
-    axis: str | Sequence[float] = "x",
+    axis: AxisLike = "x",
     position: VectorLike = ZERO,
 ) -> Capsule:
     """A capsule: a cylinder of `radius` and `length` (m) with half spheres on its ends.
@@ -179,7 +179,7 @@ def box(
 
 @constructor
 def half_space(
-    body: str = "ground", normal: str | Sequence[float] = "z", position: VectorLike = ZERO
+    body: str = "ground", normal: AxisLike = "z", position: VectorLike = ZERO
 ) -> HalfSpace:
     """The plane through `position` and all that is behind it; `normal` points out of the matter.
 

@@ -14,7 +14,6 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import Problem, Reference, Signal, coordinate, energy, instant, speed
 from deltac.trajectories import Trajectory
 
-TORQUE = 0.033
 MASSES = (0.04325, 0.00365, 0.02373, 0.00706, 0.07050, 0.00706, 0.05498)
 INERTIAS = (2.194e-6, 4.410e-7, 5.255e-6, 5.667e-7, 1.169e-5, 5.667e-7, 1.912e-5)
 LENGTHS = {
@@ -56,7 +55,6 @@ START = (
 )
 FIRST_ACCELERATIONS = (14222.4439199541138, -10666.8329399655854, 0.0, 0.0, 0.0, 0.0, 0.0)
 FIRST_MULTIPLIERS = (98.5668703962410896, -6.12268834425566265, 0.0, 0.0, 0.0, 0.0)
-END = 0.03
 # At 0.03 s: the test set's numbers, and our own by two routes that agree in more digits.
 TEST_SET = {
     "angles": (
@@ -132,7 +130,8 @@ def problem() -> Problem:
         instant(f"λ{k + 1}", 0.0, _multiplier(k), value, "N", "published", 1e-11)
         for k, value in enumerate(FIRST_MULTIPLIERS)
     ]
-    reference += _last()
+    duration = 0.03
+    reference += _last(duration)
     balance = _undriven_energy(mechanism)
     reference.append(
         Reference(
@@ -141,7 +140,7 @@ def problem() -> Problem:
             unit="J",
             kind="exact",
             accuracy=0.0,
-            at=END,
+            at=duration,
             measure=lambda run: float(balance(run)[-1] - balance(run)[0]),
         )
     )
@@ -150,7 +149,7 @@ def problem() -> Problem:
         title="Andrews' squeezing mechanism",
         mechanism=mechanism,
         state=mechanism.state(dict(zip(ANGLES, START, strict=True))),
-        duration=END,
+        duration=duration,
         step=1e-5,
         solver="ode8",
         source="W. Schiehlen (ed.), Multibody Systems Handbook, 1990; F. Mazzia, C. Magherini, Test "
@@ -165,8 +164,8 @@ def problem() -> Problem:
     )
 
 
-def _last() -> list[Reference]:
-    """The numbers at the end of the motion."""
+def _last(t: float) -> list[Reference]:
+    """The numbers at the end of the motion, t."""
     symbols = "βΘγΦδΩε"
     quantities: dict[str, list[tuple[str, Signal, str]]] = {
         "angles": [(s, coordinate(name), "rad") for s, name in zip(symbols, ANGLES, strict=True)],
@@ -179,9 +178,9 @@ def _last() -> list[Reference]:
         for k, (symbol, signal, unit) in enumerate(members):
             value = TEST_SET[group][k]
             name = f"{symbol} (test set)"
-            references.append(instant(name, END, signal, value, unit, "published", published))
+            references.append(instant(name, t, signal, value, unit, "published", published))
             value = CALCULATED[group][k]
-            references.append(instant(symbol, END, signal, value, unit, "calculated", calculated))
+            references.append(instant(symbol, t, signal, value, unit, "calculated", calculated))
     return references
 
 
@@ -237,7 +236,7 @@ def _mechanism() -> Mechanism:
             **LENGTHS,
             "c0": 4530.0,
             "l0": 0.07785,
-            "torque": TORQUE,
+            "torque": 0.033,
         },
         name="Andrews' squeezing mechanism",
     )
@@ -246,7 +245,8 @@ def _mechanism() -> Mechanism:
 def _undriven_energy(mechanism: Mechanism) -> Signal:
     """K + V − τβ (J): the torque is constant, so its work is τ times the crank's angle."""
     total = energy(mechanism)
-    return lambda run: total(run) - TORQUE * run.coordinate("beta")
+    torque = mechanism.parameters["torque"]
+    return lambda run: total(run) - torque * run.coordinate("beta")
 
 
 def _acceleration(k: int) -> Signal:

@@ -10,15 +10,12 @@ from deltac.bodies import sphere
 from deltac.forces import contact
 from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, Reference, coordinate, instant, largest
+from deltac.problems.problem import G, Problem, Reference, coordinate, instant, largest
 from deltac.trajectories import Trajectory
 
-MASS, RADIUS, GRAVITY = 1.0, 0.1, 9.81
-HEIGHT = 0.5
-"""Of the ball's lowest point at the start, m."""
+MASS, RADIUS, HEIGHT = 1.0, 0.1, 0.5  # of its lowest point at the start
 
 LINEAR, HERTZ = 2e3, 5e3
-DURATION = 2.0
 
 
 def problem(exponent: float = 1.0) -> Problem:
@@ -36,7 +33,7 @@ def problem(exponent: float = 1.0) -> Problem:
                 exponent=exponent,
             )
         ],
-        gravity=(0, 0, -GRAVITY),
+        gravity=(0, 0, -G),
         parameters={"m": MASS, "k": k},
         name="ball on a compliant floor",
     )
@@ -50,7 +47,7 @@ def problem(exponent: float = 1.0) -> Problem:
     )
     heights = tuple(
         instant("height", t, coordinate("z"), height(t), "m", "exact", 1e-9)
-        for t in (0.3, 0.36, 0.7, 1.0, DURATION)
+        for t in (0.3, 0.36, 0.7, 1.0, 2.0)
         if exponent == 1.0
     )
 
@@ -58,14 +55,14 @@ def problem(exponent: float = 1.0) -> Problem:
         z, v = run.coordinate("z"), run.speed("z")
         overlap = (-z).clip(0.0)
         bent: Array = k * overlap ** (exponent + 1) / (exponent + 1)
-        return 0.5 * MASS * v**2 + MASS * GRAVITY * (z + RADIUS) + bent
+        return 0.5 * MASS * v**2 + MASS * G * (z + RADIUS) + bent
 
     return Problem(
         name="ball-on-compliant-floor",
         title="Elastic ball on a compliant floor",
         mechanism=mechanism,
         state=mechanism.state({"z": HEIGHT}),
-        duration=DURATION,
+        duration=2.0,
         step=1e-3,
         solver="DOP853",
         tolerance=1e-11,
@@ -80,15 +77,15 @@ def problem(exponent: float = 1.0) -> Problem:
 def height(t: float) -> float:
     """The height z of the lowest point (m) at the time t (s), on the linear floor."""
     omega = math.sqrt(LINEAR / MASS)
-    v = math.sqrt(2 * GRAVITY * HEIGHT)
-    fall = v / GRAVITY
-    touch = 2 / omega * (math.pi - math.atan(omega * v / GRAVITY))
+    v = math.sqrt(2 * G * HEIGHT)
+    fall = v / G
+    touch = 2 / omega * (math.pi - math.atan(omega * v / G))
     s = math.fmod(t, 2 * fall + touch)
     if fall < s < fall + touch:
         a = omega * (s - fall)
-        return -(GRAVITY / omega**2 * (1 - math.cos(a)) + v / omega * math.sin(a))
+        return -(G / omega**2 * (1 - math.cos(a)) + v / omega * math.sin(a))
     s = s if s <= fall else s - 2 * fall - touch
-    return HEIGHT - 0.5 * GRAVITY * s * s
+    return HEIGHT - 0.5 * G * s * s
 
 
 def deepest_overlap(k: float, exponent: float) -> float:
@@ -96,7 +93,7 @@ def deepest_overlap(k: float, exponent: float) -> float:
     low, high = 0.0, 1.0
     for _ in range(200):
         x = 0.5 * (low + high)
-        if k * x ** (exponent + 1) / (exponent + 1) < MASS * GRAVITY * (HEIGHT + x):
+        if k * x ** (exponent + 1) / (exponent + 1) < MASS * G * (HEIGHT + x):
             low = x
         else:
             high = x

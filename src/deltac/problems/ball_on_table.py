@@ -13,16 +13,15 @@ from deltac.constraints import rolling
 from deltac.errors import UnknownName
 from deltac.joints import free, prismatic, revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, Signal, coordinate, instant, instants, rotated, work
+from deltac.problems.problem import G, Problem, Signal, coordinate, instant, instants, rotated, work
 from deltac.trajectories import Trajectory
 
-MASS, RADIUS, G, TURN = 0.2, 0.1, 9.81, 7.0
+MASS, RADIUS, TURN = 0.2, 0.1, 7.0
 INERTIA = 0.4 * MASS * RADIUS**2
 RATE = 2 * TURN / 7  # of the ball's centre on its circle
 START, VELOCITY = (0.3, 0.0), (0.1, 0.2)
 CENTRE = (START[0] - VELOCITY[1] / RATE, START[1] + VELOCITY[0] / RATE)
 RISE, BEAT = 0.1, 3.0
-DURATION = 5.0
 BALL = "ball.x ball.y ball.z".split()
 
 Table = Literal["laws", "body"]
@@ -46,7 +45,7 @@ def make(table: Table, *, rising: bool) -> Problem:
     start = _kinetic(0.0)
     reference = []
     centre = {axis: coordinate(f"ball.{axis}") for axis in "xyz"}
-    for t in (1.0, DURATION):
+    for t in (1.0, 5.0):
         height, lift = _lift(t) if rising else (0.0, 0.0)
         x, y = _circle(t)
         gain = _kinetic(t) - start
@@ -79,7 +78,7 @@ def make(table: Table, *, rising: bool) -> Problem:
             dict(zip(BALL, (*START, RADIUS), strict=True)),
             {"ball.vx": VELOCITY[0], "ball.vy": VELOCITY[1], **spin},
         ),
-        duration=DURATION,
+        duration=5.0,
         step=1e-3,
         solver="ode8",
         source="K. Weltner, Stable circular orbits of freely moving balls on rotating discs, Am. J. "

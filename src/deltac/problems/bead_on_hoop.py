@@ -10,10 +10,10 @@ from deltac.arrays import Array
 from deltac.bodies import frame, point_mass
 from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, energy, instant, work
+from deltac.problems.problem import G, Problem, energy, instant, work
 from deltac.trajectories import Trajectory
 
-G, SPIN, START = 9.81, 5.0, 1.0
+SPIN, START = 5.0, 1.0
 START_ENERGY = 0.5 * (SPIN * math.sin(START)) ** 2 - G * math.cos(START)
 ENERGY = {1.0: 7.259194270796, 10.0: 6.693511361376}
 

@@ -12,10 +12,10 @@ from deltac.bodies import body
 from deltac.constraints import rolling
 from deltac.joints import free, revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Measure, Problem, Signal, energy, instants, whole
+from deltac.problems.problem import G, Measure, Problem, Signal, energy, instants, whole
 from deltac.trajectories import Trajectory
 
-G, SPEED, NUDGE = 9.81, 5.0, 1e-5
+SPEED, NUDGE = 5.0, 1e-5
 WHEELBASE, TRAIL, TILT = 1.02, 0.08, math.pi / 10
 REAR, FRONT = 0.3, 0.35  # radii
 # Published for 5 m/s, with 14 decimals.
@@ -29,7 +29,6 @@ MASS = np.array([[80.81722, 2.31941332208709], [2.31941332208709, 0.297841881996
 DAMPING = np.array([[0.0, 33.86641391492494], [-0.85035641456978, 1.68540397397560]])
 STIFFNESS = np.array([[-80.95, -2.59951685249872], [-2.59951685249872, -0.80329488458618]])
 GYRO = np.array([[0.0, 76.59734589573222], [0.0, 2.65431523794604]])
-LAG = 0.05
 
 
 def problem(speed: float = SPEED, nudge: float = NUDGE) -> Problem:
@@ -130,7 +129,7 @@ def _eigenvalue(name: str) -> Measure:
         state = np.stack(
             [_lean(run), run.coordinate("steer"), run.speed("frame.wx"), run.speed("steer")]
         )
-        rows = round(LAG / (run.t[1] - run.t[0]))
+        rows = round(0.05 / (run.t[1] - run.t[0]))
         scale = np.abs(state).max(axis=1, keepdims=True)
         before, after = state[:, :-rows] / scale, state[:, rows:] / scale
         step = np.linalg.lstsq(before.T, after.T, rcond=None)[0]

@@ -8,19 +8,15 @@ from deltac.bodies import point_mass
 from deltac.forces import friction_law, point_friction
 from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, coordinate, instant, speed, whole, work
+from deltac.problems.problem import G, Problem, coordinate, instant, speed, whole, work
 from deltac.trajectories import Trajectory
 
-MASS, GRAVITY, SLOPE, FRICTION = 2.0, 9.81, math.radians(15.0), 0.5
-START = 2.0
-DURATION = 1.5
-LARGEST_GAP = 0.27846454276107374
-"""The maximum of x (1 − tanh x), which is Lambert's W(1/e)."""
+MASS, SLOPE, FRICTION, START = 2.0, math.radians(15.0), 0.5, 2.0
 
 
 def problem(width: float = 5e-3) -> Problem:
     """Shoved down at 2 m/s; it stops after some 0.9 s. `width` of the regularisation, m/s."""
-    pull, hold = GRAVITY * math.sin(SLOPE), FRICTION * GRAVITY * math.cos(SLOPE)
+    pull, hold = G * math.sin(SLOPE), FRICTION * G * math.cos(SLOPE)
     down = (math.cos(SLOPE), 0.0, -math.sin(SLOPE))
     normal = (math.sin(SLOPE), 0.0, math.cos(SLOPE))
     mechanism = Mechanism(
@@ -30,12 +26,12 @@ def problem(width: float = 5e-3) -> Problem:
             point_friction(
                 "incline",
                 "block",
-                f"m*{GRAVITY}*{math.cos(SLOPE)!r}",
+                f"m*{G}*{math.cos(SLOPE)!r}",
                 friction_law("mu", width=width),
                 normal=normal,
             )
         ],
-        gravity=(0, 0, -GRAVITY),
+        gravity=(0, 0, -G),
         parameters={"m": MASS, "mu": FRICTION},
         name="block on an incline",
     )
@@ -50,13 +46,15 @@ def problem(width: float = 5e-3) -> Problem:
     def shortfall(run: Trajectory) -> float:
         return strength * float(run.coordinate("s")[-1]) - heat(run)
 
-    bound = strength * LARGEST_GAP * width * DURATION
+    duration = 1.5
+    # The maximum of x (1 − tanh x) is Lambert's W(1/e).
+    bound = strength * 0.27846454276107374 * width * duration
     return Problem(
         name="block-on-incline",
         title="Block on an incline with Coulomb friction",
         mechanism=mechanism,
         state=mechanism.state(None, {"s": START}),
-        duration=DURATION,
+        duration=duration,
         step=1e-4,
         solver="ode5",
         source="closed form: heat μ m g cos α s; with tanh friction the time to the speed v is "
@@ -101,7 +99,7 @@ def problem(width: float = 5e-3) -> Problem:
 
 def speed_at(t: float, width: float) -> float:
     """The speed (m/s) at the time t (s), by bisection of the closed form."""
-    a, b = GRAVITY * math.sin(SLOPE), FRICTION * GRAVITY * math.cos(SLOPE)
+    a, b = G * math.sin(SLOPE), FRICTION * G * math.cos(SLOPE)
 
     def time(v: float) -> float:
         y = v / width

@@ -17,11 +17,10 @@ from deltac.problems.problem import G, Measure, Problem, Reference
 from deltac.trajectories import Trajectory
 
 HEIGHT = 1.0
-RESTITUTION = 0.8
 BOUNCES = (1, 5, 10)
 
 
-def problem(restitution: float = RESTITUTION) -> Problem:
+def problem(restitution: float = 0.8) -> Problem:
     """A ball of 1 kg dropped from 1 m, until shortly before its bounces come to an end.
 
     `restitution` e lies between 0.1 and 0.95.

@@ -13,10 +13,10 @@ from deltac.bodies import box
 from deltac.constraints import loop_revolute
 from deltac.joints import revolute
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, Signal, energy, instant, instants
+from deltac.problems.problem import G, Problem, Signal, energy, instant, instants
 from deltac.trajectories import Trajectory
 
-G, WIDTH = 9.81, 0.1
+WIDTH = 0.1
 VERTICES = ((0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1))
 AXES = "yzxyzx"  # of the hinges at the vertices
 THIRD_VERTEX = {

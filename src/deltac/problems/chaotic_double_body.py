@@ -16,8 +16,7 @@ from deltac.trajectories import Trajectory
 
 LA, LB = 0.075, 0.2  # from the support to the mass centres
 MA, MB = 0.01, 0.1
-IA = 5e-6
-IB = (2.5e-4, 0.5e-4, 2.0e-4)
+IA, IB = 5e-6, (2.5e-4, 0.5e-4, 2.0e-4)
 START = (math.pi / 2, math.radians(0.5))
 INERTIA = IA + MA * LA**2 + MB * LB**2  # of both about the support's axis, the plate's own apart
 MOMENT = (MA * LA + MB * LB) * G

@@ -13,9 +13,7 @@ from deltac.problems.problem import Problem, instant, speed, whole, work
 DRIVING, DRIVEN = 0.5, 0.3
 """Moments of inertia about the axis, kg·m²."""
 
-TORQUE, CLOSING, WIDTH = 12.0, 0.2, 0.5
-START = 40.0
-DURATION = 1.0
+TORQUE, CLOSING, WIDTH, START = 12.0, 0.2, 0.5, 40.0
 
 
 def problem() -> Problem:
@@ -44,7 +42,7 @@ def problem() -> Problem:
         title="Clutch: two discs brought to one speed by friction",
         mechanism=mechanism,
         state=mechanism.state(None, {"shaft": START, "slip": -START}),
-        duration=DURATION,
+        duration=1.0,
         step=1e-3,
         solver="ode5",
         source="momentum and energy of two discs; of tanh friction: d/dt ln sinh(r/w) = −T/(I w), r the "
@@ -56,7 +54,7 @@ def problem() -> Problem:
         },
         reference=(
             *slipping,
-            instant("speed", DURATION, speed("shaft"), together, "rad/s", "exact", 1e-9),
+            instant("speed", 1.0, speed("shaft"), together, "rad/s", "exact", 1e-9),
             whole(
                 "heat of the clutch",
                 lambda run: -float(work(mechanism, "friction clutch")(run)[-1]),

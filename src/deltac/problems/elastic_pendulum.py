@@ -9,10 +9,10 @@ from deltac.bodies import frame, point_mass
 from deltac.forces import spring_damper
 from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, coordinate, energy, instant, instants
+from deltac.problems.problem import G, Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory
 
-MASS, G, STIFFNESS, REST = 1.0, 9.81, 39.24, 0.75  # k = 4 m g/l at the hanging length l = 1 m
+MASS, STIFFNESS, REST = 1.0, 39.24, 0.75  # k = 4 m g/l at the hanging length l = 1 m
 START = (0.1, -1.2)
 POSITIONS = {
     1.0: (-0.111549626906, -1.196599086874),

@@ -12,7 +12,6 @@ from deltac.trajectories import Trajectory
 
 MASS, SPIN = 1.3, 0.7
 POSITION, VELOCITY = (1.0, 0.2), (0.3, -0.5)
-DURATION = 3.0
 
 
 def problem() -> Problem:
@@ -30,15 +29,16 @@ def problem() -> Problem:
         speeds=("along_x", "along_y"),
         u={"x": "u.along_x - Omega*q.y", "y": "u.along_y + Omega*q.x"},
     )
+    duration = 3.0
     # What the form of 1988 adds, ∫ −m Ω² q·u dt = −½ m Ω² (|q|² − |q(0)|²), grows all the time.
-    end = tuple(x + v * DURATION for x, v in zip(POSITION, VELOCITY, strict=True))
+    end = tuple(x + v * duration for x, v in zip(POSITION, VELOCITY, strict=True))
     growth = sum(x**2 for x in end) - sum(x**2 for x in POSITION)
     return Problem(
         name="free-particle",
         title="Free particle in turning coordinates",
         mechanism=mechanism,
         state=mechanism.state(POSITION, VELOCITY),
-        duration=DURATION,
+        duration=duration,
         step=1e-2,
         solver="ode4",
         source="T. R. Kane, D. A. Levinson, J. Appl. Mech. 55 (1988) 711-715 and 57 (1990) 248-249 "
@@ -51,7 +51,7 @@ def problem() -> Problem:
             "K2 − K0": _generalized_energy,
         },
         reference=(
-            *instants({DURATION: end}, {a: coordinate(a) for a in "xy"}, "m", "exact", 1e-15),
+            *instants({duration: end}, {a: coordinate(a) for a in "xy"}, "m", "exact", 1e-15),
             whole(
                 "range of ΔC by Kane and Levinson 1988",
                 delta_c_range(mechanism, coordinates, "kane-levinson-1988"),

@@ -8,11 +8,19 @@ from deltac.arrays import Array
 from deltac.bodies import body
 from deltac.joints import spherical
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, Signal, coordinate, energy, instant, instants, rotated
+from deltac.problems.problem import (
+    G,
+    Problem,
+    Signal,
+    coordinate,
+    energy,
+    instant,
+    instants,
+    rotated,
+)
 from deltac.trajectories import Trajectory
 
-MASS, G = 15.0, 9.81
-ARM = (0.0, 1.0, 0.0)
+MASS, ARM = 15.0, (0.0, 1.0, 0.0)
 CENTRAL = (0.234375, 0.46875, 0.234375)
 TIP_INERTIA = np.array([15.234375, 0.46875, 15.234375])  # about the tip: m·1² added across the arm
 RATE = (0.0, 150.0, -4.61538)

@@ -11,10 +11,10 @@ from deltac.bodies import body
 from deltac.constraints import skate
 from deltac.joints import planar
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, coordinate, energy, instant, instants
+from deltac.problems.problem import G, Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory
 
-MASS, INERTIA, G, SLOPE, SPIN = 1.0, 0.1, 9.81, math.pi / 6, 2.0
+MASS, INERTIA, SLOPE, SPIN = 1.0, 0.1, math.pi / 6, 2.0
 PULL = G * math.sin(SLOPE)
 
 

@@ -11,10 +11,19 @@ from deltac.bodies import disc
 from deltac.constraints import rolling
 from deltac.joints import free
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, coordinate, energy, instant, instants, rotated, whole
+from deltac.problems.problem import (
+    G,
+    Problem,
+    coordinate,
+    energy,
+    instant,
+    instants,
+    rotated,
+    whole,
+)
 from deltac.trajectories import Trajectory
 
-MASS, RADIUS, PATH, TILT, G = 0.3048, 0.05, 0.5, math.radians(5), 9.81
+MASS, RADIUS, PATH, TILT = 0.3048, 0.05, 0.5, math.radians(5)
 SINE, COSINE = math.sin(TILT), math.cos(TILT)
 ACROSS, ALONG = MASS * RADIUS**2 / 4, MASS * RADIUS**2 / 2
 PRECESSION = -math.sqrt(G * math.tan(TILT) / (1.5 * PATH - 1.25 * RADIUS * SINE))

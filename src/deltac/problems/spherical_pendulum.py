@@ -11,10 +11,10 @@ from deltac.bodies import frame, point_mass
 from deltac.constraints import distance
 from deltac.joints import prismatic
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, coordinate, energy, instant, instants
+from deltac.problems.problem import G, Problem, coordinate, energy, instant, instants
 from deltac.trajectories import Trajectory
 
-G, ANGLE, SPEED = 9.81, math.pi / 3, 2.0
+ANGLE, SPEED = math.pi / 3, 2.0
 POSITIONS = {
     1.0: (-0.6997754042350554, -0.4928963794660763, -0.5170759545143232),
     10.0: (0.0457825633984610, -0.7377486044706622, -0.6735213088613132),

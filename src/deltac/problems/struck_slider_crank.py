@@ -18,9 +18,6 @@ from deltac.trajectories import Trajectory
 
 CRANK, ROD, SLIDER = 1.0, 2.0, 1.5  # kg
 RADIUS, LENGTH = 0.1, 0.3  # m
-STOP = 0.38  # m
-RESTITUTION = 0.7
-RATE = 10.0  # rad/s
 IMPACTS = (
     0.0972703876481528952,
     0.698023190924855503,
@@ -34,6 +31,7 @@ def problem() -> Problem:
 
     It starts at a right angle with 10 rad/s towards the stop, 2 cm before the outer dead centre.
     """
+    restitution, rate = 0.7, 10.0  # rad/s
     tilt = -math.asin(RADIUS / LENGTH)
     mechanism = Mechanism(
         bodies=[
@@ -47,15 +45,15 @@ def problem() -> Problem:
             prismatic("slide", "ground", "slider", axis="x"),
         ],
         constraints=[loop_spherical("wrist", "rod", "slider", point1=(LENGTH, 0.0, 0.0))],
-        events=[joint_stop("stop", "slide", upper=STOP, restitution=RESTITUTION)],
+        events=[joint_stop("stop", "slide", upper=0.38, restitution=restitution)],
         name="struck slider-crank",
     )
     state = mechanism.state(
         {"crank": math.pi / 2, "pin": tilt - math.pi / 2, "slide": LENGTH * math.cos(tilt)},
-        speeds={"crank": -RATE, "pin": RATE, "slide": RADIUS * RATE},
+        speeds={"crank": -rate, "pin": rate, "slide": RADIUS * rate},
     )
     # At the start everything but the crank translates: ½ (1/3 · 0.1² + (2 + 1.5) 0.1²) 10² J.
-    energy = 0.5 * (CRANK / 3.0 + ROD + SLIDER) * (RADIUS * RATE) ** 2
+    energy = 0.5 * (CRANK / 3.0 + ROD + SLIDER) * (RADIUS * rate) ** 2
     reference = []
     for k, t in enumerate(IMPACTS):
         reference += [
@@ -63,7 +61,7 @@ def problem() -> Problem:
             whole(
                 f"loss of impact {k + 1}",
                 _impact(k, "energy_lost"),
-                (1.0 - RESTITUTION**2) * energy * RESTITUTION ** (2 * k),
+                (1.0 - restitution**2) * energy * restitution ** (2 * k),
                 "J",
                 "exact",
                 1e-14,

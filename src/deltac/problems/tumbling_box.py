@@ -9,14 +9,12 @@ from deltac.bodies import box
 from deltac.forces import contact, friction_law
 from deltac.joints import free
 from deltac.mechanism.mechanism import Mechanism
-from deltac.problems.problem import Problem, energy, instant, kinetic, whole
+from deltac.problems.problem import G, Problem, energy, instant, kinetic, whole
 from deltac.trajectories import Trajectory
 
-MASS, SIZE, GRAVITY = 1.0, (0.3, 0.2, 0.1), 9.81
+MASS, SIZE = 1.0, (0.3, 0.2, 0.1)
 HEIGHT, VELOCITY, SPIN = 0.5, 1.0, (3.0, 6.0, 1.0)
-AXIS, ANGLE = (1.0, 2.0, 0.5), 0.7
-STIFFNESS = 5e4
-DURATION = 2.0
+AXIS, ANGLE, STIFFNESS = (1.0, 2.0, 0.5), 0.7, 5e4
 
 
 def problem() -> Problem:
@@ -34,7 +32,7 @@ def problem() -> Problem:
                 friction=friction_law(0.4, width=0.02),
             )
         ],
-        gravity=(0, 0, -GRAVITY),
+        gravity=(0, 0, -G),
         name="tumbling box",
     )
     length = math.hypot(*AXIS)
@@ -44,7 +42,7 @@ def problem() -> Problem:
         {"base": [VELOCITY, 0, 0, *SPIN]},
     )
     # At last the weight rests on four corners of the largest face.
-    sunk = MASS * GRAVITY / (4 * STIFFNESS)
+    sunk = MASS * G / (4 * STIFFNESS)
     rest = SIZE[2] / 2 - sunk
     a, b, c = SIZE
     inertia = [
@@ -53,7 +51,7 @@ def problem() -> Problem:
         MASS * (a * a + b * b) / 12,
     ]
     start = 0.5 * MASS * VELOCITY**2 + 0.5 * sum(I * w**2 for I, w in zip(inertia, SPIN))
-    lost = start + MASS * GRAVITY * (HEIGHT - rest) - 4 * 0.5 * STIFFNESS * sunk**2
+    lost = start + MASS * G * (HEIGHT - rest) - 4 * 0.5 * STIFFNESS * sunk**2
 
     def dissipated(run: Trajectory) -> float:
         values = energy(mechanism)(run)
@@ -64,7 +62,7 @@ def problem() -> Problem:
         title="Box that tumbles to rest on a plane",
         mechanism=mechanism,
         state=state,
-        duration=DURATION,
+        duration=2.0,
         step=1e-3,
         solver="DOP853",
         tolerance=1e-11,
@@ -73,14 +71,14 @@ def problem() -> Problem:
         reference=(
             instant(
                 "height",
-                DURATION,
+                2.0,
                 lambda run: run.coordinate("base.z"),
                 rest,
                 "m",
                 "exact",
                 1e-9,
             ),
-            instant("kinetic energy", DURATION, kinetic(mechanism), 0.0, "J", "exact", 1e-12),
+            instant("kinetic energy", 2.0, kinetic(mechanism), 0.0, "J", "exact", 1e-12),
             whole("energy lost until it lies still", dissipated, lost, "J", "exact", 1e-8),
         ),
         notes="What is lost is heat of 'contact floor' and 'friction floor'; what remains bent is in the "

@@ -293,13 +293,13 @@ class Monitor:
         self.t = self._here.row.item(0)
 
     @property
-    def work(self) -> dict[ChannelName, float]:
-        """The work of each channel so far, J; that of sources with a potential is what it lost."""
+    def work(self) -> dict[str, float]:
+        """The work of each channel so far, J: the decrease of the potential where there is one."""
         side = self._standing
         if side is None:
             return {}
         kernels, sums = self._kernels, side.sums
-        works = dict(zip(kernels.channels, map(float, sums[len(SUMS) :])))
+        works: dict[str, float] = dict(zip(kernels.channels, map(float, sums[len(SUMS) :])))
         potentials = sums[len(SUMS) + len(kernels.channels) :]
         for name, before, now in zip(kernels.sources, self._start, potentials):
             if name not in works:

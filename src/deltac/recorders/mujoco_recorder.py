@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import EPS, SAME, Array
+from deltac.arrays import ENDLESS, EPS, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.progress import Progress
 from deltac.errors import (
@@ -67,8 +67,6 @@ INPUTS = (
 )
 """What a user may set between two steps."""
 
-MOST_SKIPPED = 100_000
-"""Steps between two samples, at most."""
 
 ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
 """Order of each integrator in the state, for smooth forces."""
@@ -195,7 +193,7 @@ class MujocoRecorder(Recorder):
             raise RecordingError(f"{trouble}; the samples before that are kept: use trajectory()")
         h = float(model.opt.timestep)
         steps = (data.time - before.time) / h
-        if not 0.5 < steps < MOST_SKIPPED or abs(steps - round(steps)) > 1e-6:
+        if not 0.5 < steps < ENDLESS or abs(steps - round(steps)) > 1e-6:
             raise RecordingError(
                 f"sample() at t = {data.time:g} s: {steps:g} steps were taken since the sample at "
                 f"{before.time:g} s, expected a whole number from 1 on; call it after mj_step (thin out "

@@ -29,10 +29,8 @@ from deltac.recorders.recorder import (
 )
 from deltac.trajectories import Provenance, Trajectory
 
-KINDS = {0: "revolute", 1: "prismatic"}
-"""PyBullet's kind of a joint -> ours; those that are fixed (4) have no coordinate."""
-
-FIXED = 4
+KINDS = {0: "revolute", 1: "prismatic", 4: "fixed"}
+"""PyBullet's kind of a joint -> ours; those that are fixed have no coordinate."""
 
 
 class PybulletRecorder(Recorder):
@@ -102,7 +100,7 @@ class PybulletRecorder(Recorder):
         own = names or {}
         for j in range(p.getNumJoints(body, **self._of)):
             info = p.getJointInfo(body, j, **self._of)
-            if info[2] == FIXED:
+            if KINDS.get(info[2]) == "fixed":
                 continue
             name = info[1].decode()
             if info[2] not in KINDS:

@@ -26,11 +26,15 @@ from deltac.simulation import (
     told_order,
     usual_orders,
 )
-from deltac.trajectories import INTERPOLATED, ROWS, Provenance, SolverResult, Trajectory
-
-MISREAD = 0.3
-"""Changes of the coordinates that differ by more than this (relative) from the integrals of their rates."""
-
+from deltac.trajectories import (
+    INTERPOLATED,
+    ROWS,
+    Movement,
+    Provenance,
+    SolverResult,
+    Trajectory,
+    preferred,
+)
 
 AT_ROWS = "accelerations: the equations that were integrated, at each row"
 
@@ -208,21 +212,23 @@ def _likely_order(system: System, symbols: StateSymbols, t: Array, y: Array) -> 
     names = state_names(symbols.coordinates, symbols.speeds)
     nq, nu = len(symbols.coordinates), len(symbols.speeds)
     rates = ca.Function("rates", [system.t, symbols.q, symbols.u], [ca.densify(symbols.qdot)])
-    misfits = []
+    movements: dict[tuple[int, ...], Movement] = {}
     for order in usual_orders(nq, nu):
         state = np.empty_like(y)
         state[:, list(order)] = y
         q, u = np.split(state, [nq], axis=1)
-        rates_by_order = np.array(rates.map(len(t))(t[None], q.T, u.T)).T
-        change = np.diff(q, axis=0)
-        integral = 0.5 * np.diff(t)[:, None] * (rates_by_order[1:] + rates_by_order[:-1])
-        size = float(np.abs(change).sum() + np.abs(integral).sum())
-        misfits.append((float(np.abs(change - integral).sum()) / size if size else 0.0, order))
-    best = min(misfits, key=lambda item: item[0])
-    if not best[0] <= MISREAD and len(t) > 2:
+        movements[order] = Movement.of(t, q, np.array(rates.map(len(t))(t[None], q.T, u.T)).T)
+
+    def miss(order: tuple[int, ...]) -> float:
+        size, difference = movements[order].sizes()
+        return difference / size if size else 0.0
+
+    best = preferred(list(movements), miss) if len(t) > 2 else min(movements, key=miss)
+    if best is None:
+        least = min(map(miss, movements))
         raise LogError(
             f"in none of the usual orders of the state do the coordinates move as their speeds say (off by "
-            f"{best[0]:.0%}). Say which entry of y is what: deltac.Trajectory.from_scipy(result, model, "
+            f"{least:.0%}). Say which entry of y is what: deltac.Trajectory.from_scipy(result, model, "
             f"order={tuple(names)!r}), in the order of y; or ask for more samples (t_eval=…)"
         )
-    return best[1]
+    return best

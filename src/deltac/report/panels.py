@@ -156,6 +156,9 @@ class Flows(Panel):
     kind = "flows"
 
 
+POINTS = 4000
+"""Points, or stretches with their extremes, that a curve is drawn with: no screen has more columns."""
+
 MOST_LINES = 8
 """Channels whose curves are shown at first; the others are there to be switched on."""
 
@@ -356,8 +359,8 @@ def named(entry: StudyRun, unit: str) -> str:
     return f"h = {number(entry.step, 's')}" if unit else f"tolerance {number(entry.step)}"
 
 
-SHADES = 5
-"""Shades of what is left of the balance, one for each coarser step."""
+INKS = ("ink", "ink1", "ink2", "ink3", "ink4", "ink5")
+"""Colours of what is left of the balance: of the finest step, and one for each coarser one."""
 
 
 def study_errors(report: Study) -> TimePlot:
@@ -374,8 +377,7 @@ def study_errors(report: Study) -> TimePlot:
         last = entry is finest
         bar = None if entry.bar is None else entry.bar[name]
         at = resampled(entry.ledger.t, y, t)
-        shade = min(len(usable) - 1 - k, SHADES)
-        colour = f"ink{shade}" if shade else "ink"
+        colour = INKS[min(len(usable) - 1 - k, len(INKS) - 1)]
         lines.append(
             Line(named(entry, report.measures.unit), at, bar if last else None, colour=colour)
         )

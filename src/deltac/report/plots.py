@@ -151,7 +151,7 @@ MARKS = "osD^vPX*<>ph"
 MOST_BARS = 30
 """Sizes drawn one by one; the largest ones."""
 
-GAP = 0.72
+PANEL_GAP = 0.72
 """Between two panels that each have a title and a label (inches)."""
 
 
@@ -161,7 +161,7 @@ def _drawn(title: str, *panels: Panel) -> Figure:
     heights = [_HEIGHTS[type(panel)](panel) for panel in shown]
     ratios = [heights[0]]
     for height in heights[1:]:
-        ratios += [GAP, height]
+        ratios += [PANEL_GAP, height]
     drawing = blank(sum(ratios) + 1.12, title, right=LEGEND_WIDTH)
     grid = drawing.add_gridspec(len(ratios), 1, height_ratios=ratios, hspace=0.0)
     for k, panel in enumerate(shown):

@@ -26,14 +26,9 @@ if TYPE_CHECKING:
 
 BODIES = ("#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9", "#8a6d3b")
 
-PALEST = 0.12
-"""Opacity of the earliest of several places."""
 
 SMALLEST = 7.0
 """Points (1/72 in) across below which a shape is drawn as a dot of that size."""
-
-AROUND = 36
-"""Corners of a circle."""
 
 
 def still(
@@ -109,7 +104,7 @@ def draw(panel: Axes, drawing: Drawing, frames: Sequence[int], trail: bool = Tru
     per_point = 72.0 * width / (2.0 * half[0])
     for k, frame in enumerate(map(int, frames)):
         share = (k + 1) / len(frames)
-        opacity = 1.0 if k == len(frames) - 1 else PALEST + 0.35 * share**2
+        opacity = 1.0 if k == len(frames) - 1 else 0.12 + 0.35 * share**2
         _frame(panel, drawing, poses[frame], axes, eye, opacity, 2.0 + k, per_point)
 
 
@@ -211,15 +206,13 @@ def _frame(
 
 def _corners(form: Solid) -> Array:
     """Points whose hull is the shape (n, 3), in the body's frame; none of what has no end."""
-    turn = np.linspace(0.0, 2.0 * math.pi, AROUND, endpoint=False)
-    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(AROUND)])
     if form.kind in ("sphere", "ellipsoid"):  # one radius or three
         points = np.array(form.size) * _ball()
     elif form.kind == "box":
         points = np.array(form.size) * (np.array(list(np.ndindex(2, 2, 2))) - 0.5)
     elif form.kind in ("capsule", "cylinder"):
         radius, length = form.size
-        ring = radius * (_ball() if form.kind == "capsule" else circle)
+        ring = radius * (_ball() if form.kind == "capsule" else _circle())
         points = np.concatenate([ring + [0, 0, length / 2], ring - [0, 0, length / 2]])
     elif form.vertices is not None:
         points = np.asarray(form.vertices.values, dtype=float).reshape(-1, 3)
@@ -231,10 +224,14 @@ def _corners(form: Solid) -> Array:
 
 def _ball() -> Array:
     """Points on the unit sphere."""
-    turn = np.linspace(0.0, 2.0 * math.pi, AROUND, endpoint=False)
-    level = np.linspace(-math.pi / 2, math.pi / 2, 13)[:, None]
-    x, y = np.cos(level) * np.cos(turn), np.cos(level) * np.sin(turn)
-    return np.stack([x, y, np.broadcast_to(np.sin(level), x.shape)], axis=-1).reshape(-1, 3)
+    levels = np.linspace(-math.pi / 2, math.pi / 2, 13)
+    return np.concatenate([math.cos(a) * _circle() + [0, 0, math.sin(a)] for a in levels])
+
+
+def _circle() -> Array:
+    """Points on the unit circle in the plane of x and y."""
+    turn = np.linspace(0.0, 2.0 * math.pi, 36, endpoint=False)
+    return np.column_stack([np.cos(turn), np.sin(turn), np.zeros(len(turn))])
 
 
 def _hull(points: Array) -> Array:

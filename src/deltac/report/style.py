@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.report.panels import POINTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-DPI = 150
 
 WIDTH = 7.6
 """Of every figure."""
@@ -44,14 +44,10 @@ SHADES = {
 
 DASHED, DOTTED = (0, (5, 2)), (0, (1, 1.5))
 
-POINTS = 2500
-"""As many as a curve is drawn with, at most; more cannot be told apart."""
 
 SMALL_TEXT = 7.5
 """Size (pt) of what stands beside or inside the axes."""
 
-LABEL = 27
-"""Characters of a line in a legend beside the axes."""
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans",
@@ -67,7 +63,7 @@ STYLE: dict[str, Any] = {
     "legend.frameon": False,
     "lines.solid_capstyle": "round",
     "path.simplify_threshold": 0.5,
-    "savefig.dpi": DPI,
+    "savefig.dpi": 150,
     "pdf.fonttype": 42,  # letters stay letters, which journals ask for
     "svg.hashsalt": "deltac",  # the same figure is the same file
 }
@@ -106,7 +102,7 @@ def legend_beside(panel: Axes) -> None:
     )
 
 
-def fitted(label: str, width: int = LABEL) -> str:
+def fitted(label: str, width: int = 27) -> str:
     """A label in lines of so many characters, three at most."""
     lines = textwrap.wrap(label, width) or [""]
     return "\n".join(lines if len(lines) <= 3 else [*lines[:2], f"{lines[2][: width - 2]} …"])

@@ -11,7 +11,7 @@ from deltac.simulation.equations import as_equations as as_equations
 from deltac.simulation.equations import explicit as explicit
 from deltac.simulation.equations import state_symbols as state_symbols
 from deltac.simulation.recording import Record as Record
-from deltac.simulation.solvers import DEFAULT_TOLERANCE as DEFAULT_TOLERANCE
+from deltac.simulation.solvers import Adaptive as Adaptive
 from deltac.simulation.solvers import find_solver as find_solver
 from deltac.simulation.solvers import solver_options as solver_options
 from deltac.simulation.state_form import PLAIN as PLAIN

@@ -128,7 +128,7 @@ class IllConditionedWarning(UserWarning):
     """The accelerations of a mechanism have few correct digits in double precision."""
 
 
-INACCURATE, LOST = 1e-6, 0.1
+INACCURATE, WORTHLESS = 1e-6, 0.1
 """Relative errors of the accelerations at the start that are told, and that are refused."""
 
 
@@ -148,7 +148,7 @@ def _tell_digits(
         "Fasten what weighs nothing beside the rest (a fixed joint), or give it the mass of what it "
         "stands for"
     )
-    if error > LOST:
+    if error > WORTHLESS:
         raise StateError(f"{words}. Its accelerations have no correct digit. {remedy}")
     warn_user(f"{words}. Nor can the run be better. {remedy}", IllConditionedWarning)
 

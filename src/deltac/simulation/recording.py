@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.kkt import LEAST_PIVOT
 from deltac.errors import DeltacError, InputError
 from deltac.kernels import Kernel
 from deltac.mechanism.channels import ChannelName
@@ -16,7 +17,6 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.constraints.projection import (
     NEARLY_DEPENDENT,
-    SMALLEST_PIVOT,
     smallest_pivot,
 )
 from deltac.simulation.flow import LOST, Flow
@@ -212,12 +212,10 @@ def _singular(flow: Flow, columns: dict[str, Array], motion: Motion, p: Array) -
     if (
         "pivot" not in columns
         or flow.equations is not None
-        or columns["pivot"].min(initial=1.0) > SMALLEST_PIVOT
+        or columns["pivot"].min(initial=1.0) > LEAST_PIVOT
     ):
         return np.empty(0)
-    flagged = np.flatnonzero(
-        ~(columns["pivot"] > SMALLEST_PIVOT) & np.isfinite(motion.x).all(axis=1)
-    )
+    flagged = np.flatnonzero(~(columns["pivot"] > LEAST_PIVOT) & np.isfinite(motion.x).all(axis=1))
     if flagged.size and not flow.inputs.shape[0]:
         from deltac.simulation.constraints.singular import SingularMotion
 

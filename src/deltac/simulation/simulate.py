@@ -45,7 +45,7 @@ from deltac.simulation.recording import (
     with_occurrences,
 )
 from deltac.simulation.solvers import (
-    DEFAULT_RADIUS,
+    GeneralizedAlpha,
     Options,
     Scipy,
     Solver,
@@ -291,7 +291,8 @@ def _stepper(
     if method is not None:
         from deltac.simulation.stepping.implicit.stepper import ImplicitSteps
 
-        return ImplicitSteps(method, rate, p, getattr(options, "spectral_radius", DEFAULT_RADIUS))
+        radius = getattr(options, "spectral_radius", GeneralizedAlpha.spectral_radius)
+        return ImplicitSteps(method, rate, p, radius)
     assert isinstance(options, Sundials | Scipy | Taylor)
 
     def interpreted(t: float, x: Array) -> Array:

@@ -78,13 +78,6 @@ SOLVERS: dict[str, Solver] = {
 _BY_ALIAS = {alias: solver for solver in SOLVERS.values() for alias in solver.aliases}
 
 
-DEFAULT_RADIUS = 0.8
-"""Spectral radius of generalized-α at infinity, where none is asked for."""
-
-DEFAULT_TOLERANCE = 1e-9
-"""Relative tolerance of the solvers that choose their steps, where none is asked for."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """What every solver can be told; the classes below add what is their own.
@@ -127,7 +120,7 @@ class GeneralizedAlpha(Options):
     dissipation).
     """
 
-    spectral_radius: float = DEFAULT_RADIUS
+    spectral_radius: float = 0.8
     name: ClassVar[str] = "generalized-alpha"
 
     def __post_init__(self) -> None:
@@ -148,7 +141,7 @@ class Adaptive(Options):
     """
 
     name: str
-    tolerance: float = DEFAULT_TOLERANCE
+    tolerance: float = 1e-9
     families: ClassVar[tuple[str, ...]]
 
     def __post_init__(self) -> None:
@@ -215,12 +208,12 @@ def solver_options(solver: str | Options, tolerance: float | None = None) -> Opt
             "adaptive solver such as deltac.solvers.Scipy('DOP853', tolerance=...)"
         )
     if scheme.name == "generalized-alpha":
-        return GeneralizedAlpha(DEFAULT_RADIUS)
+        return GeneralizedAlpha()
     if scheme.takes_steps:
         return FixedStep(scheme.name)
     if scheme.family == "taylor":
         return Taylor(tolerance, scheme.name == "taylor-quad")
-    chosen = DEFAULT_TOLERANCE if tolerance is None else tolerance
+    chosen = Adaptive.tolerance if tolerance is None else tolerance
     return Scipy(scheme.name, chosen) if scheme.family == "scipy" else Sundials(scheme.name, chosen)
 
 

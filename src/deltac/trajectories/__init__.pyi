@@ -32,6 +32,8 @@ from deltac.trajectories.formats.streaming import scan_trajectory as scan_trajec
 from deltac.trajectories.lint import Suspicion as Suspicion
 from deltac.trajectories.lint import corrected as corrected
 from deltac.trajectories.lint import suspicions as suspicions
+from deltac.trajectories.motion import Movement as Movement
+from deltac.trajectories.motion import preferred as preferred
 from deltac.trajectories.occurrences import Occurrence as Occurrence
 from deltac.trajectories.rates import derived_error as derived_error
 from deltac.trajectories.rates import with_accelerations as with_accelerations

@@ -22,6 +22,7 @@ from deltac.calls.arguments import checked
 from deltac.errors import LogError, WrongType
 from deltac.trajectories.columns import QUATERNION, MechanismNames, NamesLike, RateNames, si_unit
 from deltac.trajectories.motion import Movement, RatioFit
+from deltac.trajectories.rates import GAP
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 _DEGREE = math.pi / 180.0
 _SURE = 0.999  # for a ratio that no unit explains
-_GAP = 5.0  # times the wider of the neighbouring intervals
 MANY, STRETCHES = 20_000, 8
 """Rows that are looked at of a longer log, and the stretches of neighbours that they are taken from."""
 
@@ -337,9 +337,9 @@ def gap_rows(t: FloatArray) -> npt.NDArray[np.intp]:
 def _wide(t: FloatArray) -> npt.NDArray[np.bool_]:
     """Which of the intervals (T−1,) are far wider than both of their neighbours."""
     h = np.diff(t)
-    if len(h) < 3 or h.max() <= _GAP * h.min():
+    if len(h) < 3 or h.max() <= GAP * h.min():
         return np.zeros(len(h), dtype=np.bool_)
-    return np.asarray(h > _GAP * _beside(h))
+    return np.asarray(h > GAP * _beside(h))
 
 
 def _beside(h: FloatArray) -> FloatArray:

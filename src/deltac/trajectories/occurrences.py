@@ -82,7 +82,7 @@ class Occurrence:
             object.__setattr__(self, name, MappingProxyType(arrays))
 
     @property
-    def work(self) -> dict[ChannelName, float]:
+    def work(self) -> dict[str, float]:
         """Work of each impulse on the system (J): its product with the mean of both speeds."""
         mean = 0.5 * (self.u_before + self.u_after)
         return {channel: float(impulse @ mean) for channel, impulse in self.impulses.items()}
@@ -90,7 +90,8 @@ class Occurrence:
     @property
     def energy_lost(self) -> float:
         """Kinetic energy that the impacts took out (J); negative where they put some in."""
-        return -sum(w for channel, w in self.work.items() if channel.kind == "impact")
+        mean = 0.5 * (self.u_before + self.u_after)
+        return -sum(float(j @ mean) for name, j in self.impulses.items() if name.kind == "impact")
 
     def reordered(self, places_q: npt.ArrayLike, places_u: npt.ArrayLike) -> Occurrence:
         """With coordinates and speeds in another order: those at these places now."""

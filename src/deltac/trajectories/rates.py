@@ -18,6 +18,9 @@ from deltac.errors import LogError
 from deltac.trajectories.columns import MechanismNames, RateNames, speeds_of
 from deltac.trajectories.trajectory import FloatArray, Trajectory, check_times, row_name
 
+GAP = 5.0
+"""Rows so many times further apart than those around have a gap between them."""
+
 FEWEST_ROWS = 4
 """Rows without which a motion cannot be differentiated."""
 

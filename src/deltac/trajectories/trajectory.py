@@ -579,15 +579,15 @@ def _times(values: Any) -> FloatArray:
 
 def check_times(t: FloatArray) -> None:
     """LogError, unless times (T,) are finite and strictly increase."""
-    bad = np.flatnonzero(~np.isfinite(t))
-    if bad.size:
+    finite, forward = np.isfinite(t), t[1:] > t[:-1]
+    if not finite.all():
+        row = int(np.argmin(finite))
         raise LogError(
-            f"column 'time', {row_name(bad[0], len(t))}: found {t[bad[0]]}, "
+            f"column 'time', {row_name(row, len(t))}: found {t[row]}, "
             "expected a finite time in seconds. Drop the row, or repair the source."
         )
-    back = np.flatnonzero(t[1:] <= t[:-1])
-    if back.size:
-        row = back[0] + 1
+    if not forward.all():
+        row = int(np.argmin(forward)) + 1
         remedy = "Sort the rows, or drop the repeated ones."
         raise LogError(
             f"column 'time', {row_name(row, len(t))}: found {t[row]} after {t[row - 1]}, "

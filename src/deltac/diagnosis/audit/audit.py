@@ -370,19 +370,20 @@ def audit(
         log: a Trajectory; the path of a log; a table (a dictionary of arrays, a DataFrame,
             an xarray Dataset, an array (T, n)); or what SciPy returned (see `Trajectory.from_scipy`).
         tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
-        work: rule for works, as for `balance`: "in-loop", "samples" or "discrete"; by default in the loop
-            where the run has that, discrete where it holds every step of an engine that holds its forces over
-            a step.
+        work: rule for works, as for `balance`: "in-loop", "samples" or "discrete". By default in-loop where
+            the run has works or integrals, discrete for a log with every step of an engine that keeps its
+            forces constant over a step, else samples.
         mapping: path of a mapping file, for logs whose columns have other names or units.
         coordinates: those of the log's columns, where they are not the joints': "absolute" for angles against
             the ground, or a CoordinateMap. Forces are those of joints and bodies in any case.
         strict: whether a mistake that is real, though it stays within the tolerance, sets the exit code.
-        replay: step MuJoCo's model between the rows of a log of states and controls, which need not have
-            every step: tells whether the log is this model's, and audits every step. By default where the log
-            has controls, lacks forces that the model's file has, and is reproduced; the findings say so.
-        time_limit: seconds after which no more work begins that the verdict can do without: a replay that
-            nobody asked for, other conventions of the log, places and axes as causes. What was left out is a
-            finding. By default none.
+        replay: let MuJoCo step the model from each row to the next, for logs of states and controls that
+            need not hold every step. If it arrives at the next rows, the log is this model's, and every
+            step is audited. By default tried where the log has controls but lacks forces of the model's
+            file; the findings say whether it succeeded.
+        time_limit: seconds after which no optional work begins: an automatic replay, other conventions
+            of the log, places and axes as causes. What was left out is a finding. By default there is no
+            limit.
         progress: called with the fraction done.
 
     Returns:
@@ -412,13 +413,13 @@ def explain_residual(
 ) -> Explanation:
     """Find the few changes of a model that explain the residual of its equations along a log.
 
-    The log is judged as by `audit`, but springs and dampers are taken from the model, also where the log
-    holds them, so that what model and run have differently is found; all other logged forces are taken as
-    they are, and channels among them that the model does not have are noted. A motor whose strength in the
+    The log is judged as by `audit`, but springs and dampers are taken from the model even where the log
+    holds them, so that they are tested too. All other logged forces are taken as they are; channels that
+    the model does not have are noted. A motor whose strength in the
     recorded run differs from the model's is a cause too, although its logged forces close the equations.
 
-    Several logs of one machine share its causes, each with an integrator and noise of its own: what none of
-    them shows alone may be certain from all.
+    Several logs of one machine share its causes, each with an integrator and noise of its own: together
+    they may show what none shows alone.
 
     Args:
         model: as for `audit`.

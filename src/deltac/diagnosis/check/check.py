@@ -199,9 +199,9 @@ def check_equations(
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file: what `load_model` takes.
         equations: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); a function
-            of (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (which of q and u its
-            entries are is found out, a control is zero); ``"FILE.py:FUNCTION"``; or `Equations`. Where q̇ is
-            returned, it is tested.
+            of (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (the order of q
+            and u in y is inferred; a control is set to zero); ``"FILE.py:FUNCTION"``; or `Equations`.
+            Where q̇ is returned, it is tested.
         coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
             mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
             one). By default the map of the `Equations`, or of the problem's own equations, else "joint".
@@ -349,7 +349,7 @@ def _judged(
     """
     residuals = test(udot)
     worst = np.array(finite_worst(residuals))
-    violated = float(residuals.relative_violation.max(initial=0.0))
+    violated = float(residuals.violation.max(initial=0.0))
     most = float(limit.max(initial=tolerance))
     missed = max(rates.values(), default=0.0)
     excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
@@ -449,11 +449,11 @@ def _seen(residuals: Residuals, limit: Array, constraints: tuple[str, ...]) -> t
     ]
     for name in dict.fromkeys(constraints):
         rows = [k for k, owner in enumerate(constraints) if owner == name]
-        violated = float(residuals.relative_violation[rows].max(initial=0.0))
+        violated = float(residuals.violation[rows].max(initial=0.0))
         results.append(Seen(f"constraint {name}", violated, violated > most))
     scalars: Mapping[str, Array] = {
-        **residuals.relative_power,
-        **{f"momentum, {name}": x for name, x in residuals.relative_momentum.items()},
+        **residuals.power,
+        **{f"momentum, {name}": x for name, x in residuals.momentum.items()},
     }
     for name, values in scalars.items():
         largest = float(values.max(initial=0.0))
@@ -592,7 +592,7 @@ def _other_coordinates(
         except InputError:
             continue
         # What constraint forces can explain is no residual: the accelerations must keep the constraints, too.
-        admissible = float(residuals.relative_violation.max(initial=0.0)) < TOLERANCE
+        admissible = float(residuals.violation.max(initial=0.0)) < TOLERANCE
         if admissible and float(relative.max(initial=0.0)) < TOLERANCE:
             names = ", ".join(states.coordinates)
             return (

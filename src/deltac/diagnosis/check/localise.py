@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.diagnosis.check.matching import Match, explain_residual
+from deltac.diagnosis.check.location import Blame, blame_at
 from deltac.diagnosis.residuals.at_samples import (
     LEAST_RESIDUAL,
     MOST_ROWS,
@@ -19,7 +19,6 @@ from deltac.diagnosis.residuals.at_samples import (
 )
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.residuals.states import some_rows
-from deltac.diagnosis.verdict import percent
 from deltac.energy import Ledger, balance
 from deltac.mechanism.coordinate_map import CoordinateMap, own_coordinates
 from deltac.mechanism.mechanism import Mechanism
@@ -27,37 +26,8 @@ from deltac.models import ModelLike, load_model
 from deltac.results import Report
 from deltac.trajectories import Trajectory
 
-EXCHANGED = "the momentum exchanged"
-
 BULK = 0.8
 """Share of a residual that the told part of the motion holds."""
-
-
-@dataclass(frozen=True)
-class Departure:
-    """One equation that a motion does not obey: where, when, by what.
-
-    `relative`: root mean square of F_r + F*_r as a fraction of the equation's terms, or without accelerations
-    the largest |ΔP_r| as a fraction of the momentum exchanged (`scale` says which); `span` (s) holds most of
-    it; `terms`: what it consists of, if that could be told.
-    """
-
-    speed: str
-    number: int
-    relative: float
-    span: tuple[float, float]
-    terms: tuple[Match, ...]
-    scale: str = "its terms"
-
-    def __str__(self) -> str:
-        start, end = self.span
-        parts = [
-            f"equation {self.number} ({self.speed}) is off by {percent(self.relative)} of {self.scale}, "
-            f"mostly from t = {start:.4g} to {end:.4g} s"
-        ]
-        if self.terms:
-            parts.append(" and ".join(map(str, self.terms)))
-        return "; ".join(parts)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -77,7 +47,7 @@ class Localisation(Report, omit=("t", "residual", "joints"), also=("power",)):
     speeds: tuple[str, ...]
     residual: Array
     joints: Mapping[str, Array]
-    departures: tuple[Departure, ...]
+    departures: tuple[Blame, ...]
 
     @property
     def exit_code(self) -> int:
@@ -164,21 +134,24 @@ def _by_momenta(
     for k, (name, size) in enumerate(own.momenta().items()):
         if size["delta_p"] > size["error_bar"] and size["relative"] > LEAST_RESIDUAL:
             span = _span(t, residual[name])
-            departures.append(Departure(name, k + 1, size["relative"], span, (), EXCHANGED))
+            blame = Blame(name, k + 1, size["relative"], span=span, scale="the momentum exchanged")
+            departures.append(blame)
     departures.sort(key=lambda departure: -departure.relative)
     names, columns = tuple(residual), np.array([*residual.values()]).T
     return Localisation(t, names, columns, joints, tuple(departures))
 
 
-def _departures(samples: RunResidual) -> tuple[Departure, ...]:
-    test, relative, departures = samples.test, samples.relative, []
-    for k in map(int, np.argsort(-relative)):
-        if relative[k] > 0.0:
-            residual = samples.residual[k]
-            terms = () if len(test.gamma) else explain_residual(test, residual, samples.udot, k)
-            span = _span(test.states.t, residual)
-            departures.append(Departure(test.speeds[k], k + 1, float(relative[k]), span, terms))
-    return tuple(departures)
+def _departures(samples: RunResidual) -> tuple[Blame, ...]:
+    """The equations that neither digits nor rounding explain."""
+    limit = np.where(samples.relative > 0.0, 0.0, np.inf)
+    return tuple(
+        replace(
+            blame,
+            span=_span(samples.test.states.t, samples.residual[blame.number - 1]),
+            scale="its terms",
+        )
+        for blame in blame_at(samples.test, samples.udot, limit)
+    )
 
 
 def _span(t: Array, values: Array) -> tuple[float, float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +15,6 @@ from deltac.diagnosis.check.matching import (
     Match,
     explain_acceleration,
     explain_plainly,
-    explain_residual,
     explain_row,
 )
 from deltac.diagnosis.residuals.at_states import EquationTest, rms
@@ -32,33 +32,38 @@ class Blame(Serialisable):
 
     Attributes:
         speed: the own speed it belongs to, and `number`, its place (from 1).
-        relative: root mean square of F_r + F*_r over the states, as a fraction of the equation's terms.
-        residual: the same in `unit`.
+        relative: root mean square of F_r + F*_r over the states, as a fraction of the equation's terms; of a
+            motion without accelerations the largest |ΔP_r|, of the momentum exchanged (`scale` says which).
+        residual: the same in `unit`; NaN where only the momentum is known, as is `acceleration`.
         acceleration: root mean square error of u̇ of that speed, in `acceleration_unit`.
         degrees: the powers of the rates that the residual consists of; None if it is no polynomial.
         depends_on: what it changes with, ``t``, ``q.<coordinate>``, ``u.<speed>``; None if not known.
         terms: what it consists of, if that could be told.
         solved: what the error of u̇ consists of, where only some accelerations are wrong and the equations
             seem to be solved for them by hand: terms of the model as M⁻¹ brings them into this acceleration.
+        span: of a motion, the time (s) that holds most of the residual.
     """
 
     speed: str
     number: int
     relative: float
-    residual: float
-    unit: str
-    acceleration: float
-    acceleration_unit: str
+    residual: float = math.nan
+    unit: str = ""
+    acceleration: float = math.nan
+    acceleration_unit: str = ""
     degrees: tuple[int, ...] | None = None
     depends_on: tuple[str, ...] | None = None
     terms: tuple[Match, ...] = ()
     solved: tuple[Match, ...] = ()
+    span: tuple[float, float] | None = None
+    scale: str = "its terms in the mean"
 
     def __str__(self) -> str:
         parts = [
-            f"equation {self.number} ({self.speed}) is off by {fraction(self.relative)} of its terms "
-            "in the mean"
+            f"equation {self.number} ({self.speed}) is off by {fraction(self.relative)} of {self.scale}"
         ]
+        if self.span is not None:
+            parts[0] += f", mostly from t = {self.span[0]:.4g} to {self.span[1]:.4g} s"
         if self.degrees:
             parts.append(
                 _POWERS.get(self.degrees) or f"of degree {_listed(self.degrees)} in the rates"
@@ -132,10 +137,12 @@ def blame_at(test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]
     if len(test.gamma):
         return tuple(failing)
     residual = test.residual(udot)
-    return tuple(
-        replace(b, terms=explain_residual(test, residual[b.number - 1], udot, b.number - 1))
-        for b in failing
-    )
+    explained = []
+    for b in failing:
+        own = residual[b.number - 1]
+        terms = explain_row(test, own, udot, b.number - 1) or explain_plainly(test, own, udot, None)
+        explained.append(replace(b, terms=terms))
+    return tuple(explained)
 
 
 def _failing(test: EquationTest, udot: Array, limit: Array, good: NDArray[np.bool_]) -> list[Blame]:

@@ -89,21 +89,6 @@ def _factor(factor: float) -> str:
     return f"1 {'-' if more < 0.0 else '+'} {abs(more):.1e}"
 
 
-def explain_residual(
-    test: EquationTest,
-    residual: Array,
-    udot: Array,
-    row: int,
-    depends: tuple[str, ...] | None = None,
-) -> tuple[Match, ...]:
-    """What the residual (B,) of one equation consists of: the model's own terms, else plain functions.
-
-    `depends` names what it changes with, if that is known. Empty if it is no such sum.
-    """
-    terms = explain_row(test, residual, udot, row)
-    return terms or explain_plainly(test, residual, udot, depends)
-
-
 def explain_row(test: EquationTest, residual: Array, udot: Array, row: int) -> tuple[Match, ...]:
     """The model's own terms that the residual (B,) of one equation consists of; empty if it is no such sum.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,9 +14,6 @@ from deltac.diagnosis.causes.causes import KINDS, SLIPPED, Candidate, other_unit
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import SHOWN, Report, Section, Table, fraction
-
-SHOWN_EQUALS = 3
-"""Causes that a finding names beside its own, where the log does not tell them apart."""
 
 
 def sentence(mechanism: Mechanism, c: Candidate, theta: Array, error: Array) -> str:
@@ -135,18 +132,18 @@ class Explanation(Report, also=("sentence",)):
     """What explains the residual F_r + F*_r of a log.
 
     Attributes:
-        kind: "nothing" to explain; "explained"; "ambiguous", where other causes do as well; "unexplained" by
-            the causes that are known; or "doubtful", where the log is to be corrected first.
+        kind: "nothing" to explain; "explained"; "ambiguous", where other causes fit equally well;
+            "unexplained" by the known causes; or "doubtful", where the log must be corrected first.
         causes: the fewest that explain it, largest first.
-        explained: share of the squared residual that they explain, what is noise left out.
-        alternatives: other sets of causes that the log does not tell from these.
-        separating: the motion that would tell them apart, or that none does.
-        unseen: elements whose masses, inertias or channels the log hardly shows.
+        explained: share of the squared residual, noise excluded, that they explain.
+        alternatives: other sets of causes that fit the log equally well.
+        separating: a motion that would distinguish them, or the statement that none does.
+        unseen: elements whose masses, inertias or channels the log hardly excites.
         form: "samples", with measured accelerations; "steps", of each row from the one before.
-        residual: what integrator and causes leave of the changes of a speed from row to row, as a share of
-            them, the largest; NaN where nothing was inferred.
-        noise: what noise of the log accounts for, likewise.
-        samples: how many were looked at.
+        residual: the largest unexplained change of a speed from row to row, as a share of its changes;
+            NaN where nothing was inferred.
+        noise: the part of it that the log's noise accounts for, as a share likewise.
+        samples: how many samples or intervals were used.
         reasons: findings of the audit in place of causes or beside them: doubts of the log, channels that
             differ from the model's, forces that the log lacks.
         notes: what the log's forces hide: channels that the model does not have.
@@ -193,10 +190,7 @@ class Explanation(Report, also=("sentence",)):
         that = "Together that" if len(self.causes) > 1 else "That"
         sentence = f"{sentence}. {that} explains {percent(self.explained)} of the residual"
         if self.alternatives:
-            others = "; or ".join(" and ".join(map(str, other)) for other in self.alternatives[:4])
-            more = len(self.alternatives) - 4
-            sentence += f". These explain the log equally well: {others}"
-            sentence += f"; or {more} more" if more > 0 else ""
+            sentence += f". These explain the log equally well: {_listed(self.alternatives)}"
             sentence += f". {self.separating}" if self.separating else ""
         return f"{sentence}. Beside that: {reasons}" if reasons else sentence
 
@@ -253,10 +247,8 @@ class Explanation(Report, also=("sentence",)):
         findings = []
         for c in self.causes:
             equals = self._in_place_of(c)
-            same = "; or ".join(" and ".join(map(str, some)) for some in equals[:SHOWN_EQUALS])
-            more = f"; or {len(equals) - SHOWN_EQUALS} more" if len(equals) > SHOWN_EQUALS else ""
             others = tuple(dict.fromkeys((x.kind, x.element) for some in equals for x in some))
-            what = f"one of these: {c.sentence}; or {same}{more}" if equals else c.sentence
+            what = f"one of these: {c.sentence}; or {_listed(equals)}" if equals else c.sentence
             numbers = c.values[0], c.errors[0]
             do = KINDS[c.kind].remedy
             findings.append(
@@ -282,3 +274,9 @@ def percent(share: float) -> str:
     if share == 1.0:
         return "all but noise and rounding"
     return "all but 1e-6" if share > 1 - 1e-6 else f"{100 * share:.4g} %"
+
+
+def _listed(sets: Sequence[Sequence[Cause]]) -> str:
+    """Sets of causes in words, and how many more there are."""
+    shown = "; or ".join(" and ".join(map(str, some)) for some in sets[:SHOWN])
+    return shown + (f"; or {len(sets) - SHOWN} more" if len(sets) > SHOWN else "")

@@ -13,7 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
+from itertools import accumulate
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +38,9 @@ QUIET = 0.05
 ITERATIONS = 6
 """Gauss–Newton steps of causes with squares of their numbers, and of the noise of several blocks."""
 
+
+SETTLED = 1e-12
+"""Steps of these as a share of the numbers, from which on the next ones are of the next digits."""
 
 UNIFORM = 0.5
 """Least variance of the last digits of a log, in units of that of uniform ones: what is below is fitted."""
@@ -163,7 +168,21 @@ class Block:
 
     def misfit(self, coefficients: Array) -> float:
         """RSS with coefficients of causes, at least what digits alone make of it."""
-        return max(self.projected.left(coefficients), self.least)
+        # Fits are compared again and again; a known array stays alive, so that its place is its own.
+        known = self._misfits.get(id(coefficients))
+        if known is None:
+            known = coefficients, max(self.projected.left(coefficients), self.least)
+            self._misfits[id(coefficients)] = known
+        return known[1]
+
+    @cached_property
+    def _misfits(self) -> dict[int, tuple[Array, float]]:
+        return {}
+
+    @cached_property
+    def start(self) -> float:
+        """The same without causes."""
+        return self.misfit(np.zeros(len(self.causes)))
 
     def residual(self, coefficients: Array) -> Array:
         """What is left of r (K, d) with coefficients of the causes' columns, nuisance fitted beside."""
@@ -301,18 +320,16 @@ class _Together:
 
     def __init__(self, chosen: Sequence[Candidate], products: bool) -> None:
         self.chosen = chosen
-        columns = [k for c in chosen for k in c.columns]
-        self.own = np.array(sorted(set(columns)), dtype=np.intp)
-        rows = np.searchsorted(self.own, columns)
-        ends = np.cumsum([len(c.columns) for c in chosen])
-        self.rows = np.split(rows, ends[:-1])
-        last = np.cumsum([c.size for c in chosen]).tolist()
+        own = sorted({k for c in chosen for k in c.columns})
+        place = {k: i for i, k in enumerate(own)}
+        self.own = np.array(own, dtype=np.intp)
+        self.rows = [np.array([place[k] for k in c.columns]) for c in chosen]
+        last = list(accumulate(c.size for c in chosen))
         self.numbers = [slice(end - c.size, end) for c, end in zip(chosen, last)]
-        self.size = int(last[-1])
-        self.units = np.zeros((len(chosen), len(chosen)))
-        if products:
-            self.units[:] = [[c.scales(other) for other in chosen] for c in chosen]
-        self.grown = bool(self.units.any())
+        self.size = last[-1]
+        units = [[c.scales(other) for other in chosen] for c in chosen] if products else []
+        self.grown = any(map(any, units))
+        self.units = np.array(units) if self.grown else np.zeros((0, 0))
         self.linear = not self.grown and all(c.quadratic is None for c in chosen)
         self._fixed: Array | None = None
         self._fixed = self.tangent(np.zeros(self.size)) if self.linear else None
@@ -359,9 +376,9 @@ def fitted(
     own, x = causes.own, np.zeros(causes.size)
     for of, theta in zip(causes.numbers, start):
         x[of] = theta
-    raw = [b.gram[0][np.ix_(b.causes[own], b.causes[own])] for b in blocks]
-    left = [b.projected.A[np.ix_(own, own)] for b in blocks]
-    variance = [b.misfit(np.zeros(P)) / b.count for b in blocks]
+    raw = [b.gram[0][(at := b.causes[own])[:, None], at] for b in blocks]
+    left = [b.projected.A[own[:, None], own] for b in blocks]
+    variance = [b.start / b.count for b in blocks]
 
     def coefficients(x: Array) -> Array:
         every = np.zeros(P)
@@ -389,9 +406,12 @@ def fitted(
             return None
         inverse = now
         y = sum(T.T @ b.projected.slope(every, own) / s for b, s in zip(blocks, variance))
-        x = x + inverse @ y
+        step = inverse @ y
+        x = x + step
         every, before = coefficients(x), variance
         variance = [b.misfit(every) / b.count for b in blocks]
+        if np.all(np.abs(step) <= SETTLED * np.abs(x)):
+            break
     T = causes.tangent(x)
     covariance = inverse * (variance[0] / before[0]) if once else inverted(T)
     if covariance is None:
@@ -484,16 +504,18 @@ def _ordered(
         rows += block.count
         least += block.least / variance
 
-    free = [
-        c
-        for c in candidates
-        if not any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen)
-    ]
-    order = np.argsort(-_gains(alone, free, [c.linear for c in free]), kind="stable")
-    promising = [free[k] for k in order[:PROMISING].tolist()]
+    gains = _gains(alone, _stacked(tuple(candidates)), len(candidates))
+    promising = list[Candidate]()
+    for k in np.argsort(-gains, kind="stable").tolist():
+        c = candidates[k]
+        if not any(c is x or c.excludes(x) or x.excludes(c) for x in best.chosen):
+            promising.append(c)
+        if len(promising) == PROMISING:
+            break
     numbers = [c.linear if c.quadratic is None else np.eye(len(c.columns)) for c in promising]
+    gains = _gains(beside, _alike(promising, numbers), len(promising))
     bounds = []
-    for c, gain in zip(promising, _gains(beside, promising, numbers).tolist()):
+    for c, gain in zip(promising, gains.tolist()):
         left = max(rows - gain, least, 1e-300)
         most = 0.5 * rows * float(np.log(rows / left))
         bounds.append((most - _price(c.size, rows, len(candidates)), c))
@@ -501,25 +523,41 @@ def _ordered(
     return bounds
 
 
-def _gains(
-    parts: Sequence[tuple[Array, Array]], causes: Sequence[Candidate], numbers: Sequence[Array]
-) -> Array:
-    """What each cause takes off the sums of squares of parts (DᵀD, Dᵀr), its columns D times its `numbers`.
+Stack: TypeAlias = tuple[NDArray[np.intp], NDArray[np.intp], Array]
+"""Causes that have as many columns and numbers as each other: their places, columns (k, a), L (k, a, d)."""
 
-    Causes that have as many columns and numbers as each other are solved for at once.
-    """
-    gains = np.zeros(len(causes))
-    alike: dict[tuple[int, ...], list[int]] = {}
+
+def _alike(causes: Sequence[Candidate], numbers: Sequence[Array]) -> list[Stack]:
+    """Causes whose columns times `numbers` are what they do, by the shape of these."""
+    places: dict[tuple[int, ...], list[int]] = {}
     for k, L in enumerate(numbers):
-        alike.setdefault(L.shape, []).append(k)
-    for places in alike.values():
-        columns = np.array([causes[k].columns for k in places])
-        L = np.array([numbers[k] for k in places])
+        places.setdefault(L.shape, []).append(k)
+    return [
+        (
+            np.array(some),
+            np.array([causes[k].columns for k in some]),
+            np.array([numbers[k] for k in some]),
+        )
+        for some in places.values()
+    ]
+
+
+@lru_cache(4)
+def _stacked(causes: tuple[Candidate, ...]) -> list[Stack]:
+    """All causes of a log to first order: they are compared again and again."""
+    return _alike(causes, [c.linear for c in causes])
+
+
+def _gains(parts: Sequence[tuple[Array, Array]], stacks: Sequence[Stack], count: int) -> Array:
+    """What each of so many causes takes off the sums of squares of parts (DᵀD, Dᵀr)."""
+    gains = np.zeros(count)
+    for places, columns, L in stacks:
+        to_numbers = L.transpose(0, 2, 1)
         A = np.zeros((len(places), L.shape[2], L.shape[2]))
         b = np.zeros((len(places), L.shape[2], 1))
         for gram, right in parts:
-            A += L.transpose(0, 2, 1) @ gram[columns[:, :, None], columns[:, None, :]] @ L
-            b += L.transpose(0, 2, 1) @ right[columns][:, :, None]
+            A += to_numbers @ gram[columns[:, :, None], columns[:, None, :]] @ L
+            b += to_numbers @ right[columns][:, :, None]
         gains[places] = np.sum(b * least_squares(A, b), axis=(1, 2))
     return gains
 

@@ -24,9 +24,6 @@ from deltac.errors import FileError, InputError, PackageError, SourceError
 from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.files import naming
 
-RATE_TRIALS = 3
-"""States at which rates are compared with states."""
-
 EVENTS = 100
 """Iterations of a unit's events before it starts."""
 
@@ -157,14 +154,9 @@ def _order(
 ) -> list[int]:
     """The places of the coordinates, then of their speeds, among the unit's states."""
     n = len(names)
-    rng = np.random.default_rng(0)
-    trials = [rng.uniform(0.3, 1.3, n) for _ in range(RATE_TRIALS)]
-    evaluated = [(x, unit(0.0, x)) for x in trials]
-    pairs: list[tuple[int, int]] = []
-    for i in range(n):
-        speeds = [j for j in range(n) if j != i and all(dx[i] == x[j] for x, dx in evaluated)]
-        if len(speeds) == 1:
-            pairs.append((i, speeds[0]))
+    x = np.random.default_rng(0).uniform(0.3, 1.3, n)
+    matches = [np.flatnonzero(x == rate) for rate in unit(0.0, x)]
+    pairs = [(i, int(places[0])) for i, places in enumerate(matches) if len(places) == 1]
     if 2 * len(pairs) != n or len({k for pair in pairs for k in pair}) != n:
         raise SourceError(
             f"{path}: its {n} states ({', '.join(names)}) are not coordinates and their rates, one for each; "

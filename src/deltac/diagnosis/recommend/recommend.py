@@ -22,7 +22,7 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import TIME_LIMIT, Progress
 from deltac.diagnosis.inputs.channels import not_simulated
-from deltac.diagnosis.recommend.families import families
+from deltac.diagnosis.recommend.families import LADDER, families
 from deltac.diagnosis.recommend.result import (
     Prospect,
     Recommendation,
@@ -41,6 +41,8 @@ from deltac.diagnosis.recommend.work_precision import (
     Trial,
     Trials,
 )
+from deltac.diagnosis.study.convergence import LEAST_ORDER
+from deltac.diagnosis.study.curves import PARTED
 from deltac.diagnosis.study.simulators import (
     MUJOCO,
     SimulationOptions,
@@ -56,16 +58,6 @@ TOO_DEAR = 8.0
 
 STEPS = 50
 """Of the first run of a solver with fixed steps."""
-
-MORE_STEPS = 10
-"""Settings further there are ten times as many steps: what these cost shows, where so few take no time."""
-
-HAS_ORDER = 0.1
-"""A run whose error is below this share of the ranges has the order of its solver, until more is known."""
-
-REDUCED = 0.5
-"""Share of its order that a solver is trusted to have, until two refinements tell less: the first trials
-may still be coarser than what is fastest in the motion."""
 
 SLACK = 2.0
 """Solvers of other error constants may take steps this many times as long as the motion's rate says."""
@@ -94,10 +86,10 @@ def recommend(
 ) -> Recommendation:
     """Find the cheapest solver and step that keep a tolerance: predicted from coarse runs, then verified.
 
-    The motion error of the advice is the largest error of any q or u at any row that its user gets, as a
-    share of the range of what has its unit: at every step of a fixed-step solver, measured against a run of
-    a sixteenth of the step; of an adaptive solver at a thousand samples of the motion, and of its first
-    10th, 100th, … 10⁻⁶, against a run of a thousandth of the tolerance.
+    The motion error is the largest error of any q or u at any row of the recommended run, as a fraction
+    of the largest range among the quantities of the same unit: at every step of a fixed-step solver,
+    compared with a run of a sixteenth of the step; of an adaptive solver at a thousand samples of the motion,
+    and of its first 10th, 100th, … 10⁻⁶, compared with a run of a thousandth of the tolerance.
 
     Args:
         model: a mechanism, a problem or its name, an .xml or .urdf file, file.py:callable. A MuJoCo model
@@ -106,8 +98,8 @@ def recommend(
         duration: how long it is, s; by default the problem's.
         tolerance: of the largest |ΔC| (Wang's), as a fraction of the energy that the system has (max K +
             range of V).
-        motion_tolerance: accepted error of q and u, each as a share of the range of what has its unit; by
-            default `tolerance`. `inf` leaves the motion out, as for chaotic motions over long times.
+        motion_tolerance: accepted motion error; by default `tolerance`. `inf` ignores the motion, as for
+            chaotic motions over long times.
         solvers: names of the solvers to try; by default all that suit the model.
         time_limit: seconds that the search may take. It then ends with the best so far, and a note.
         progress: called with the fraction done.
@@ -199,7 +191,7 @@ class SolverCandidate:
 
     def _resolved(self, place: int) -> bool:
         """Whether the order can be relied on: a trial's error is a small part of the motion."""
-        return self.trials[place].excess(1.0, 1.0) <= HAS_ORDER
+        return self.trials[place].excess(1.0, 1.0) <= PARTED
 
     @property
     def resolved(self) -> bool:
@@ -214,7 +206,7 @@ class SolverCandidate:
         limits, and then tell nothing of the steps that accuracy needs.
         """
         family, errors = self.family, {k: t.motion for k, t in self.trials.items()}
-        telling = [k for k, error in errors.items() if self.tolerances[1] < error <= HAS_ORDER]
+        telling = [k for k, error in errors.items() if self.tolerances[1] < error <= PARTED]
         if family.knob != "step" or not telling:
             return 0.0
         order = family.order or 1
@@ -245,8 +237,10 @@ class SolverCandidate:
         observed = list(itertools.starmap(self._observed, itertools.pairwise(resolved)))
         if not observed:
             return nominal
-        lower = len(observed) > 1 and max(observed[-2:]) < REDUCED * nominal
-        return min(max(observed[-1], 1.0 if lower else REDUCED * nominal), nominal)
+        # The first trials may still be coarser than what is fastest in the motion.
+        trusted = LEAST_ORDER * nominal
+        lower = len(observed) > 1 and max(observed[-2:]) < trusted
+        return min(max(observed[-1], 1.0 if lower else trusted), nominal)
 
     def _observed(self, coarse: int, fine: int) -> float:
         ratio = self.family.settings[coarse] / self.family.settings[fine]
@@ -284,8 +278,8 @@ class SolverCandidate:
             return setting / REFINEMENT
         if self._resolved(tried):
             return setting / (STEP_MARGIN * float(max(excess, EPS) ** (1.0 / self.order)))
-        # Coarser than anything that has an order: the error has still to fall from `HAS_ORDER`.
-        rest = 1.0 if first else float((HAS_ORDER / min(self.tolerances)) ** (1.0 / self.order))
+        # Coarser than anything that has an order: the error has still to fall from `PARTED`.
+        rest = 1.0 if first else float((PARTED / min(self.tolerances)) ** (1.0 / self.order))
         return setting / (2.0 * max(rest, 1.0))
 
     def _within(self, setting: float) -> int:
@@ -452,7 +446,7 @@ class Search:
             candidate.trials[place], candidate.given_up = trial, ""
             if not trial.message:
                 candidate.times[place] = trial.seconds
-            longer = place + MORE_STEPS
+            longer = place + len(LADDER)  # ten times as many steps: what they cost shows there
             brief = 10.0 * trial.seconds < LEAST_BUDGET and longer < len(settings)
             if brief and family.knob == "step" and place == max(candidate.times, default=0):
                 candidate.times[longer] = self._trials.seconds(family, settings[longer])

@@ -1,36 +1,26 @@
 """Accelerations tested against a mechanism's equations at given states, without any integration.
 
-Kane's equations F_r + F*_r = 0, the testing functions in rate form ε = Ė − P, and the momentum balances
-are all affine in u̇. `EquationTest` evaluates their coefficients once; then a test of accelerations at
-all its states is a handful of small products.
+Kane's equations F_r + F*_r = 0 are affine in u̇. `EquationTest` evaluates their coefficients once; then a
+test of accelerations at all its states is a handful of small products. The testing functions in rate form,
+ε = Ė − P, and the momentum balances are powers of the residual: along the motion, and along rigid motions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac.arrays import ASSEMBLED, SAME, TINY, Array
 from deltac.diagnosis.residuals.kane import Kane, StatePoint, times
 from deltac.diagnosis.residuals.states import States
-from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at, matrices
-from deltac.dynamics.independence import independence
+from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at
 from deltac.dynamics.kkt import LeastSquares, least_squares
 from deltac.dynamics.momentum import momentum_balances
-from deltac.dynamics.spatial import SX
-from deltac.dynamics.terms import (
-    Constrained,
-    Energies,
-    Reactions,
-    driving_forces,
-    terms,
-)
-from deltac.dynamics.testing_functions import applicable, testing_functions
+from deltac.dynamics.testing_functions import applicable
 from deltac.errors import InputError, StateError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -42,49 +32,20 @@ LEAST_TERMS = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What is left of the equations at B states, for some accelerations; all zero if these are right.
+    """What is left of the equations at B states, for some accelerations, as shares of typical terms.
 
     Attributes:
-        coordinates: F_r + F*_r of each own speed, less what constraint forces can explain (n, B), N or N·m.
-        scale: sum of the absolute terms of that equation (n, B).
-        relative: |coordinates| by the typical scale of the speed over all states (n, B); infinite where
-            the accelerations are not finite.
-        power: ε = Ė − P of each testing function (B,), W.
-        momentum: rate of each momentum less its forces (B,), N or N·m.
-        violation: ψ̇ = G u̇ + γ of each constraint row (nc, B), m/s² or rad/s².
-        relative_power, relative_momentum, relative_violation: as fractions of their typical terms.
+        relative: |F_r + F*_r| of each own speed, less what constraint forces can explain (n, B); infinite
+            where the accelerations are not finite.
+        power: |Ė − P| of each testing function (B,).
+        momentum: rate of each momentum less its forces (B,).
+        violation: ψ̇ = G u̇ + γ of each constraint row (nc, B).
     """
 
-    coordinates: Array
-    scale: Array
     relative: Array
     power: Mapping[str, Array]
-    relative_power: Mapping[str, Array]
     momentum: Mapping[str, Array]
-    relative_momentum: Mapping[str, Array]
     violation: Array
-    relative_violation: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Affine:
-    """A scalar `constant` + `slope`·u̇ at B states: (B,) and (n, B).
-
-    `constant_size`, `slope_size` are the same with all terms taken absolutely.
-    """
-
-    constant: Array
-    slope: Array
-    constant_size: Array
-    slope_size: Array
-
-    def at(self, udot: Array) -> Array:
-        """Its values (B,)."""
-        return np.asarray(self.constant + _dot(self.slope, udot))
-
-    def size(self, udot: Array) -> Array:
-        """The sum of its absolute terms (B,) for accelerations of the size `udot` (n, B)."""
-        return np.asarray(self.constant_size + _dot(self.slope_size, udot))
 
 
 class EquationTest:
@@ -115,7 +76,7 @@ class EquationTest:
 
         `p` are the values of the parameters that `mechanism`, a `Kane`, keeps symbolic. `forces` of a run on
         the free speeds (nu, B), by channel, take the place of the model's own; those of prescribed joints and
-        of constraints are none of the active forces. The testing functions know the model's own forces only.
+        of the model's constraints are none of the active forces.
 
         Raises InputError, if `strict`, for states that do not meet the constraints or have no finite terms.
         """
@@ -123,8 +84,9 @@ class EquationTest:
         self.kane, self.states, self.speeds = kane, states, kane.speed_names
         self.point: StatePoint = kane.point(states.t, states.q, states.u, p)
         motion_terms: MotionTerms = kane.motion.terms(states.t, self.point.q, self.point.u, p)
+        own = {f"constraint {name}" for name in kane.rows.names}
         active = {
-            n: f for n, f in (forces or {}).items() if n.kind not in ("prescribed", "constraint")
+            n: f for n, f in (forces or {}).items() if n.kind != "prescribed" and n not in own
         }
         motion_terms = replace(motion_terms, forces=motion_terms.forces | active)
         self.terms = motion_terms
@@ -188,22 +150,16 @@ class EquationTest:
         return self.kane.told(self.states.t, self.states.q, self.states.u)[1]
 
     @cached_property
-    def _projector(self) -> Array | None:
-        """What constraint forces leave of a generalized force, 1 − Gᵀ(G M⁻¹Gᵀ)⁺G M⁻¹ (B, n, n)."""
-        if not len(self.gamma):
-            return None
-        tied = self._tied
-        explained = (
-            self.G.transpose(0, 2, 1) @ tied.schur_inverse @ tied.response.transpose(0, 2, 1)
-        )
-        return np.asarray(np.eye(len(self.speeds)) - explained)
+    def _unbound(self) -> Array | None:
+        """What constraint forces leave of a generalized force on the own speeds (B, n, n)."""
+        return _without_reactions(self.M, self.G) if len(self.gamma) else None
 
     # --- tests of accelerations ----------------------------------------------------------------
 
     def residual(self, udot: Array) -> Array:
         """F_r + F*_r (n, B) of each own speed, N or N·m, less what constraint forces can explain."""
         unbalanced = self._force - self.bias - times(self.M, udot)
-        return unbalanced if self._projector is None else times(self._projector, unbalanced)
+        return unbalanced if self._unbound is None else times(self._unbound, unbalanced)
 
     def scale(self, udot: Array) -> Array:
         """Sum of the absolute terms of each equation (n, B)."""
@@ -230,13 +186,35 @@ class EquationTest:
         """|`residual`| as a fraction of `typical` (n, B); infinite where u̇ is not finite."""
         return _relative(self.residual(udot), self.typical(udot)[:, None])
 
+    def _of_joints(self, udot: Array) -> tuple[Array, Array]:
+        """The residual of the mechanism's own free speeds (n, B), and the sum of its absolute terms."""
+        joint, terms = times(self.point.Y, udot) + self.point.rest, self.terms
+        unbalanced = terms.force - terms.bias - times(terms.M, joint)
+        if len(terms.gamma):
+            unbalanced = times(_without_reactions(terms.M, terms.G), unbalanced)
+        size = np.abs(joint) + times(np.abs(self.point.Y), self._natural)
+        forces = sum(map(np.abs, terms.forces.values()), start=np.abs(terms.bias))
+        return unbalanced, forces + times(np.abs(terms.M), size)
+
+    @cached_property
+    def _screws(self) -> dict[str, Array]:
+        """Free speeds (n, B) that move all bodies beyond a ground joint along a fixed screw, by balance."""
+        system, balances = self.kane.system, momentum_balances(self.kane.system)
+        if not balances:
+            return {}
+        along = self.kane.function([balance.alpha[system.free_u] for balance in balances])
+        values = evaluate_at(along, self.states.t[None, :], self.point.q, self.point.u)
+        return dict(zip((balance.name for balance in balances), values))
+
     def powers(self, udot: Array) -> dict[str, Array]:
-        """ε = Ė − P (B,), W, of each testing function that applies."""
-        return {name: scalar.at(udot) for name, scalar in self._scalars[0].items()}
+        """ε = Ė − P = −Σ u_r (F_r + F*_r) (B,), W, of each testing function that applies: one test."""
+        power = -_dot(self.point.u, self._of_joints(udot)[0])
+        return dict.fromkeys(applicable(constrained=bool(len(self.kane.rows))), power)
 
     def momenta(self, udot: Array) -> dict[str, Array]:
         """Rate of each momentum less the forces that change it (B,), N or N·m."""
-        return {name: scalar.at(udot) for name, scalar in self._scalars[1].items()}
+        residual, _ = self._of_joints(udot)
+        return {name: -_dot(along, residual) for name, along in self._screws.items()}
 
     def violation(self, udot: Array) -> Array:
         """ψ̇ = G u̇ + γ of each constraint row (nc, B)."""
@@ -248,114 +226,26 @@ class EquationTest:
             raise InputError(
                 f"accelerations have shape {udot.shape}; expected {self.bias.shape}, one column a state"
             )
-        coordinates, scale = self.residual(udot), self.scale(udot)
-        power, momentum, violation = self.powers(udot), self.momenta(udot), self.violation(udot)
-        watts = _dot(np.abs(self.states.u), scale)
         # No floor of a row is zero: a ball's height on a table has no terms at all.
         pull = np.abs(self.gamma) + times(
             np.abs(self.G), np.abs(udot) + LEAST_TERMS * self._natural
         )
-        typical_watts = _typical(watts)
-        newtons = {
-            n: scalar.size(np.abs(udot) + self._natural) for n, scalar in self._scalars[1].items()
-        }
+        watts = _typical(_dot(np.abs(self.states.u), self.scale(udot)))
+        size = self._of_joints(udot)[1]
+        newtons = {n: _typical(_dot(np.abs(along), size)) for n, along in self._screws.items()}
         return Residuals(
-            coordinates=coordinates,
-            scale=scale,
-            relative=_relative(coordinates, self.typical(udot)[:, None]),
-            power=power,
-            relative_power={n: _relative(x, typical_watts) for n, x in power.items()},
-            momentum=momentum,
-            relative_momentum={n: _relative(x, _typical(newtons[n])) for n, x in momentum.items()},
-            violation=violation,
-            relative_violation=_relative(
-                violation, np.array([[_typical(row)] for row in pull]).reshape(-1, 1) + 1e-300
-            ),
+            self.relative(udot),
+            {name: _relative(x, watts) for name, x in self.powers(udot).items()},
+            {name: _relative(x, newtons[name]) for name, x in self.momenta(udot).items()},
+            _relative(self.violation(udot), np.array([_typical(row) for row in pull])[:, None]),
         )
 
-    # --- coefficients of the scalar tests ------------------------------------------------------
 
-    @cached_property
-    def _scalars(self) -> tuple[dict[str, Affine], dict[str, Affine]]:
-        s, parts = self.kane.system, self.kane.parts
-        bound = self._bound()
-        multipliers = ca.SX.sym("multipliers", 0 if bound is None else len(bound.rows))
-        udot = ca.SX(s.udot_all)
-        driving = driving_forces(s, udot, parts, bound, multipliers)
-        all_terms = terms(s, udot, parts, None, bound, Reactions(driving, multipliers))
-        along = ca.vertcat(s.q, s.u, s.t)
-        motion = ca.vertcat(s.qdot, s.udot, 1)
-
-        def rate(x: SX) -> SX:
-            return ca.jtimes(x, along, motion)
-
-        # E is linear in the energies, so E of their rates is Ė.
-        energies = ca.vertcat(all_terms.K2, all_terms.K1, all_terms.K0, all_terms.V)
-        rates = Energies(*ca.vertsplit(rate(energies)))
-        names = applicable(constrained=bound is not None)
-        scalars = [f.E(rates) - f.P(all_terms) for f in testing_functions(names)]
-        balances = momentum_balances(s)
-        for balance in balances:
-            force = balance.force(parts)
-            if bound is not None:
-                reaction = ca.mtimes(bound.rows.G_all.T, multipliers)
-                force = force + ca.dot(balance.alpha, reaction)
-            scalars.append(rate(balance.momentum) - force)
-        coefficients = self._affine(scalars, multipliers, bound)
-        powers = dict(zip(names, coefficients))
-        momenta = dict(zip((balance.name for balance in balances), coefficients[len(names) :]))
-        return powers, momenta
-
-    def _bound(self) -> Constrained | None:
-        """The constraints; only independent ones where the motion at u = 0 must be found from them."""
-        s, rows = self.kane.system, self.kane.rows
-        places: Sequence[int] = range(len(rows))
-        if not len(rows):
-            return None
-        still = ca.SX.zeros(len(s.mechanism.speeds))
-        still[s.driven_u] = s.u_all[s.driven_u]
-        velocity = ca.sparsify(ca.simplify(rows.b + ca.mtimes(rows.G_all, still)))
-        if velocity.nnz():
-            start = (float(self.states.t[0]), self.point.q[:, 0])
-            places = independence(self.kane.motion, *start).independent
-        return self.kane.motion.constrained(places)
-
-    def _affine(
-        self, scalars: list[SX], multipliers: SX, bound: Constrained | None
-    ) -> list[Affine]:
-        """Coefficients, in own accelerations, of expressions affine in u̇ and the multipliers."""
-        s = self.kane.system
-        unknown = ca.vertcat(s.udot, multipliers)
-        zero = ca.SX.zeros(unknown.shape[0])
-        at_rest = ca.substitute(scalars, [unknown], [zero])
-        slopes = ca.substitute([ca.gradient(x, unknown) for x in scalars], [unknown], [zero])
-        G = ca.SX(0, len(s.free_u)) if bound is None else bound.rows.G
-        function = self.kane.function([*at_rest, *slopes, G])
-        *values, flat = evaluate_at(function, self.states.t[None, :], self.point.q, self.point.u)
-        n = s.udot.shape[0]
-        # λ = λ0 + Λ u̇ is what constraint forces can explain of −(F + F*).
-        M, force = self.terms.M, self.terms.force - self.terms.bias
-        tied = least_squares(M, matrices(flat, multipliers.shape[0], n))
-        explain = -tied.schur_inverse @ tied.response.transpose(0, 2, 1)
-        lambda_0, Lambda = times(explain, force), -explain @ M
-        Yt = self.point.Y.transpose(0, 2, 1)
-        rest, affine = self.point.rest, []
-        for constant, slope in zip(values[: len(scalars)], values[len(scalars) :]):
-            by_udot, by_lambda = slope[:n], slope[n:]
-            total = by_udot + times(Lambda.transpose(0, 2, 1), by_lambda)
-            total_size = np.abs(by_udot) + times(
-                np.abs(Lambda).transpose(0, 2, 1), np.abs(by_lambda)
-            )
-            size = np.abs(constant[0]) + _dot(np.abs(by_lambda), np.abs(lambda_0))
-            affine.append(
-                Affine(
-                    constant[0] + _dot(by_lambda, lambda_0) + _dot(total, rest),
-                    times(Yt, total),
-                    size + _dot(total_size, np.abs(rest)),
-                    times(np.abs(Yt), total_size),
-                )
-            )
-        return affine
+def _without_reactions(M: Array, G: Array) -> Array:
+    """What constraint forces leave of a generalized force, 1 − Gᵀ(G M⁻¹Gᵀ)⁺G M⁻¹ (B, n, n)."""
+    tied = least_squares(M, G)
+    explained = G.transpose(0, 2, 1) @ tied.schur_inverse @ tied.response.transpose(0, 2, 1)
+    return np.asarray(np.eye(M.shape[1]) - explained)
 
 
 def _dot(a: Array, b: Array) -> Array:

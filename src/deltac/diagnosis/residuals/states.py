@@ -42,11 +42,8 @@ WELL_CONDITIONED = 1e-2
 """Own speeds whose Y has a smaller ratio of singular values are near a singularity of the map; a path on
 which the loops and own coordinates have one may change sides."""
 
-PATH_STEPS, PATH_NEWTON = 48, 4
-"""Steps of a path of assembled configurations, and of Newton's method in each."""
-
-ON_PATH, PATH = 1e-13, 1e-4
-"""Violation at which Newton's steps end, and at which a place on the way has been reached (m, rad)."""
+PATH_STEPS = 48
+"""Steps of a path of assembled configurations."""
 
 
 @checked
@@ -160,37 +157,39 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
     """
     t0, q0 = kane.base
     count = y.shape[1]
+    still, at_rest = (
+        np.zeros((len(kane.system.free_u), count)),
+        np.zeros((len(kane.speed_names), count)),
+    )
     q = np.repeat(q0[:, None], count, axis=1)
-    y0, _ = kane.told(np.full(count, t0), q, np.zeros((len(kane.speed_names), count)))
+    y0, _ = kane.told(np.full(count, t0), q, at_rest)
     holonomic = np.array(kane.rows.holonomic, dtype=bool)
-    still = np.zeros((len(kane.system.free_u), count))
     good = np.ones(count, dtype=bool)
-    for share in np.linspace(0.0, 1.0, PATH_STEPS + 1)[1:]:
-        when, target = t0 + share * (t - t0), y0 + share * (y - y0)
-        for _ in range(PATH_NEWTON if share < 1.0 else NEWTON_STEPS):
-            _, phi, _, G, W = kane.motion.ties(when, q, still)
-            own, _ = kane.told(when, q, np.zeros((len(kane.speed_names), count)))
-            slope = kane.told_slope(when, q) @ W
-            rows = np.concatenate([G[:, holonomic], slope], axis=1)
-            violation = np.concatenate([phi[holonomic], own - target])
-            good &= np.isfinite(rows).all(axis=(1, 2)) & np.isfinite(violation).all(axis=0)
-            rows, violation = (
-                np.where(good[:, None, None], rows, 0.0),
-                np.where(good, violation, 0.0),
-            )
-            if np.abs(violation).max(initial=0.0) < ON_PATH:
-                break
-            step = times(W, times(np.linalg.pinv(rows, rcond=SAME), -violation))
-            q = q + np.where(good, step, 0.0)
-            for place in kane.motion.quaternions:
-                q[place] /= np.linalg.norm(q[place], axis=0)
-        size = np.linalg.norm(rows, axis=2, keepdims=True)
-        values = np.linalg.svd(
-            np.divide(rows, size, out=np.zeros_like(rows), where=size > 0.0), compute_uv=False
-        )
-        good &= values[:, -1] > WELL_CONDITIONED * values[:, 0]
-        good &= np.abs(violation).max(axis=0, initial=0.0) < (PATH if share < 1.0 else ASSEMBLED)
+    with np.errstate(all="ignore"):
+        for share in np.linspace(0.0, 1.0, PATH_STEPS + 1)[1:]:
+            t_here, y_here = t0 + share * (t - t0), y0 + share * (y - y0)
+
+            def ahead(q: Array, t: Array = t_here, y: Array = y_here) -> tuple[Array, Array]:
+                *_, W = kane.motion.ties(t, q, still)
+                return kane.told(t, q, at_rest)[0] - y, kane.told_slope(t, q) @ W
+
+            q = onto_positions(kane.motion, t_here, q, further=ahead)
+            _, phi, _, G, _ = kane.motion.ties(t_here, q, still)
+            left, slope = ahead(q)
+            violation = np.abs(np.concatenate([phi[holonomic], left])).max(axis=0)
+            good &= violation < ASSEMBLED
+            good &= _well_conditioned(np.concatenate([G[:, holonomic], slope], axis=1))
     return q, good
+
+
+def _well_conditioned(rows: Array) -> NDArray[np.bool_]:
+    """Which matrices (B, k, n), their rows of unit length, are finite and far from losing a rank (B,)."""
+    finite: NDArray[np.bool_] = np.asarray(np.isfinite(rows).all(axis=(1, 2)))
+    rows = np.where(finite[:, None, None], rows, 0.0)
+    size = np.linalg.norm(rows, axis=2, keepdims=True)
+    unit = np.divide(rows, size, out=np.zeros_like(rows), where=size > 0.0)
+    values = np.linalg.svd(unit, compute_uv=False)
+    return np.asarray(finite & (values[:, -1] > WELL_CONDITIONED * values[:, 0]))
 
 
 def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
@@ -267,11 +266,7 @@ def own_speeds(kane: Kane, t: Array, own_q: Array, u: Array) -> tuple[Array, NDA
     own_u = times(np.linalg.pinv(Y, rcond=SAME), np.where(finite, u - still.u, 0.0))
     if not Y.shape[2]:
         return own_u, finite
-    size = np.linalg.norm(Y, axis=1, keepdims=True)
-    values = np.linalg.svd(
-        np.divide(Y, size, out=np.zeros_like(Y), where=size > 0.0), compute_uv=False
-    )
-    return own_u, finite & (values[:, -1] > WELL_CONDITIONED * values[:, 0])
+    return own_u, finite & _well_conditioned(Y.transpose(0, 2, 1))
 
 
 def admissible(kane: Kane, states: States) -> NDArray[np.bool_]:

@@ -80,7 +80,9 @@ def order_text(convergence: Convergence) -> str:
 
 @checked
 def observed_order(
-    steps: Sequence[float], values: Array | Sequence[float], floor: float | Sequence[float] = 0.0
+    steps: Sequence[float] | Array,
+    values: Array | Sequence[float],
+    floor: float | Sequence[float] | Array = 0.0,
 ) -> Convergence:
     """Order at which a quantity whose limit may be zero falls with the step.
 

@@ -119,10 +119,7 @@ def _limits(m: StudyMeasures) -> tuple[str, ...]:
     """What this study does not see; more where steps are few, or energy is kept whatever they are."""
     more = []
     if len(m.steps) < 3:
-        what = (
-            "nothing confirms the order" if m.steps[1:] else "how the error falls was not observed"
-        )
-        more.append(f"what a third step would show, for {_count(m)}: {what}")
+        more.append(f"what a third {m.knob} would show: {_few(m)}")
     floor = m.energy.trend == "at its floor" and not m.quadrature
     if floor and m.state.trend == "tends to a limit":
         order = "" if m.state.order is None else f", which falls at order {order_text(m.state)}"
@@ -251,14 +248,6 @@ def _energy(m: StudyMeasures) -> str:
     return text
 
 
-def _count(m: StudyMeasures) -> str:
-    return (
-        f"only one {m.knob} was compared"
-        if len(m.steps) == 1
-        else f"only two {m.knob}s were compared"
-    )
-
-
 def _few(m: StudyMeasures) -> str:
     """Why fewer than three steps say little."""
     if len(m.steps) == 1:
@@ -295,7 +284,7 @@ def _equations(m: StudyMeasures) -> str:
 
 def _why(m: StudyMeasures) -> str:
     if len(m.steps) < 3:
-        return f"{_count(m)}: what ΔC tends to shows from three on"
+        return f"{_few(m)}: what ΔC tends to shows from three on"
     if m.energy.trend == "at its floor":
         return (
             f"what is left of ΔC, {m.left[-1]:.2g} J, is hardly above the error bar of the work, "

@@ -15,7 +15,7 @@ from deltac.arrays import EPS, PHYSICAL, Array
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.inputs.omissions import EVERY_STEP, OF_RATES
-from deltac.diagnosis.study.convergence import CLEAR, LEAST_ORDER, order_of
+from deltac.diagnosis.study.convergence import LEAST_ORDER, order_of
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import NO_NUMBER, ArgumentsError, DeltacError, InputError, WrongType
@@ -29,6 +29,9 @@ from deltac.trajectories import Trajectory
 FASTEST = 3e8
 """No speed of a mechanism reaches this (m/s: light's; rad/s): the integration has become unstable."""
 
+GROWN = 1e3
+"""Speeds so many times the usual ones belong to the blow-up already."""
+
 
 def before_blow_up(run: Trajectory) -> Trajectory:
     """The rows before speeds run away; the run itself where they do not."""
@@ -38,8 +41,7 @@ def before_blow_up(run: Trajectory) -> Trajectory:
         return run
     sane = int(np.argmax(away))
     usual = float(np.median(size[:sane])) if sane else 0.0
-    # What is half of the orders of magnitude away from the usual belongs to the blow-up already.
-    early = size[:sane] > np.sqrt(FASTEST * usual)
+    early = size[:sane] > GROWN * usual
     end = int(np.argmax(early)) if usual > 0.0 and early.any() else sane
     return run.between(run.t[0], run.t[max(end - 1, 0)])
 
@@ -49,6 +51,9 @@ def before_blow_up(run: Trajectory) -> Trajectory:
 Simulator: TypeAlias = Callable[[float], Trajectory]
 LEAST_LEDGER_ROWS = 3
 """Rows that a run needs for a ledger."""
+
+DIGIT_SPREAD = 3.0
+"""How many times farther than one random rounding moved it a quantity may be off."""
 
 REFINES = 1.1
 """Steps whose ratio is smaller say nothing about an order: its error grows as 1/log of it."""
@@ -380,7 +385,7 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
     now = balance(mechanism, moved, was.method)
     pairs = ((was.delta_c, now.delta_c), (was.momentum, now.momentum))
     return {
-        n: CLEAR * float(np.abs(after[n] - x).max())
+        n: DIGIT_SPREAD * float(np.abs(after[n] - x).max())
         for before, after in pairs
         for n, x in before.items()
     }

@@ -370,14 +370,14 @@ def study(
         state: where the motion starts; for a Problem its own by default, else at zero and at rest. With
             MuJoCo an mjData will do.
         duration: s; for a Problem its own by default.
-        steps: s, three or more to tell most; for a Problem 4, 2 and 1 times its own step by
-            default (where 4 of them do not divide its duration: 1, 1/2 and 1/4).
+        steps: s; three or more confirm an order. For a Problem 4, 2 and 1 times its own step by default
+            (where 4 of them do not divide its duration: 1, 1/2 and 1/4).
         solver: a name of `solver_names()` ("ode5" by default) or an object of `deltac.solvers`; or "mujoco:"
             and an integrator's name. A solver that chooses its steps is run at 100, 10 and 1 times its
             tolerance, or with the tolerances of a list of such objects.
         runs: runs of another program, in place of simulating: a function of the step (s) that returns a
             Trajectory; or finished runs of the same motion at several steps, Trajectories or paths of logs.
-        order: the nominal order of what made the runs, where it is not known.
+        order: the nominal order of the method that made the runs, if they do not state it.
         tolerance: accepted |ΔC| as a fraction of the energy that the system has (max K + range of V).
         progress: called with the fraction done.
         **simulation: `record`, `equations`, `controller` and `constraints`, as for `simulate`. For MuJoCo

@@ -115,36 +115,6 @@ def blocks(samples: int, window: int, size: int) -> Iterator[Block]:
         yield row, row + 1, samples - window
 
 
-def band_matrices(count: int, size: int, window: int) -> Array:
-    """`count` matrices (size + window − 1, size) of zeros, whose bands `weighted_windows` fills."""
-    return np.zeros((count, size + window - 1, size))
-
-
-def weighted_windows(values: Array, weights: Array, bands: Array, out: Array) -> None:
-    """Σ_j weights[j, k] values[:, k + j], to `out` (m, n).
-
-    `weights` are (window, n), `values` (m, n + window − 1) or longer. Done as products with band matrices:
-    most of what they multiply is zero, and still they are several times faster than passes over the values.
-    """
-    window, n = weights.shape
-    count, size = n // bands.shape[2], bands.shape[2]
-    if not count:
-        return
-    each = bands.itemsize
-    diagonals = np.lib.stride_tricks.as_strided(
-        bands,
-        (window, count, size),
-        (size * each, bands.strides[0], (size + 1) * each),
-    )
-    diagonals[...] = weights.reshape(window, count, size)
-    row = values.strides[0]
-    cut = np.lib.stride_tricks.as_strided(
-        values, (count, len(values), size + window - 1), (size * each, row, each)
-    )
-    product = np.matmul(cut, bands[:count])
-    out.reshape(len(out), count, size)[...] = product.transpose(1, 0, 2)
-
-
 def equidistant(t: Array) -> bool:
     """Whether times differ from equidistant ones by no more than their rounding."""
     even = np.linspace(t[0], t[-1], len(t))
@@ -159,37 +129,6 @@ def clock(t: Array, *, even: bool | None = None) -> Array:
     """
     even = equidistant(t) if even is None else even
     return np.linspace(0.0, t[-1] - t[0], len(t)) if even else t - t[0]
-
-
-def cumulating_matrix(weights: Array, size: int) -> Array:
-    """Sums over one, two, … `size` neighbouring windows with the same weights (window,).
-
-    The matrix is (size + window − 1, size).
-    """
-    bands = band_matrices(1, size, len(weights))[0]
-    for k in range(size):
-        bands[k : k + len(weights), k] = weights
-    return np.cumsum(bands, axis=1)
-
-
-def cumulated_windows(values: Array, matrix: Array, sums: Array) -> None:
-    """Continue `sums` (m, n + 1) from their first column, by `cumulating_matrix` over `values`.
-
-    `values` are (m, n + window − 1) or longer.
-    """
-    m, n = len(sums), sums.shape[1] - 1
-    each, size = values.itemsize, matrix.shape[1]
-    count, rest = divmod(n, size)
-    if count:
-        strides = (size * each, values.strides[0], each)
-        cut = np.lib.stride_tricks.as_strided(values, (count, m, len(matrix)), strides)
-        product = np.matmul(cut, matrix)
-        before = np.concatenate([sums[None, :, 0], product[:-1, :, -1]]).cumsum(axis=0)
-        product += before[:, :, None]
-        sums[:, 1 : 1 + count * size].reshape(m, count, size)[...] = product.transpose(1, 0, 2)
-    if rest:
-        last = values[:, count * size : count * size + len(matrix) - size + rest]
-        sums[:, -rest:] = sums[:, [-rest - 1]] + last @ matrix[: last.shape[1], :rest]
 
 
 def window_times(t: Array, start: int, first: int, z: Array, width: Array) -> None:

@@ -19,17 +19,14 @@ import numpy as np
 from deltac.arrays import EPS, TINY, Array
 from deltac.energy.sampling.interpolation import (
     Block,
-    band_matrices,
     blocks,
-    cumulated_windows,
-    cumulating_matrix,
     hermite_kernel,
     lagrange_kernel,
-    weighted_windows,
     window_times,
     windows_of,
 )
 from deltac.energy.sampling.samples import Between, Powers, Samples, at_samples
+from deltac.kernels.kernel import AT_ONCE
 from deltac.kernels.parallel import cores, spread
 
 _INNER = float(np.sqrt(3.0 / 7.0))
@@ -44,65 +41,85 @@ ORDERS = {2: 4, 4: 8}
 SAMPLED = 8
 """Samples in a window of `lagrange`, and its order."""
 
-ROWS_AT_ONCE = 520
+TAPS = SAMPLED // 2 - 1
+"""Samples of the window on either side of those of its interval."""
+
+ROWS_AT_ONCE = AT_ONCE // 2
 """Intervals in a batch: their windows stay in cache, and are not a power of two apart."""
 
 THINNED = 5
 """Samples from which on some can be left out, to see what that changes."""
 
-NUMBERS = 1 << 15
-"""Numbers of integrals whose bars are found at once."""
+TWICE_THINNED = 2 * THINNED - 1
+"""Samples of which every second ones can be thinned again."""
 
-BAND, BANDS = 24, 32
-"""Intervals that share a band matrix of weights (small enough that its zeros are cheap), and such matrices
-in a batch.
-"""
+NUMBERS = 1 << 15
+"""Numbers of integrals, or of their bars, that are found at once: they stay in cache."""
 
 
 def lagrange(samples: Samples, sampled: Array) -> Array:
     """∫ from the first sample on (m, T) of polynomials through the powers `known` (m, T) there."""
     t, window = samples.clock, min(SAMPLED, len(samples.t))
-    even = len(t) >= SAMPLED and samples.even
     total = np.empty_like(sampled)
-    sums = _even_sums(float((t[-1] - t[0]) / (len(t) - 1))) if even else None
+    if len(t) >= SAMPLED and samples.even:
+        sums = _even_sums(float((t[-1] - t[0]) / (len(t) - 1)))
 
-    def some(rows: slice) -> None:
-        if sums is not None:
+        def some(rows: slice) -> None:
             total[rows] = sums.sums(sampled[rows], 1)
-        else:
-            _lagrange(t, sampled[rows], window, total[rows])
 
-    spread(some, _shares(sampled), numbers=sampled.size)
+        spread(some, _in_cache(sampled), numbers=sampled.size)
+        return total
+
+    def share(rows: slice) -> None:
+        _lagrange(t, sampled[rows], window, total[rows])
+
+    size = -(-len(total) // min(cores(), max(1, len(total)))) or 1
+    spread(share, _rows(total, size), numbers=sampled.size)
     return total
 
 
-def _shares(values: Array) -> list[slice]:
-    """The rows of (m, T) in a part for each core."""
-    size = -(-len(values) // min(cores(), max(1, len(values)))) or 1
+def _in_cache(values: Array) -> list[slice]:
+    """The rows of (m, T) in parts whose numbers stay in cache."""
+    return _rows(values, max(1, NUMBERS // values.shape[1]))
+
+
+def _rows(values: Array, size: int) -> list[slice]:
     return [slice(a, a + size) for a in range(0, len(values), size)]
 
 
 class EvenSums:
-    """`lagrange` of equidistant samples, `width` (s) apart: the same weights everywhere but near the ends."""
+    """`lagrange` of equidistant samples, `width` (s) apart: the same weights everywhere but near the ends.
+
+    Away from these every sample is summed once, and what weights add is at either end of the integral alone
+    (as in Gregory's rule): ∫ P dt from row a to row n is h Σ P_m (a ≤ m < n) + g_n − g_a with
+    g_n = h (P_n/2 + Σ τ_i (P_{n+i} − P_{n−i})), where τ are the `tails`.
+    """
 
     def __init__(self, width: float) -> None:
         self.width = width
         places = np.arange(SAMPLED) - np.arange(SAMPLED - 1.0)[:, None]
-        self._weights = lagrange_kernel(SAMPLED)(z=places, width=width)["weights"]
-        self._middle = SAMPLED // 2 - 1
-        self._matrix = cumulating_matrix(self._weights[self._middle], BAND)
+        self._weights = lagrange_kernel(SAMPLED)(z=places, width=1.0)["weights"]
+
+    @property
+    def tails(self) -> Array:
+        """τ_1, τ_2, τ_3: of the weights of an interval in the middle of its window those beyond its end."""
+        return np.cumsum(self._weights[TAPS, :TAPS])[::-1]
 
     def sums(self, powers: Array, spacing: int) -> Array:
         """∫ from the first sample on (m, T) of powers (m, T ≥ `SAMPLED`) at samples of that `spacing`."""
-        sums = np.empty_like(powers)
+        sums, stop = np.empty_like(powers), powers.shape[1] - TAPS
         sums[:, 0] = 0.0
-        reach, count = self._middle, powers.shape[1]
-        starts = powers[:, :SAMPLED] @ self._weights[:reach].T
-        np.cumsum(starts, axis=1, out=sums[:, 1 : reach + 1])
-        cumulated_windows(powers, self._matrix, sums[:, reach : count - reach])
-        ends = powers[:, -SAMPLED:] @ self._weights[reach + 1 :].T
-        sums[:, count - reach :] = sums[:, [count - reach - 1]] + np.cumsum(ends, axis=1)
-        sums *= spacing
+        starts = powers[:, :SAMPLED] @ self._weights[:TAPS].T
+        np.cumsum(starts, axis=1, out=sums[:, 1 : TAPS + 1])
+        middle = 0.5 * powers[:, TAPS:stop]
+        for k, tail in enumerate(self.tails, start=1):
+            middle += tail * (powers[:, TAPS + k : stop + k] - powers[:, TAPS - k : stop - k])
+        middle += (sums[:, TAPS] - middle[:, 0])[:, None]
+        middle[:, 1:] += np.cumsum(powers[:, TAPS : stop - 1], axis=1)
+        sums[:, TAPS:stop] = middle
+        ends = powers[:, -SAMPLED:] @ self._weights[TAPS + 1 :].T
+        sums[:, stop:] = sums[:, [stop - 1]] + np.cumsum(ends, axis=1)
+        sums *= spacing * self.width
         return sums
 
 
@@ -113,19 +130,12 @@ def _lagrange(t: Array, powers: Array, window: int, sums: Array) -> None:
     """`lagrange` at times that are not equidistant, to `sums`."""
     kernel = lagrange_kernel(window)
     sums[:, 0] = 0.0
-    part = np.empty((len(powers), BAND * BANDS))
-    bands = band_matrices(BANDS, BAND, window)
-    for start, stop, first in blocks(len(t), window, BAND * BANDS):
+    for start, stop, first in blocks(len(t), window, ROWS_AT_ONCE):
         size = stop - start
         x = np.empty((kernel.n_in, size))
         window_times(t, start, first, x[:window], x[window:])
-        weights = kernel.flat(x)
-        whole = size - size % BAND
-        block = part[:, :size]
-        weighted_windows(powers[:, first:], weights[:, :whole], bands, block[:, :whole])
-        if size > whole:
-            rest = band_matrices(1, size - whole, window)
-            weighted_windows(powers[:, first + whole :], weights[:, whole:], rest, block[:, whole:])
+        seen = (powers[:, first + j : first + j + size] for j in range(window))
+        block = sum(w * values for w, values in zip(kernel.flat(x), seen))
         block[:, 0] += sums[:, start]
         np.cumsum(block, axis=1, out=sums[:, start + 1 : stop + 1])
 
@@ -345,7 +355,7 @@ def _estimated(
         np.maximum.accumulate(np.abs(fine), axis=1, out=bar)
         return Integral(fine.T, bar.T, rule.name, 0.0)
     half = rule.sums(*thinned[2])
-    observed = count >= 9 and not thinned[1][0].derived
+    observed = count >= TWICE_THINNED and not thinned[1][0].derived
     quarter = rule.sums(*thinned[4]) if observed else None
     # Windows reach beyond their interval: each sample has the bar of an even one after all it saw.
     ahead = max(rule.window, 4) // 4
@@ -364,9 +374,7 @@ def _estimated(
         bar[rows, ::2] = increments[:, : (count + 1) // 2]
         bar[rows, 1::2] = increments[:, 1 : 1 + count // 2]
 
-    size = max(1, NUMBERS // count)  # rows whose numbers stay in cache
-    some = [slice(k, k + size) for k in range(0, len(fine), size)]
-    spread(estimate, some, numbers=fine.size)
+    spread(estimate, _in_cache(fine), numbers=fine.size)
     order = observed_order(finer[leading], coarser[leading]) if quarter is not None else 0.0
     return Integral(fine.T, bar.T, rule.name, order)
 

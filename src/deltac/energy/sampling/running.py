@@ -1,18 +1,13 @@
 """Integrals of powers at equidistant samples, and what their error bars are made of, from row to row.
 
-Away from the ends of a log, `lagrange` sums every sample once, with weights that differ from one near either
-end of an integral alone (as Gregory's rule does): with τ_i the tail sums of a window's weights,
-
-    ∫ P dt / h from row a to row n = Σ P_m (a ≤ m < n) + g_n − g_a,   g_n = P_n/2 + Σ τ_i (P_{n+i} − P_{n−i}).
-
-The differences between integrals over all, every second and every fourth row are such sums too, of
-alternating signs. So a row costs a few sums whatever the order is, and the columns of a log go side by side
-through SIMD vectors. All numbers here are in units of the interval h.
+Away from the ends of a log, `EvenSums` sums every sample once. The differences between integrals over all,
+every second and every fourth row are such sums too, of alternating signs. So a row costs a few sums whatever
+the order is, and the columns of a log go side by side through SIMD vectors. All numbers here are in units of
+the interval h.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
@@ -21,14 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.energy.sampling.interpolation import lagrange_kernel
-from deltac.energy.sampling.quadrature import SAMPLED
+from deltac.energy.sampling.quadrature import SAMPLED, TAPS, EvenSums
 from deltac.kernels import Kernel
 from deltac.kernels.kernel import SX
-from deltac.kernels.native import Call
-from deltac.kernels.transposing import LINE, aligned
+from deltac.kernels.simd import LINE, aligned
 
-TAPS = SAMPLED // 2 - 1
 REACH = 4 * TAPS
 """Rows on either side that the sum over every fourth row reaches into."""
 
@@ -44,19 +36,11 @@ LANES = LINE // np.dtype(np.float64).itemsize
 STATE = ("sum", "odd", "half", "error", "coarse", "most", "least", "finer", "coarser", "size")
 
 
-@lru_cache(maxsize=1)
-def _tails() -> Array:
-    """τ_1, τ_2, τ_3: of the weights of an interval's window those beyond its end."""
-    places = np.arange(SAMPLED, dtype=float) - TAPS
-    weights = lagrange_kernel(SAMPLED)(z=places, width=1.0)["weights"].ravel()
-    return np.array([weights[SAMPLED - k :].sum() for k in range(TAPS, 0, -1)])
-
-
 class _Around:
     """What windows around a row add to the sums before it, by symbols of the powers from row −`REACH` on."""
 
     def __init__(self, powers: SX) -> None:
-        self._P, self._tau = powers, _tails()
+        self._P, self._tau = powers, EvenSums(1.0).tails
 
     def apart(self, n: int, k: int) -> SX:
         return self[n + k] - self[n - k]
@@ -133,30 +117,11 @@ def _running_kernel(rows: int) -> Kernel:
     return Kernel({"P": P}, columns, state, name="running integrals")
 
 
-@dataclass(frozen=True, eq=False)
-class RunningPiece:
-    """Integrals at rows from the `first` to the `last` of a block: `value` (k, n), after `call`.
-
-    `needed` are the rows of `powers` that it reads, those before the block included.
-    """
-
-    first: int
-    last: int
-    call: Call
-    value: Array
-
-    @property
-    def needed(self) -> int:
-        """Rows of `powers` up to the last one read."""
-        return self.last + 2 * REACH + 1
-
-
 class Running:
     """Integrals within a block of rows, of several columns; it owns the memory that it works in.
 
-    `powers` (rows + 2 `REACH` + 1, n) are to be written first, from row −`REACH` of the block on; then
-    `start` is to be called, and the `pieces` one after the other, each when what it needs is there. A block
-    begins at a multiple of four rows, and `rows` are a multiple of eight.
+    `powers` (rows + 2 `REACH` + 1, n) are to be written, from row −`REACH` of the block on, before it is
+    called. A block begins at a multiple of four rows, and `rows` are a multiple of eight.
     """
 
     def __init__(self, rows: int, columns: int) -> None:
@@ -172,14 +137,13 @@ class Running:
         self._value, self._most, self._least = np.zeros((3, rows + 1), dtype=np.intp)
         before = aligned(len(STATE), lanes)
         around = self._powers[: 2 * REACH + 1]
-        self.start = _start_kernel().bound_batch(around, before[: _start_kernel().n_out])
-        self.pieces: list[RunningPiece] = []
+        start = _start_kernel()
+        self._calls = [start.bound_batch(around, before[: start.n_out])]
         top = 0
         for (a, b), kernel in zip(pairwise(cuts), kernels):
             out = self._found[top : top + kernel.n_out]
             x = self._powers[a : b + 2 * REACH + 1]
-            value = out[kernel.output_slices["value"], :columns]
-            self.pieces.append(RunningPiece(a, b, kernel.bound_batch(x, out, before), value))
+            self._calls.append(kernel.bound_batch(x, out, before))
             places = {name: top + where.start for name, where in kernel.output_slices.items()}
             self._value[a : b + 1] = places["value"] + np.arange(b - a + 1)
             looked = (np.arange(b - a + 1) + 1) // 2
@@ -189,6 +153,13 @@ class Running:
             before = out[kernel.output_slices["state"]]
             top += kernel.n_out
         self._end = before[:, :columns]
+
+    def __call__(self) -> dict[str, Array]:
+        """Sum the block: the `STATE` after it (n,), and ∫ over all of it, ``value``."""
+        for call in self._calls:
+            call()
+        whole = self._found[self._value[-1], : self.columns]
+        return {**dict(zip(STATE, self._end.copy())), "value": whole.copy()}
 
     def value(self, rows: NDArray[np.intp]) -> Array:
         """∫ from the block's first row to others, and to the one after it (k, n)."""
@@ -200,8 +171,3 @@ class Running:
             self._found[self._most[rows], : self.columns],
             self._found[self._least[rows], : self.columns],
         )
-
-    def end(self) -> dict[str, Array]:
-        """The `STATE` after the block (n,), and ∫ over all of it, ``value``."""
-        whole = self._found[self._value[-1], : self.columns]
-        return {**dict(zip(STATE, self._end.copy())), "value": whole.copy()}

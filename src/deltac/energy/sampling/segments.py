@@ -21,7 +21,7 @@ from deltac.dynamics.momentum import momentum_balances
 from deltac.dynamics.system import System
 from deltac.dynamics.terms import Constrained
 from deltac.dynamics.testing_functions import TestingFunction
-from deltac.energy.sampling.quadrature import Integral, hermite_parts, integrate
+from deltac.energy.sampling.quadrature import TWICE_THINNED, Integral, hermite_parts, integrate
 from deltac.energy.sampling.samples import Powers, Samples
 from deltac.mechanism.channels import ByChannel
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -34,9 +34,6 @@ is that of the piece.
 
 UNEVEN_ROWS = 0.02
 """Least interval among four rows, as a fraction of the largest."""
-
-LONG_PIECE = 9
-"""Rows of a piece from which on its error can be estimated by leaving some of them out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +134,7 @@ def integrate_pieces(
     rules, orders = [], []
     for first, stop in pairwise((0, *starts, len(samples.t))):
         inner = slice(first + (first > 0), stop - (stop < len(samples.t)))
-        long = inner.stop - inner.start >= LONG_PIECE
+        long = inner.stop - inner.start >= TWICE_THINNED
         for rows in ((first, first + 4), (stop - 4, stop)) if long else ((first, stop),):
             if rows[1] - rows[0] >= 4 and _even(width[rows[0] : rows[1] - 1]):
                 piece, places = slice(*rows), slice(rows[0], rows[1] - 1)

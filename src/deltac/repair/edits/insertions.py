@@ -28,9 +28,7 @@ from deltac.repair.edits.names import TracedNames
 from deltac.repair.edits.required import Requirement
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
-
-SCOPES = 3
-"""Evaluations of a node whose names are compared with those of the first."""
+from deltac.results import SHOWN
 
 TRIPLE = 40
 """Names and functions that are multiplied three at a time."""
@@ -73,7 +71,7 @@ class Vocabulary:
             for text, slot in self.names.scope(instance)[0].items()
             if slot.index not in later
         }
-        for other in more[:SCOPES]:  # one name must hold one value at all evaluations
+        for other in more:  # one name must hold one value at all evaluations
             scope = self.names.scope(other)[0]
             variables = {
                 text: k for text, k in variables.items() if text in scope and scope[text].index == k
@@ -309,8 +307,6 @@ FRACTIONS = tuple(
 )
 """Numbers that occur as factors in equations of motion."""
 
-PRODUCTS_EACH = 6
-"""Products kept for one quantity, the simplest first."""
 
 Powers = tuple[tuple[int, int], ...]
 
@@ -426,7 +422,7 @@ def products(
             for number, others in _numbers(coefficient, constant[1]):
                 matches.append(_product(number, powers, state[0], others, constant[0]))
     matches.sort(key=_plainness)
-    return matches[:PRODUCTS_EACH]
+    return matches[:SHOWN]
 
 
 def two_products(
@@ -484,7 +480,7 @@ def two_products(
         if first and second:
             matches.append((min(first, key=_plainness), min(second, key=_plainness)))
     matches.sort(key=lambda pair: (pair[0].cost + pair[1].cost, pair[0].text))
-    return matches[:PRODUCTS_EACH]
+    return matches[:SHOWN]
 
 
 def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Powers]]:

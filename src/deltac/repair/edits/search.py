@@ -25,6 +25,7 @@ from deltac.repair.tracing.program import Program, at, reading
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import TapeChange
+from deltac.results import SHOWN
 
 OPERATIONS = 20_000_000
 """Operations of a function that a search of one kind runs, about."""
@@ -35,8 +36,6 @@ FIRST_STATES = 4
 TRACED_EDITS = 1500
 """Edits for which the text is traced again, at most."""
 
-ENOUGH_RIGHT_EDITS = 6
-"""Edits that are right when traced again, after which no more are looked for."""
 
 FAIR_COST = 1.7
 """With an edit as simple as this in hand, none is looked for by tracing the text again."""
@@ -174,7 +173,7 @@ class EditSearch:
         texts: set[tuple[int, str]] = set()
         for candidate in sorted(self.untraced, key=lambda c: c.cost):
             late = time.monotonic() > self.deadline
-            if late or len(right) >= ENOUGH_RIGHT_EDITS or len(texts) > most:
+            if late or len(right) >= SHOWN or len(texts) > most:
                 break
             key = candidate.place, candidate.text
             if key not in texts and self._right(candidate):

@@ -280,11 +280,11 @@ def _tried(source: Source, mutant: Mutant, target: Target, varied: tuple[str, ..
     if not np.isfinite(udot).all():
         return MutantTrial(mutant, sizes)
     residuals = test(udot)
-    sizes |= {name: float(x.max()) for name, x in residuals.relative_power.items()}
+    sizes |= {name: float(x.max()) for name, x in residuals.power.items()}
     if MOMENTUM in sizes:
-        sizes[MOMENTUM] = max(float(x.max()) for x in residuals.relative_momentum.values())
+        sizes[MOMENTUM] = max(float(x.max()) for x in residuals.momentum.values())
     if CONSTRAINTS in sizes:
-        sizes[CONSTRAINTS] = float(residuals.relative_violation.max(initial=0.0))
+        sizes[CONSTRAINTS] = float(residuals.violation.max(initial=0.0))
     sizes[RESIDUAL] = samples.wrong(result)
     return MutantTrial(
         mutant, sizes, _reason(changed, sizes, target, varied, named_parameters(again, target))

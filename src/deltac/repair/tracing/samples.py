@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ROOT_EPS, Array
+from deltac.arrays import ROOT_EPS, SMALL_SHARE, Array
 from deltac.diagnosis import LEAST_TERMS as FLOOR
 from deltac.diagnosis import EquationTest, Kane, draw, told
 from deltac.errors import InputError
@@ -21,7 +21,6 @@ NOMINAL, VARIED, SETS = 16, 8, 2
 SPREADS = ((0.6, 1.6), (0.6, 1.6), (0.85, 1.2), (0.85, 1.2), (0.96, 1.04), (0.99, 1.01))
 """Ranges of factors for other sets of values, tried in turn."""
 
-LEAST_SIZE = 1e-3
 
 RIGHT = ROOT_EPS
 """Residuals below this share of the equation's typical terms are rounding (terms cancel, angles are of
@@ -188,7 +187,7 @@ class Target:
 def _rate_size(test: EquationTest) -> Array:
     """Size of each q̇ (nq,), at least a thousandth of the largest."""
     size = np.sqrt(np.mean(test.rates**2, axis=1))
-    return np.asarray(np.maximum(size, LEAST_SIZE * size.max(initial=0.0)) + 1e-300)
+    return np.asarray(np.maximum(size, SMALL_SHARE * size.max(initial=0.0)) + 1e-300)
 
 
 def _typical(test: EquationTest) -> Array:
@@ -196,4 +195,4 @@ def _typical(test: EquationTest) -> Array:
 
     Where the terms of an equation cancel (two equal moments of inertia), what is left of them is rounding.
     """
-    return np.maximum(test.typical(test.acceleration), LEAST_SIZE / FLOOR * test.floor)
+    return np.maximum(test.typical(test.acceleration), SMALL_SHARE / FLOOR * test.floor)

@@ -30,19 +30,22 @@ from deltac.errors import InputError, SourceError
 from deltac.foreign.scripts import function_named
 from deltac.repair.tracing import instrument, library
 from deltac.repair.tracing.library import Float, Foreign, Int, LibraryNumber, objects, plain
-from deltac.repair.tracing.modules import UserModule, found_beside
+from deltac.repair.tracing.modules import LARGEST_MODULE, UserModule, found_beside
 from deltac.repair.tracing.source import Source, innermost
-from deltac.repair.tracing.tape import COMPARISONS, Slot, Tape, TapeBranch, TapeError, identity
+from deltac.repair.tracing.tape import (
+    COMPARISONS,
+    LIMIT,
+    Slot,
+    Tape,
+    TapeBranch,
+    TapeError,
+    identity,
+)
 from deltac.simulation import PLAIN
 
 STANDARD = Path(sysconfig.get_path("stdlib"))
 """Python's own modules, whose functions are not traced."""
 
-TURNS = 200_000
-"""Turns of all loops together."""
-
-LINES = 20_000
-"""Lines of a module whose functions are traced; longer ones are generated, as CasADi's 70 000."""
 
 PATHS = 12
 """Ways through branches that depend on the state."""
@@ -544,7 +547,7 @@ class _Tracer:
         else:
             try:
                 lines, _ = inspect.findsource(function)
-                if len(lines) > LINES:
+                if sum(map(len, lines)) > LARGEST_MODULE:
                     return None
                 names = self.opened(UserModule(file.name, ast.parse("".join(lines)), file))
             except (OSError, TypeError, SyntaxError):
@@ -606,8 +609,8 @@ class _Hooks:
     def turn(self) -> None:
         """One turn of a loop."""
         self.tracer.turns += 1
-        if self.tracer.turns > TURNS:
-            raise Endless(f"{self.of.name}: a loop that has not ended after {TURNS} turns")
+        if self.tracer.turns > LIMIT:
+            raise Endless(f"{self.of.name}: a loop that has not ended after {LIMIT} turns")
 
     def item(self, place: int, value: Any) -> None:
         """What a loop's variables hold in a turn."""

@@ -26,7 +26,7 @@ from deltac.diagnosis import (
     order_text,
     setting_of,
 )
-from deltac.energy import Ledger
+from deltac.energy import KEPT, Ledger
 from deltac.errors import DeltacError
 from deltac.mechanism import CHANNEL_KINDS, Mechanism
 from deltac.models import Model
@@ -335,16 +335,12 @@ def _(report: Explanation, context: Beside) -> Page:
     )
 
 
-LEDGER_ROWS = 20_000
-"""Steps of a motion that is simulated for a page only, at most."""
-
-
 def _motion_of(model: Model, equations: Equations | None = None) -> Trajectory | None:
     """The motion that a problem has, by the model's equations or others; None where there is none."""
     problem = model.problem
     if problem is None:
         return None
-    duration = min(problem.duration, LEDGER_ROWS * problem.step)
+    duration = min(problem.duration, KEPT * problem.step)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a motion that breaks off is shown up to there
@@ -467,7 +463,7 @@ def _recommended(model: Model, best: Trial, duration: float) -> Trajectory | Non
     """The motion by the setting that is recommended, if a solver of ours made it."""
     if best.knob != "step" or ":" in best.solver or not model.starts:
         return None
-    lasting = min(duration, LEDGER_ROWS * best.setting)
+    lasting = min(duration, KEPT * best.setting)
     try:
         return simulate(model.mechanism, model.start(), lasting, best.setting, best.solver)
     except DeltacError:

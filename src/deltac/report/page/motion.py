@@ -12,12 +12,12 @@ import numpy as np
 from deltac import problems
 from deltac.calls.progress import Progress
 from deltac.diagnosis import before_blow_up, read_log
-from deltac.energy import Ledger
+from deltac.energy import KEPT, Ledger
 from deltac.errors import InputError
 from deltac.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, load_model
 from deltac.report.files import output_folder
-from deltac.report.page.content import LEDGER_ROWS, made, moving
+from deltac.report.page.content import made, moving
 from deltac.report.page.document import write_page
 from deltac.report.page.parts import Chapter, Hyperlink, Page
 from deltac.report.page.scene import Drawing
@@ -70,7 +70,7 @@ def viewed(
     seconds = duration
     if seconds is None:
         seconds = problem.duration if problem else DURATION
-        seconds = step * max(2, round(min(seconds / step, LEDGER_ROWS)))
+        seconds = step * max(2, round(min(seconds / step, KEPT)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page says where it stopped
         run = before_blow_up(simulate(mechanism, start, seconds, step, solver))

@@ -16,17 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.report.panels import Bars, Flows, HeatMap, LogPlot, Panel, TimePlot
+from deltac.report.panels import POINTS, Bars, Flows, HeatMap, LogPlot, Panel, TimePlot
 from deltac.results import Finding, Serialisable, Table, plain
 
 if TYPE_CHECKING:
     from deltac.report.page.scene import Drawing
 
-NUMBERS = 140_000
-"""Numbers of time histories that a page holds, 0.75 MB; all plots together share them."""
+NUMBERS = 120_000
+"""Numbers of time histories, which all plots share, and of what moves that a page holds: 0.65 MB each."""
 
-HISTORY_STRETCHES = 4000
-"""Stretches of which a history keeps the extremes: more than any screen has columns of pixels."""
 
 Tone = Literal["good", "bad", "doubt", "plain"]
 """What a verdict is: it holds, it does not, it cannot be told, or nothing was judged."""
@@ -197,7 +195,7 @@ class Page:
     def packed(self) -> dict[str, Any]:
         """The page in terms of JSON."""
         plots = [p for chapter in self.chapters for p in chapter.parts if isinstance(p, TimePlot)]
-        stretches = HISTORY_STRETCHES
+        stretches = POINTS
         while stretches > 250 and sum(_numbers(plot, stretches) for plot in plots) > NUMBERS:
             stretches //= 2
 

@@ -30,11 +30,8 @@ from deltac.report.page.geometry import (
     trails,
     unit,
 )
-from deltac.report.page.parts import Numbers
+from deltac.report.page.parts import NUMBERS, Numbers
 from deltac.trajectories import Trajectory
-
-SCENE_NUMBERS = 100_000
-"""Numbers that a page holds of what moves, seven for each body and frame, six for each force: 0.5 MB."""
 
 FRAMES = 3000
 """Instants at which bodies are placed, at most; 60 a second for 50 s."""
@@ -119,9 +116,12 @@ def scene(
 
 
 def _frames(mechanism: Mechanism, run: Trajectory, share: int) -> Instants:
-    """The run at as many of its rows as the page holds, evenly in time."""
+    """The run at as many of its rows as the page holds, evenly in time.
+
+    A body and a frame take seven numbers each, a force six.
+    """
     of_frame = 7 * len(mechanism.bodies) * share + 6 * min(ARROWS, len(run.forces))
-    count = int(max(60, min(FRAMES, SCENE_NUMBERS / of_frame)))
+    count = int(max(60, min(FRAMES, NUMBERS / of_frame)))
     at = instants(mechanism, run)
     if len(at.t) <= count:
         return at

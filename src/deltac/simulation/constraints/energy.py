@@ -22,15 +22,13 @@ from deltac.errors import warn_user
 from deltac.kernels import Kernel
 from deltac.simulation.constraints.projection import projection
 from deltac.simulation.flow import Flow
+from deltac.simulation.step_size.energy_error import ACCURATE
 
 PASSES = 2
 """Newton's steps towards ΔC = 0: what a step of order p leaves, h^(p+1), is left in fourth power."""
 
 MOST = 0.1
 """A pass changes speeds by this share of themselves at most; near rest, by what the forces do in h."""
-
-NOTICED = 1e-3
-"""Energy that corrections leave is told of from this share of the largest kinetic energy on."""
 
 
 class EnergyLeftWarning(UserWarning):
@@ -63,7 +61,7 @@ def check_correction_held(flow: Flow, t: Array, x: Array, p: Array) -> None:
     parameters = {"p": p} if flow.p.shape[0] else {}
     values = _balance(flow)(t=t, x=x, **parameters)
     imbalance, scale = float(np.abs(values["left"]).max()), float(np.abs(values["K"]).max())
-    if not imbalance <= NOTICED * scale:
+    if not imbalance <= ACCURATE * scale:
         warn_user(
             f"the correction of the energy could not keep up: K + V is off by up to {imbalance:.3g} J of "
             f"{scale:.3g} J in motion. The step is too large for the motion; take a smaller one, or a solver "

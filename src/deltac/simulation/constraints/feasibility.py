@@ -24,7 +24,7 @@ START_TOLERANCE = 1e-6
 """Largest violation of a constraint that a start may have (m or rad, and per s)."""
 
 
-NEARLY_DEPENDENT = 0.1 * DEPENDENT
+LEAST_SHARE = 0.1 * DEPENDENT
 """Independent share of a constraint row below which a run is refused.
 
 The compiled factorisation squares it, and hands over to least squares at 3e-6, which leave out what is
@@ -65,7 +65,7 @@ def constraint_start(
     cache = motion.system.once("starts", lambda: LRUCache[Independence](16))
     place = (state.t, *(np.asarray(a, dtype=float).tobytes() for a in (q, u, p)))
     start = cache.get(place, lambda: _consistent(motion, state.t, q, u, p))
-    if start.margin < NEARLY_DEPENDENT and not start.singular:
+    if start.margin < LEAST_SHARE and not start.singular:
         raise StateError(
             f"the constraints of {mechanism.name!r} are nearly dependent at the start: one of "
             f"{', '.join(dict.fromkeys(motion.rows.names))} is independent of the others only to "

@@ -13,13 +13,9 @@ import casadi as ca
 
 from deltac.calls.caching import derived
 from deltac.dynamics.equations_of_motion import equations_of, quaternions
-from deltac.dynamics.kkt import LEAST_PIVOT
 from deltac.dynamics.spatial import SX
 from deltac.simulation.constraints.singular import DEPENDENT
 from deltac.simulation.flow import Flow
-
-SMALLEST_PIVOT = LEAST_PIVOT
-"""Below this the compiled factorisation is not trusted, and the numeric least-squares path takes over."""
 
 NEARLY_DEPENDENT = 10.0 * DEPENDENT
 """Smallest pivot, by the largest so far, below which steps of a solver's own choice are not trusted.

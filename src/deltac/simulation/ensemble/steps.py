@@ -14,17 +14,17 @@ from typing import Any, TypeAlias
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import TINY, Array
 from deltac.calls.caching import derived
+from deltac.dynamics.kkt import LEAST_PIVOT
 from deltac.dynamics.spatial import SX
 from deltac.errors import SolverError
 from deltac.kernels import Kernel
-from deltac.kernels.simd import AVX512_WIDTH
-from deltac.simulation.constraints.projection import SMALLEST_PIVOT
+from deltac.kernels.simd import AVX512_WIDTH, INSTRUCTIONS_CACHED
 from deltac.simulation.constraints.singular import CarefulStep
 from deltac.simulation.flow import LOST, Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.stepping.explicit import FUSED_INSTRUCTIONS, MOST_INSTRUCTIONS, FixedMethod
+from deltac.simulation.stepping.explicit import FUSED_INSTRUCTIONS, FixedMethod
 from deltac.simulation.stepping.interpreted import settle_kernel
 from deltac.simulation.stepping.runge_kutta import tableau_of
 
@@ -35,10 +35,6 @@ CHUNK_BYTES = 2**20
 
 CHUNKS = (8 * 11, 8 * 127)
 """Fewest and most members in a chunk; a call costs some microseconds, so that fewer do not pay."""
-
-
-HUGE = 1e300
-"""A state with entries beyond this is not finite, or about to be."""
 
 
 Tick: TypeAlias = Callable[[int], None]
@@ -72,10 +68,10 @@ class Advance:
         size = _method(flow, solver).instructions * (1 + 2 * len(along))
         self.fused = 0
         if size <= FUSED_INSTRUCTIONS or along:
-            if size > MOST_INSTRUCTIONS:
+            if size > INSTRUCTIONS_CACHED:
                 raise SolverError(
                     f"sensitivity: a step of {flow.system.mechanism.name!r} with its derivatives has about "
-                    f"{size} instructions, too many to compile as one (at most {MOST_INSTRUCTIONS}); take "
+                    f"{size} instructions, too many to compile as one (at most {INSTRUCTIONS_CACHED}); take "
                     "differences between members with vary= instead, or name fewer parameters"
                 )
             room = max(1, min(MOST_STEPS_PER_CALL, FUSED_INSTRUCTIONS // size))
@@ -108,7 +104,7 @@ class Advance:
                 x, steps_done, p, span, tick
             )
         if self.flow.bound is not None:
-            for k in np.flatnonzero(~(worst > SMALLEST_PIVOT) & (steps_done == span.first)):
+            for k in np.flatnonzero(~(worst > LEAST_PIVOT) & (steps_done == span.first)):
                 after[:, k], count[k] = self._carefully(x[:, k], p[:, k], span, tick)
         return after, count
 
@@ -218,7 +214,7 @@ def steps_kernel(flow: Flow, solver: Solver, fused: int, along: tuple[int, ...] 
                 met, assembly(t0 + (k + i + 1) * h, after[: flow.x.shape[0]], flow.p)
             )
         sums = sums + ca.fabs(_total(after))  # remembers any state on the way that was not finite
-    healthy = ca.logic_and(ca.logic_and(sums < HUGE, count == k), met)
+    healthy = ca.logic_and(ca.logic_and(sums < 1.0 / TINY, count == k), met)
     return Kernel(
         {"x": x, "k": k, "worst": worst, "taken": count},
         {

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import TINY, Array
+from deltac.arrays import ENDLESS, TINY, Array
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates
 from deltac.dynamics.equations_of_motion import equations_of
@@ -28,9 +28,6 @@ from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.events import Simultaneous
 from deltac.simulation.events.stronge import REST, collide
 from deltac.simulation.flow import Flow
-
-MOST_IMPACTS = 2000
-"""Impacts of single contacts at one instant, before the rest of them is taken as plastic."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +117,7 @@ def _one_by_one(
     u = u.copy()
     approach = [float(c.normal @ u + c.drift) for c in contacts]
     scale = max(abs(v) for v in approach)
-    for _ in range(MOST_IMPACTS):
+    for _ in range(ENDLESS):
         approach = [float(c.normal @ u + c.drift) for c in contacts]
         k = int(np.argmin(approach))
         if approach[k] >= -REST * scale:

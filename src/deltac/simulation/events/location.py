@@ -16,14 +16,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import ENDLESS, Array
 
 Look: TypeAlias = Callable[[float], tuple[float, float]]
 """θ in [0, 1] -> the function and its rate by θ there."""
-
-MOST_LOOKS = 60
-DEEPEST = 6
-"""How often the extremum of the picture is looked at, on ever shorter parts of the step."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +38,7 @@ def may_cross(start: Array, start_rate: Array, end: Array, end_rate: Array) -> N
 
 
 def crossing(
-    look: Look, a: End, b: End, resolution: float, after: bool, depth: int = DEEPEST
+    look: Look, a: End, b: End, resolution: float, after: bool, depth: int = 6
 ) -> float | None:
     """The first θ at which a function, positive at the start, becomes negative; None if it does not.
 
@@ -81,7 +77,7 @@ def _polished(look: Look, a: End, b: End, guess: float, resolution: float) -> fl
     """The root between a (positive) and b (negative): Newton's steps, kept within the bracket."""
     low, high = a.place, b.place
     place = min(max(guess, low), high)
-    for _ in range(MOST_LOOKS):
+    for _ in range(ENDLESS):
         value, rate = look(place)
         if value > 0.0:
             low = max(low, place)

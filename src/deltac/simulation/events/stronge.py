@@ -14,24 +14,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltac.arrays import EPS, SAME, Array
+from deltac.arrays import ENDLESS, EPS, SAME, Array
 from deltac.errors import DeltacError
 
 REST = 512 * EPS
 """Speeds below this fraction of the first approach are rounding."""
 
 TURN = 0.03
-"""Largest turn (rad) of a slip that changes its direction, in one piece of an impact."""
+"""Largest turn (rad) of a slip that changes its direction, in one piece of an impact.
 
-SLOWEST = 1e3
+So far apart are the directions among which that of a beginning slip is looked for.
+"""
+
+SLIPLESS = 1e3
 """So many times `REST` is the slip that is taken for none: it dies away in a spiral."""
 
 IMMOBILE = SAME
 """A tangent whose mobility is this share of the other's has none."""
-
-MOST_PIECES = 20_000
-DIRECTIONS = 90
-"""Directions among which that of a beginning slip is looked for."""
 
 
 def collide(W: Array, v: Array, e: float, mu: float) -> Array:
@@ -54,7 +53,7 @@ def collide(W: Array, v: Array, e: float, mu: float) -> Array:
         0.0,
         0.0,
     )  # done against the contact; later what it has to give back
-    for _ in range(MOST_PIECES):
+    for _ in range(ENDLESS):
         force, straight = rub.force(v)
         rate = W @ force
         if not compressing:
@@ -99,7 +98,7 @@ class _Rub:
     def force(self, v: Array) -> tuple[Array, bool]:
         """Impulse for unit normal impulse, and whether the slip keeps its direction under it."""
         slip = float(np.hypot(v[1], v[2]))
-        if slip > SLOWEST * self.tiny:
+        if slip > SLIPLESS * self.tiny:
             d = v[1:] / slip
             force = np.array([1.0, -self.mu * d[0], -self.mu * d[1]])
             rate = (self.W @ force)[1:]
@@ -115,7 +114,7 @@ class _Rub:
     def limit(self, v: Array, rate: Array, straight: bool) -> float:
         """The impulse until the slip has come to rest, or has turned as far as one piece may go."""
         slip = float(np.hypot(v[1], v[2]))
-        if slip <= SLOWEST * self.tiny:
+        if slip <= SLIPLESS * self.tiny:
             return np.inf
         if not straight:
             return TURN * slip / float(np.hypot(rate[1], rate[2]))
@@ -150,7 +149,7 @@ class _Rub:
         """The direction in which a slip begins that friction cannot hold: the one that it then keeps."""
         from scipy.optimize import brentq
 
-        angles = np.linspace(0.0, 2.0 * np.pi, DIRECTIONS + 1)
+        angles = np.arange(0.0, 2.0 * np.pi + TURN, TURN)
         across = [self.pulled(angle)[0] for angle in angles]
         roots = [
             brentq(lambda angle: self.pulled(angle)[0], a, b, xtol=1e-15)

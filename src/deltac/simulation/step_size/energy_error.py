@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, PHYSICAL, Array
 from deltac.errors import warn_user
 from deltac.simulation.flow import CORRECTIONS, ENERGY_CORRECTION, Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.step_size.stiffness import ABSURD, fastest_rate, longest_step
+from deltac.simulation.step_size.stiffness import fastest_rate, longest_step
 from deltac.simulation.stepping.protocol import Motion
 from deltac.trajectories import Provenance
 
@@ -56,9 +56,7 @@ class EnergyError:
     @cached_property
     def largest(self) -> float:
         """The largest |ΔC|, with what corrections did besides, J; zero where it is rounding."""
-        if self.corrected is not None:
-            return float(self.error.max())
-        size = float(max(self.delta_c.max(), -self.delta_c.min()))
+        size = float(self._sizes.max())
         return size if size > self._rounding else 0.0
 
     @property
@@ -69,10 +67,14 @@ class EnergyError:
     @cached_property
     def error(self) -> Array:
         """The same row by row (T,), J."""
-        error = np.abs(self.delta_c).max(axis=1)
-        if self.corrected is not None:
-            error = error + np.abs(self.corrected)
-        return np.where(error > self._rounding, error, 0.0)
+        return np.where(self._sizes > self._rounding, self._sizes, 0.0)
+
+    @cached_property
+    def _sizes(self) -> Array:
+        """The same with rounding."""
+        size = np.abs(self.delta_c)
+        largest = size[:, 0] if size.shape[1] == 1 else size.max(axis=1)
+        return largest if self.corrected is None else largest + np.abs(self.corrected)
 
     @cached_property
     def scale(self) -> Array:
@@ -107,8 +109,8 @@ def energy_error(flow: Flow, columns: Mapping[str, Array], motion: Motion) -> En
     x = motion.x
     energies = columns["energies"][: len(x)].reshape(len(x), -1)
     # NaN compares as false.
-    if not (x.max() < ABSURD and x.min() > -ABSURD and np.isfinite(energies.sum())):
-        good = np.isfinite(energies).all(axis=1) & (np.abs(x) < ABSURD).all(axis=1)
+    if not (x.max() < PHYSICAL and x.min() > -PHYSICAL and np.isfinite(energies.sum())):
+        good = np.isfinite(energies).all(axis=1) & (np.abs(x) < PHYSICAL).all(axis=1)
         rows = len(x) if good.all() else int(np.argmin(good))
         if not rows:
             return None

@@ -7,14 +7,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, SMALL_SHARE, Array
 from deltac.dynamics.digits import NEARBY
 from deltac.dynamics.equations_of_motion import evaluate_at
 from deltac.dynamics.testing_functions import MOMENTUM
 from deltac.simulation.flow import Flow
-
-NEAR_ZERO = 1e-3
-"""Absolute tolerance of a state, by its size, as a share of the relative tolerance."""
 
 
 def state_sizes(
@@ -71,7 +68,7 @@ def state_sizes(
     for turning, at_q in ((turning_u, turning_q), (~turning_u, ~turning_q)):
         drift = rounding[u_part][turning].max(initial=0.0) * time
         rounding[q_part][at_q] = np.maximum(rounding[q_part][at_q], drift)
-    return np.asarray(np.maximum(sizes, rounding / (NEAR_ZERO * tolerance)))
+    return np.asarray(np.maximum(sizes, rounding / (SMALL_SHARE * tolerance)))
 
 
 def _scatter(rate: Callable[[float, Array], Array], t: float, x: Array, sizes: Array) -> Array:

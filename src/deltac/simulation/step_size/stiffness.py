@@ -9,7 +9,7 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import PHYSICAL, Array
 from deltac.calls.caching import derived
 from deltac.errors import warn_user
 from deltac.simulation.flow import Flow
@@ -25,11 +25,6 @@ class StiffStepWarning(UserWarning):
 TOLERATED = 1.01
 """Growth of a step that is not yet called unstable: undamped oscillations grow a little with most solvers."""
 
-TOUCH = 1.0
-"""The largest h |λ| that resolves a touch, which lasts π/|λ|: about three steps within it."""
-
-ABSURD = 1e30
-"""Growth of a state, by its start or by 1, beyond which it means nothing."""
 
 DOUBLED = 2.0
 """Growth of a step with which nothing is followed any more; less is told by the ledger."""
@@ -54,9 +49,12 @@ def reach(solver: Solver, direction: complex) -> float:
 
 
 def longest_step(solver: Solver, rate: complex, *, touch: bool = False) -> float:
-    """The largest step (s) of a solver for a motion exp(λ t); a `touch` must be resolved by all."""
+    """The largest step (s) of a solver for a motion exp(λ t).
+
+    A `touch`, which lasts π/|λ|, must be resolved by all: about three steps within it.
+    """
     most = reach(solver, rate / abs(rate))
-    return (min(most, TOUCH) if touch else most) / abs(rate)
+    return (min(most, 1.0) if touch else most) / abs(rate)
 
 
 def remedy(longest: float) -> str:
@@ -136,7 +134,7 @@ def _growth(solver: Solver, z: complex) -> float:
 
 def _within_measure(motion: Motion, x0: Array, n: int) -> Motion:
     """The motion up to where its state has grown absurdly."""
-    x, most = motion.x[:, :n], ABSURD * max(1.0, float(np.abs(x0[:n]).max(initial=0.0)))
+    x, most = motion.x[:, :n], PHYSICAL * max(1.0, float(np.abs(x0[:n]).max(initial=0.0)))
     if not max(x.max(initial=0.0), -x.min(initial=0.0)) > most:
         return motion
     size = np.abs(x).max(axis=1)

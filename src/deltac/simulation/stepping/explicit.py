@@ -10,18 +10,16 @@ import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.dynamics.kkt import LEAST_PIVOT
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
+from deltac.kernels.simd import INSTRUCTIONS_CACHED
 from deltac.simulation.constraints.energy import energy_correction
-from deltac.simulation.constraints.projection import SMALLEST_PIVOT
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate, settled
 from deltac.simulation.stepping.protocol import Block, Step, StepGrid, Stepper
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
-
-MOST_INSTRUCTIONS = 12_000
-"""A step larger than this is not compiled as one."""
 
 FUSED_INSTRUCTIONS = 4_000
 """A step larger than this is compiled stage by stage where that is possible: the stages share their code."""
@@ -90,7 +88,7 @@ class FixedMethod:
         """What takes many steps in one call; None where a step goes stage by stage from Python."""
         if self.stages is not None and self.instructions > FUSED_INSTRUCTIONS:
             return _stages(self.flow, self.stages)
-        return self._steps if self.instructions <= MOST_INSTRUCTIONS else None
+        return self._steps if self.instructions <= INSTRUCTIONS_CACHED else None
 
     @cached_property
     def stages(self) -> Tableau | None:
@@ -178,7 +176,7 @@ class FixedSteps(Stepper):
         rows = self._loop.run(k, x, np.array([*self._p, grid.start, grid.step]), most)
         singular = False
         if self._watches:
-            good = rows[:, n + 1] > SMALLEST_PIVOT
+            good = rows[:, n + 1] > LEAST_PIVOT
             if not good.all():
                 rows, singular = rows[: int(np.argmin(good))], True
         return Block(rows[:, :n], singular)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import ENDLESS, Array
 from deltac.calls.interrupts import check_interrupted
 from deltac.calls.progress import Progress
-from deltac.simulation.constraints.projection import NEARLY_DEPENDENT, SMALLEST_PIVOT
+from deltac.dynamics.kkt import LEAST_PIVOT
+from deltac.simulation.constraints.projection import NEARLY_DEPENDENT
 from deltac.simulation.stepping.interpreted import Finish, StageRate
 from deltac.simulation.stepping.protocol import (
     Motion,
@@ -30,9 +31,6 @@ MOST_AHEAD = 8192
 
 FEW, MANY = 8, 256
 """Steps that are looked at together for events, to begin with and at most."""
-
-MOST_PER_STEP = 20_000
-"""Events within one step, before a run is said to make no headway."""
 
 
 @dataclass
@@ -96,9 +94,9 @@ class SteppingLoop:
                 self.message = f"stopped at t = {self.t:.9g} s: {failure}"
                 break
             within = within + 1 if fresh else 0
-            if within > MOST_PER_STEP:
+            if within > ENDLESS:
                 self.message = (
-                    f"stopped at t = {self.t:.9g} s: more than {MOST_PER_STEP} events within one step, the "
+                    f"stopped at t = {self.t:.9g} s: more than {ENDLESS} events within one step, the "
                     f"last of them {', '.join(events.last) if events else ''}; they never end"
                 )
             self._report(start)
@@ -221,7 +219,7 @@ class SteppingLoop:
         """A state within a step or at its end, finished; by least squares where constraints are dependent."""
         h = time - step.t0
         finished, self._pivot = self.finish(time, x, h)
-        if self.careful is not None and not min(self._pivot, before) > SMALLEST_PIVOT and h > 0.0:
+        if self.careful is not None and not min(self._pivot, before) > LEAST_PIVOT and h > 0.0:
             return self.careful(step.t0, step.x0, h)
         return finished
 

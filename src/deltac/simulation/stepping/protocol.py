@@ -14,6 +14,9 @@ import numpy as np
 
 from deltac.arrays import Array
 
+CHUNK = 64
+"""Samples taken in one call of a solver that chooses its steps."""
+
 
 class StepFailed(Exception):
     """A step has no end; the text says why and what to do, and ends up in the run's message."""

@@ -7,11 +7,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SMALL_SHARE, Array
 from deltac.kernels import Kernel
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.step_size.sizes import NEAR_ZERO
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import Step, StepFailed, Stepper
 
@@ -44,7 +43,7 @@ class ScipySteps(Stepper):
         self._make: Any = getattr(integrate, solver.name)
         self._options: dict[str, Any] = {
             "rtol": max(tolerance, 1e-13),
-            "atol": NEAR_ZERO * tolerance * sizes,
+            "atol": SMALL_SHARE * tolerance * sizes,
         }
         if compiled and solver.name in IMPLICIT:
             self._options["jac"] = self._jacobian()

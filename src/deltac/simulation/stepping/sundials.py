@@ -11,25 +11,18 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import ENDLESS, ROUNDED, SMALL_SHARE, Array
 from deltac.calls.interrupts import check_interrupted
 from deltac.dynamics.forces import channels
 from deltac.dynamics.spatial import SX
 from deltac.dynamics.terms import forward
 from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
-from deltac.simulation.step_size.sizes import NEAR_ZERO
 from deltac.simulation.stepping.implicit.form import ImplicitForm, StagePoint
-from deltac.simulation.stepping.protocol import Block, Step, StepFailed, StepGrid, Stepper
+from deltac.simulation.stepping.protocol import CHUNK, Block, Step, StepFailed, StepGrid, Stepper
 
-FEW, CHUNK = 8, 64
-"""Samples of one call, near an event and at most."""
-
-FIRST_STEP = 1e-12
-"""Length of the first step of IDAS after each start, by the length of the interval."""
-
-MOST_STEPS = 100_000
-"""Internal steps between two samples after which the run is given up."""
+FEW = CHUNK // 8
+"""Samples of one call near an event."""
 
 
 class SundialsSteps(Stepper):
@@ -167,8 +160,8 @@ class _Integration:
         self._dae, self._plugin = dae, plugin
         self._options: dict[str, Any] = {
             "reltol": max(tolerance, 1e-13),
-            "abstol": NEAR_ZERO * tolerance,
-            "max_num_steps": MOST_STEPS,
+            "abstol": SMALL_SHARE * tolerance,
+            "max_num_steps": ENDLESS,
             "show_eval_warnings": False,
             "disable_internal_warnings": True,  # what they say is said in the run's message
             "print_time": False,
@@ -177,12 +170,14 @@ class _Integration:
             # The start is exact but for ẋ, which IDAS takes as zero (IDACalcIC fails on states that are
             # right to rounding): its first step must be so short that this does not matter.
             self._options["calc_ic"] = False
-            self._options["step0"] = FIRST_STEP
+            self._options["step0"] = ROUNDED
             # Accelerations follow from the state: testing their errors too asks stiff forces for more
             # digits than they have.
             states, others = dae["x"].shape[0], dae["z"].shape[0]
             self._options["suppress_algebraic"] = True
-            self._options["abstolv"] = [NEAR_ZERO * tolerance] * states + [1e3 * tolerance] * others
+            self._options["abstolv"] = [SMALL_SHARE * tolerance] * states + [
+                1e3 * tolerance
+            ] * others
         self._known: dict[int, Any] = {}
 
     def __call__(self, x: Array, t: float, length: float, parts: int, p: Array) -> Array:
@@ -210,7 +205,7 @@ class _Integration:
 
 
 _WORDS = {
-    "TOO_MUCH_WORK": f"more than {MOST_STEPS} internal steps between two samples",
+    "TOO_MUCH_WORK": f"more than {ENDLESS} internal steps between two samples",
     "TOO_MUCH_ACC": "the tolerance is below what double precision can reach",
     "ERR_FAIL": "the error test failed repeatedly with ever smaller steps",
     "CONV_FAIL": "Newton's method did not converge with the smallest step",

@@ -15,10 +15,7 @@ from deltac.calls.interrupts import waiting
 from deltac.errors import PackageError, SolverError
 from deltac.mechanism.laws import is_smooth
 from deltac.simulation.flow import Flow
-from deltac.simulation.stepping.protocol import Block, Step, StepGrid, Stepper
-
-MOST_AHEAD = 256
-"""Samples taken in one call, between reports of progress."""
+from deltac.simulation.stepping.protocol import CHUNK, Block, Step, StepGrid, Stepper
 
 KINKED = (
     "FABS",
@@ -112,7 +109,7 @@ class TaylorSteps(Stepper):
 
     def ahead(self, grid: StepGrid, k: int, x: Array, most: int) -> Block | None:
         """The next samples."""
-        count = min(most, MOST_AHEAD, grid.count - k)
+        count = min(most, CHUNK, grid.count - k)
         times, (method, _), limit = grid.times(k, count + 1), self._methods, {}
         if self._at != times[0]:
             self._place(method, times[0], x)

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from deltac.arrays import EPS, Array
+from deltac.report.panels import POINTS
 from deltac.report.picture import blank
-from deltac.report.style import COLOURS, DASHED, DOTTED, INK, POINTS, styled
+from deltac.report.style import COLOURS, DASHED, DOTTED, INK, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -131,9 +131,9 @@ def read_trajectory(
             columns have the names of the schema (see `from_columns`).
 
     Returns:
-        The trajectory. ``provenance.reading`` says in one line what was read as what, and because of what;
-        ``provenance.guessed`` what of it only the motion tells. A log without any speeds gets them from
-        splines; ``provenance.derived`` says so.
+        The trajectory. ``provenance.reading`` says in one line how each column was read, and why;
+        ``provenance.guessed`` which readings rest on the motion alone. A log without any speeds gets them
+        from splines; ``provenance.derived`` says so.
 
     Raises:
         InputError: that names the file and, where it applies, column and row.

@@ -35,7 +35,6 @@ from deltac.trajectories.trajectory import Trajectory
 T = TypeVar("T")
 
 _MAGIC = b"\x93NUMPY"
-_LONGEST_HEADER = 10_000  # bytes of an array's header, as in NumPy
 
 
 def write_npz(run: Trajectory, header: str, file: BinaryIO) -> None:
@@ -190,8 +189,7 @@ def _header(stream: Any, what: str) -> tuple[np.dtype[Any], tuple[int, ...], Any
         raise FileError(f"{what} is not an array of NumPy's, or it is damaged")
     form = "<H" if start[6] == 1 else "<I"
     (length,) = struct.unpack(form, stream.read(struct.calcsize(form)))
-    if length > _LONGEST_HEADER:
-        raise LogError(f"{what} has a header of {length} bytes, expected at most {_LONGEST_HEADER}")
+    Limits.current().check("header", length, f"the header of {what} has")
     text = stream.read(length).decode("utf-8" if start[6] == 3 else "latin1")
     try:
         header = ast.literal_eval(text)

@@ -97,10 +97,6 @@ class Budget:
             self._asked = self.taken + 2**24
 
 
-LONGEST_MESSAGE = 500
-"""Characters of what a library says of a damaged file."""
-
-
 @contextmanager
 def damage_named(what: str) -> Iterator[None]:
     """Turn whatever a library stumbles over in a file of the kind `what` into an InputError."""
@@ -113,7 +109,7 @@ def damage_named(what: str) -> Iterator[None]:
     except Exception as error:
         raise FileError(
             f"the {what} file is damaged, truncated, or not a {what} file; write it again. "
-            f"{str(error)[:LONGEST_MESSAGE]}"
+            f"{error!s:.500}"
         ) from error
 
 

@@ -424,7 +424,7 @@ class LogReading:
         used = {one.column for one in every.values()}
         unused = [name for name in self.raw.columns if name not in used]
         if unused:
-            lines += ["", "# Not used:", *(f"#   {_quoted(name)}" for name in unused[:MOST_UNUSED])]
+            lines += ["", "# Not used:", *(f"#   {_quoted(name)}" for name in unused)]
         return "\n".join(lines) + "\n"
 
     def _entry(self, target: str, one: Meaning | None) -> str:
@@ -788,7 +788,6 @@ LEGEND = (
     "An entry is name = { column = …, unit = …, sign = -1, offset = … } or { constant = … }; see "
     "docs/logs.md"
 )
-MOST_UNUSED = 200
 
 
 def _place(kind: str, name: str, names: MechanismNames) -> tuple[str, str]:

@@ -30,7 +30,7 @@ from deltac.errors import FileError, LogError, PackageError
 from deltac.foreign.isolation import apart
 from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.raw import Budget, Collector, RawLog, damage_named
-from deltac.trajectories.rates import continuous
+from deltac.trajectories.rates import FEWEST_ROWS, GAP, continuous
 from deltac.trajectories.trajectory import FloatArray
 
 JOINT_STATE = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
@@ -44,8 +44,6 @@ _MOST_ENTRIES = 32
 _COVERED = 0.9
 """Share of the joint states' time that another topic must cover to be read beside them."""
 
-_PAUSE = 5.0
-"""A topic paused where its messages are so many times further apart than usual."""
 
 Message: TypeAlias = tuple[str, str, int, "Callable[[], Any] | None"]
 """Topic, type, time of recording (ns), and what decodes it (None where it is too large)."""
@@ -227,7 +225,7 @@ def _merged(
     first, last = 0, len(stamps)
     for topic, (times, topic_columns) in tables.items():
         a, b = np.searchsorted(stamps, times[0]), np.searchsorted(stamps, times[-1], side="right")
-        if b - a < max(4.0, _COVERED * len(stamps)):
+        if b - a < max(FEWEST_ROWS, _COVERED * len(stamps)):
             collector.skip(topic, f"covers {b - a} of the {len(stamps)} times of {main}")
             continue
         first, last = max(first, int(a)), min(last, int(b))
@@ -273,7 +271,7 @@ def _interpolated(
     values: FloatArray = CubicSpline(seconds, np.column_stack(list(smooth.values())))(targets)
     steps = np.diff(times)
     before = np.clip(np.searchsorted(times, at, side="right") - 1, 0, len(steps) - 1)
-    values[(steps[before] > _PAUSE * np.median(steps)) & ~np.isin(at, times)] = np.nan
+    values[(steps[before] > GAP * np.median(steps)) & ~np.isin(at, times)] = np.nan
     return dict(zip(smooth, values.T, strict=True))
 
 

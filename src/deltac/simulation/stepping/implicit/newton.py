@@ -26,7 +26,7 @@ SLOW = 0.01
 ROUNDING = ROOT_EPS
 """Updates below this (relative) that will not shrink any more are rounding of stiff forces."""
 
-SLOWEST = 1e-3
+LEAST_SPEED = 1e-3
 """Speeds (m/s or rad/s) below this are not resolved to more than `TOLERANCE` of it."""
 
 SPARSE = 48
@@ -84,7 +84,7 @@ class Newton:
         if not self._size:  # every joint is prescribed
             return NewtonOutcome(start, True, 0, start)
         self._in[self._size :] = data
-        y, step, size, scale = start.copy(), np.zeros_like(start), np.inf, SLOWEST
+        y, step, size, scale = start.copy(), np.zeros_like(start), np.inf, LEAST_SPEED
         last, smallest, before = np.inf, np.inf, np.inf
         refresh, exact, halved = False, False, 0
         with np.errstate(all="ignore"):
@@ -124,7 +124,7 @@ class Newton:
                     step = np.zeros_like(y)
                     continue
                 y = y + step
-                scale = max(fastest, float(np.abs(y[: self._speeds]).max()), SLOWEST)
+                scale = max(fastest, float(np.abs(y[: self._speeds]).max()), LEAST_SPEED)
                 ahead = size * min(rate, 1.0)  # what the next step would be
                 if size <= TOLERANCE * scale or (k > 2 and ahead <= TOLERANCE * scale):
                     return NewtonOutcome(y, True, k, r)

@@ -33,8 +33,10 @@ from tests.systems.mujoco_models import (  # noqa: E402
 def test_a_decimated_log_is_not_accused() -> None:
     run = of_rows_alone(arm_run())
     found = audit(model_of(ARM), run.every(30))  # 500 Hz to 17 Hz
-    assert found.verdict.kind == "unresolved", found.verdict.explain()
-    assert found.exit_code == 3
+    # Splines of its forces happen to tell the motion between the rows, but not their works.
+    assert found.verdict.kind in ("consistent", "unresolved"), found.verdict.explain()
+    assert found.verdict.confidence != "high"
+    assert any(f.kind == "work-unresolved" for f in found.findings)
     assert not [f for f in found.findings if f.weight != "note"]
     # With every step the bar is below the tolerance.
     assert audit(model_of(ARM), run).verdict.kind == "consistent"

@@ -29,7 +29,7 @@ MECHANISM = dc.Mechanism(
 
 
 def acceleration(q: float, u: float, torque: float) -> float:
-    return (torque - DAMPING * u - G * LENGTH * np.sin(q)) / INERTIA
+    return float((torque - DAMPING * u - G * LENGTH * np.sin(q)) / INERTIA)
 
 
 def semi_implicit_euler(q: float, u: float, torque: float) -> tuple[float, float]:

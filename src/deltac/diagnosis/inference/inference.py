@@ -136,6 +136,12 @@ UNNAMED, SLIGHT = 0.25, 0.1
 """Share of what the integrator leaves of the rows that causes may leave, beside noise: half of its amplitude;
 and where they stand beside habits of the log, or do little."""
 
+WHITE = 3.0
+"""Autocorrelation time, intervals, up to which what is left is of each interval on its own."""
+
+SAME = 1e-5
+"""Share of what a mistake does to the rows that the integrator's fields leave where they do the same."""
+
 FORCED = 0.5
 """Square of what coordinates depart by beyond what their speeds do to them, in units of both squares, that no
 force makes: a smooth one makes none, what is of each on its own is one."""
@@ -937,7 +943,8 @@ class _Inferring:
             return result
         none = nothing(len(self.coefficients))
         made = self._made(replace(result.posterior, best=none, alternatives=()), scattered=True)
-        # What causes explain beside these errors may be theirs.
+        if result.tau > WHITE:  # what steps do in several rows, causes imitate
+            return made
         parts, of_causes = made.attribution, result.attribution.equations.curve
         integrator = parts.integrator
         integrator = replace(integrator, curve_error=np.hypot(integrator.curve_error, of_causes))
@@ -1059,7 +1066,7 @@ class _Inferring:
         self.methods: tuple[Integrator, ...] = ()
         self.promising: Map | None = None
         self.defects = list[Array]()
-        self.of_rows: Block = series
+        self.series, self.of_rows = series, series
         for ends in (self._maps(), self._maps_by_parts(series, posterior.best)):
             methods = self._closest([(of, self.log) for of in ends])
             if methods is None:
@@ -1526,6 +1533,11 @@ class _Inferring:
             known = np.where(log.unknown | (self.between > 1)[:, None], 0.0, self.gradient)
             rest = np.cumsum(np.einsum("km,km->k", known**2, left**2))
             beyond = np.sqrt(max(1.0 - 1.0 / max(variance, 1.0), 0.0) * tau * rest)
+            if self.methods[0] is EXACT:
+                # Errors that are not seen may be of any size that the fields of an integrator may have.
+                _, C = self._numbers(self.series, best)
+                T = log.running(power[:, : len(C)])
+                beyond = np.hypot(beyond, np.sqrt(np.einsum("ki,ij,kj->k", T, C, T)))
             integrator = Share(curves[0], np.hypot(np.abs(others - curves[0]).max(axis=0), beyond))
         else:
             # What the series leaves out is the integrator's too: as much of what is left as is likely.
@@ -1573,7 +1585,7 @@ class _Inferring:
             near = [numbers_of(m)[first] for m in INTEGRATORS if m.name in estimated.names]
             rest = min((c[first] - own for own in near), key=np.linalg.norm, default=c[first])
             beside = log.running(power[:, first]) @ rest
-            instead = np.minimum(np.abs(beside), max(unseen.values(), default=0.0))
+            instead = np.minimum(np.abs(beside), self._imitated(unseen))
         each = np.stack([integrator.curve_error, gaps, of_flow, of_speeds, instead])
         integrator = replace(integrator, curve_error=np.linalg.norm(each, axis=0))
         moved = causes + self.model.difference(self.nominal.end, self.flow.end)
@@ -1766,6 +1778,18 @@ class _Inferring:
         slack = self.log.running(np.einsum("km,km->k", self.slack, defects))
         error = np.sqrt(share.curve_error**2 + (doubt * share.curve) ** 2 + slack**2)
         return Share(share.curve, error)
+
+    def _imitated(self, unseen: dict[str, float]) -> float:
+        """Most energy (J) of a mistake of one number that the integrator's fields do as well."""
+        p = self.of_rows.projected
+        alike = [
+            unseen.get(f"{c.kind} {c.element}".strip(), 0.0)
+            for c in self.candidates
+            for columns in [list(c.columns)]
+            for L in [c.linear[:, 0]]
+            if L @ p.A[np.ix_(columns, columns)] @ L < SAME * float(L**2 @ p.raw[columns])
+        ]
+        return max(alike, default=0.0)
 
     def _unseen(
         self, blocks: Sequence[Block], best: Fit, tau: float, curves: Array

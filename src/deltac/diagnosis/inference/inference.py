@@ -1512,7 +1512,6 @@ class _Inferring:
         slope, w = 0.5 * sum(map(gradient, ends)), self.model.difference(*ends)
         jump, between = np.einsum("km,km->k", slope - self.slack, w), 0.0
         causes = self.B[:, :, ni:] @ (best.coefficients - self.coefficients)
-        of_speeds = np.zeros(len(self.w))
         if self.methods:
             work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]
             work += [np.einsum("km,km->k", self.gradient, x) for x in self._other_defects()]
@@ -1521,7 +1520,6 @@ class _Inferring:
                 states = [(m, log) for m in self.methods]
                 states += [(of.method, other) for of, other in self._others]
                 shifts = [numbers_of(m)[0] * self._of_rates_of_q(at) for m, at in states]
-                of_speeds = shifts[0]
                 curves = curves + np.stack(shifts)
             # Methods that close the rows alike do not make the same joules; nor do forces between rows of
             # which a method takes one alone.
@@ -1556,9 +1554,8 @@ class _Inferring:
             either = np.cumsum(np.abs(late))
             if log.unknown.any():
                 rate = self._of_rates_of_q(log)
-                of_speeds = rate * c[0]
                 curves[:, 0] += rate
-                curve += of_speeds
+                curve += rate * c[0]
             spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
             # The order beyond the series is no noise: its joules grow with the motion, hidden in noise.
             most = np.cumsum(np.einsum("km,km->k", np.abs(self.gradient), np.sqrt(noise)))
@@ -1569,7 +1566,6 @@ class _Inferring:
             left = (1.0 - own) * left
         integrator = self._on_path(integrator, self.w - left - causes, left)
         gaps = log.in_gaps(np.einsum("km,km->k", self.gradient, self.w - left - causes))
-        # The flow has an error of its own, and a log without speeds does not say of which instants they are.
         of_flow = np.cumsum(np.einsum("km,km->k", np.abs(self.gradient), self.flow.error))
         unseen = self._unseen(self.blocks, best, tau, log.running(power[:, ni:]))
         if self.methods:
@@ -1586,7 +1582,7 @@ class _Inferring:
             rest = min((c[first] - own for own in near), key=np.linalg.norm, default=c[first])
             beside = log.running(power[:, first]) @ rest
             instead = np.minimum(np.abs(beside), self._imitated(unseen))
-        each = np.stack([integrator.curve_error, gaps, of_flow, of_speeds, instead])
+        each = np.stack([integrator.curve_error, gaps, of_flow, instead])
         integrator = replace(integrator, curve_error=np.linalg.norm(each, axis=0))
         moved = causes + self.model.difference(self.nominal.end, self.flow.end)
         mistake = self._on_path(self._share(best, power[:, ni:], tau), moved, left)

@@ -15,8 +15,8 @@ from scipy.signal import butter, filtfilt
 
 import deltac as dc
 from deltac.arrays import Array
-from deltac.diagnosis.inference.flow import Intervals, LoggedForce
-from deltac.diagnosis.inference.model import Rows
+from deltac.diagnosis.inference.forces import LoggedForce
+from deltac.diagnosis.inference.model import Intervals, Rows
 
 H, LENGTH, DAMPING, G = 2e-3, 0.8, 0.2, 9.81
 INERTIA = LENGTH**2

@@ -19,17 +19,12 @@ from deltac.diagnosis.audit.verdict import Judgement
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
-from deltac.diagnosis.inference.flow import (
-    Intervals,
-    LoggedForce,
-    predict,
-    transitions,
-    transported,
-)
+from deltac.diagnosis.inference.flow import predict, transitions, transported
+from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
 from deltac.diagnosis.inference.inference import _Inferring, infer
 from deltac.diagnosis.inference.integrators import INTEGRATORS, numbers_of
-from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.cleaning import cleaned

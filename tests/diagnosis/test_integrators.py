@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import deltac as dc
-from deltac.diagnosis.inference.flow import ForceBetween, Intervals, LoggedForce, predict
+from deltac.diagnosis.inference.flow import predict
+from deltac.diagnosis.inference.forces import ForceBetween, LoggedForce
 from deltac.diagnosis.inference.integrators import (
     ON_GROUP,
     by_causes,
@@ -19,7 +20,7 @@ from deltac.diagnosis.inference.integrators import (
     steps_between,
     transition,
 )
-from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.model import Intervals, Model
 from tests.systems.cart_pole import SCHEMES, CartPole, log
 
 RIGHT = CartPole()

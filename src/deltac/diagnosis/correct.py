@@ -19,14 +19,9 @@ from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.diagnosis.audit.audit import NORMAL_95, Audit, audit
-from deltac.diagnosis.inference.flow import (
-    Intervals,
-    LoggedForce,
-    predict,
-    transitions,
-    transported,
-)
-from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.flow import predict, transitions, transported
+from deltac.diagnosis.inference.forces import LoggedForce
+from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inputs.logs import LogLike
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import equations_of_motion

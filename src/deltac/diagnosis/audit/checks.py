@@ -32,7 +32,7 @@ from deltac.trajectories import Trajectory, suspicions
 from deltac.trajectories.columns import MechanismNames
 
 if TYPE_CHECKING:
-    from deltac.diagnosis.inference.inference import Inference
+    from deltac.diagnosis.inference.result import Inference
     from deltac.importers import ImportReport
 
 

@@ -21,8 +21,9 @@ from scipy.interpolate import make_interp_spline
 from scipy.optimize import least_squares
 
 from deltac.arrays import Array
-from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference, infer, infer_alone
+from deltac.diagnosis.inference.inference import infer, infer_alone
 from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.result import OF_THE_LOG, Inference
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding, Weight
 from deltac.errors import InputError

@@ -13,10 +13,11 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.inference.flow import FORCES, ForceInStep, Intervals, predict
-from deltac.diagnosis.inference.inference import Inference
+from deltac.diagnosis.inference.flow import predict
+from deltac.diagnosis.inference.forces import FORCES, ForceInStep
 from deltac.diagnosis.inference.integrators import Integrator
-from deltac.diagnosis.inference.model import Rows
+from deltac.diagnosis.inference.model import Intervals, Rows
+from deltac.diagnosis.inference.result import Inference
 
 ROWS = 200
 """Rows of the log from which a method is tried, at most: the largest of a sum needs two digits."""

@@ -11,8 +11,8 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.explain.result import Cause, Explanation, Outcome, sentence
 from deltac.diagnosis.inference.hypotheses import Fit, nothing
-from deltac.diagnosis.inference.inference import Inference
 from deltac.diagnosis.inference.joint import joint_posterior
+from deltac.diagnosis.inference.result import Inference
 from deltac.diagnosis.inputs.channels import Gear
 from deltac.diagnosis.residuals.kane import any_coordinates
 from deltac.diagnosis.verdict import Finding

@@ -8,35 +8,16 @@ components: δq = W δθ, so that quaternions have three.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 from math import gcd
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
+from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
-
-
-class ForceBetween(Protocol):
-    """Logged forces (N, m) at a fraction of each interval, in a step that begins at another."""
-
-    def __call__(self, fraction: float, begin: float | None = None, /) -> Array:
-        """The forces; without the begin of a step those of which the work is that of the steps' own."""
-        ...
-
-
-class ForceInStep(Protocol):
-    """Forces (N, m) at a fraction of a step, and at that stage of it where the log tells them."""
-
-    def __call__(self, fraction: float, stage: int = 0, /) -> Array:
-        """The forces; those of the first stage are of the start."""
-        ...
-
 
 DOUBLINGS = 4
 """Times that the steps of the flow are halved at most, until they agree beyond the noise of the rows."""
@@ -46,158 +27,6 @@ PROBES = 48
 
 REFINEMENTS = 2
 """Times that intervals are refined on their own, by four each: onsets of contact lie within a few steps."""
-
-
-@dataclass(frozen=True, eq=False)
-class Intervals:
-    """Intervals between consecutive rows of a log: their starts and ends, N of them.
-
-    `stages`: logged forces (N, m) at the later stages of the step that the solver made from the start.
-    """
-
-    start: Rows
-    end: Rows
-    stages: tuple[Array, ...] = ()
-
-    @property
-    def h(self) -> Array:
-        """Lengths (N, 1), s."""
-        return np.asarray((self.end.t - self.start.t)[:, None])
-
-    def __len__(self) -> int:
-        return len(self.start.t)
-
-    def take(self, which: NDArray[np.intp]) -> Intervals:
-        """Some of them."""
-        stages = tuple(F[which] for F in self.stages)
-        return Intervals(self.start.take(which), self.end.take(which), stages)
-
-
-FORCES: dict[str, tuple[float, float, float, float]] = {
-    "smooth": (0.0, 1.0, 1.0, 0.0),
-    "ramp": (0.0, 1.0, 0.0, 0.0),
-    "start": (0.0, 0.0, 0.0, 0.0),
-    "end": (1.0, 0.0, 0.0, 0.0),
-    "mean": (0.5, 0.0, 0.0, 0.0),
-    "step": (0.0, 1.0, 1.0, 1.0),
-}
-"""How logged forces act between two rows: F = F₀ + (a + b s) ΔF + c S(s) + d L(s) at the fraction s of the
-interval, as (a, b, c, d); S is what a cubic through the neighbouring rows adds to the straight line, and L
-what a force lacks of that which is held over each of several steps between the rows."""
-
-
-SUBDIVISIONS = 4
-"""Parts of an interval in which a force that is filtered counts as constant."""
-
-
-FRACTIONS = 32
-"""Fractions of the intervals of which forces are kept: the stages of two steps of order 8."""
-
-
-@dataclass(frozen=True, eq=False)
-class LoggedForce:
-    """Logged forces (N, m) between the rows: at the start, their change, and the bends of a spline.
-
-    `doubt` (N, m): by how much their mean over an interval differs between splines of two orders, at most;
-    `gap` (N, m): by how much it does; `counts` (N,): times in each interval that they are held.
-    """
-
-    first: Array
-    change: Array
-    bends: tuple[Array, Array]
-    doubt: Array
-    gap: Array
-    counts: NDArray[np.intp]
-
-    def parts(self, s: float, begin: float | None = None) -> tuple[Array, Array, Array, Array]:
-        """What a, b, c and d multiply at the fraction s, in a step that begins at another."""
-        # Of several steps, half of one later on average.
-        count = self.counts[:, None]
-        held = np.where(count > 1, s - 0.5 / count, 0.0)
-        if begin is not None:
-            held = np.floor(begin * count + EPS * count) / count
-        bent = self._bent(s)
-        return (
-            self.change,
-            s * self.change,
-            bent,
-            (held - s) * self.change + self._bent(held) - bent,
-        )
-
-    def _bent(self, s: float | Array) -> Array:
-        first, last = self.bends
-        return np.asarray(s * (1.0 - s) * ((1.0 - s) * first - s * last))
-
-    def __call__(self, kinds: tuple[str, ...]) -> ForceBetween:
-        """The forces of each column by its kind, see `FORCES`."""
-        weights = np.array([FORCES[kind] for kind in kinds]).reshape(-1, 4).T
-
-        # Methods and their derivatives ask for the same stages again and again.
-        @lru_cache(FRACTIONS)
-        def at(s: float, begin: float | None = None) -> Array:
-            F = self.first
-            for weight, part in zip(weights, self.parts(s, begin), strict=True):
-                F = F + weight * part if weight.any() else F
-            return F
-
-        return at
-
-    @staticmethod
-    def filtered(
-        intervals: Intervals,
-        pieces: list[tuple[int, int]],
-        force: ForceBetween,
-        delay: float,
-        spread: float,
-    ) -> Intervals:
-        """The intervals with forces that are late, and smooth: weighed by a triangle of that deviation, s."""
-        first, last = np.empty_like(intervals.start.F), np.empty_like(intervals.start.F)
-        width, within = spread * np.sqrt(6.0), np.linspace(0.0, 1.0, SUBDIVISIONS + 1)
-        values = np.stack([force(float(s)) for s in within], axis=1)
-        for a, b in pieces:
-            t, h = intervals.start.t[a:b, None], intervals.h[a:b]
-            steps = np.repeat(h / SUBDIVISIONS, SUBDIVISIONS, axis=1).ravel()
-            fine = np.concatenate([(t + within[:-1] * h).ravel(), intervals.end.t[b - 1 : b]])
-            means = 0.5 * (values[a:b, :-1] + values[a:b, 1:]).reshape(len(steps), -1)
-            # The force goes on beyond both ends as it is there; two integrals make a triangle's mean exact.
-            reach = 2.0 * (abs(delay) + width)
-            fine = np.concatenate([[fine[0] - reach], fine, [fine[-1] + reach]])
-            steps = np.concatenate([[reach], steps, [reach]])
-            means = np.concatenate([means[:1], means, means[-1:]])
-            impulse = np.concatenate(
-                [np.zeros_like(means[:1]), np.cumsum(steps[:, None] * means, axis=0)]
-            )
-            added = steps[:, None] * 0.5 * (impulse[:-1] + impulse[1:])
-            twice = np.concatenate([np.zeros_like(means[:1]), np.cumsum(added, axis=0)])
-            integral = CubicHermiteSpline(fine, twice, impulse, axis=0)
-            at = np.append(intervals.start.t[a:b], intervals.end.t[b - 1]) - delay
-            parts = integral(at + width) - 2.0 * integral(at) + integral(at - width)
-            first[a:b], last[a:b] = parts[:-1] / width**2, parts[1:] / width**2
-        start, end = intervals.start, intervals.end
-        return Intervals(replace(start, F=first), replace(end, F=last))
-
-    @staticmethod
-    def of(
-        intervals: Intervals, pieces: list[tuple[int, int]], counts: NDArray[np.intp] | None = None
-    ) -> LoggedForce:
-        """Those of intervals in pieces of consecutive ones, held so many times (N,) in each."""
-        first, change, h = intervals.start.F, intervals.end.F - intervals.start.F, intervals.h
-        slopes = [np.zeros_like(first), np.zeros_like(first)]
-        doubt, gap = np.zeros_like(first), np.zeros_like(first)
-        for a, b in pieces:
-            t = np.append(intervals.start.t[a:b], intervals.end.t[b - 1])
-            F = np.concatenate([first[a:b], intervals.end.F[b - 1 : b]])
-            rate = lower = np.gradient(F, t, axis=0, edge_order=2 if len(t) > 2 else 1)
-            if len(t) > 3:
-                rate = CubicSpline(t, F, axis=0)(t, 1)
-            slopes[0][a:b], slopes[1][a:b] = rate[:-1], rate[1:]
-            # The mean of s(1 − s)² and of s²(1 − s) is 1/12 each.
-            by = rate - lower
-            doubt[a:b] = h[a:b] * (np.abs(by[:-1]) + np.abs(by[1:])) / 12.0
-            gap[a:b] = h[a:b] * (by[:-1] - by[1:]) / 12.0
-        bends = h * slopes[0] - change, h * slopes[1] - change
-        counts = np.ones(len(h), dtype=np.intp) if counts is None else counts
-        return LoggedForce(first, change, bends, doubt, gap, counts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,11 +83,6 @@ def predict(
         error[some] = np.abs(model.difference(nodes[-1].take(some), finer[-1]))
         nodes = [_replaced(rows, some, own) for rows, own in zip(nodes, finer, strict=True)]
     return Prediction(tuple(nodes), error)
-
-
-def restricted(force: ForceBetween, which: NDArray[np.intp]) -> ForceBetween:
-    """The forces in some of the intervals."""
-    return lambda s, begin=None: np.asarray(force(s, begin)[which])
 
 
 def _replaced(rows: Rows, which: NDArray[np.intp], own: Rows) -> Rows:

@@ -8,19 +8,17 @@ matrix.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import simpson
 
 from deltac.arrays import Array
 from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.causes.geometry import geometry_columns
-from deltac.diagnosis.inference.attribution import Attribution, Share, joules
+from deltac.diagnosis.inference.attribution import Share, joules
 from deltac.diagnosis.inference.fields import (
     FIELDS,
     FIRST_ORDER,
@@ -29,20 +27,18 @@ from deltac.diagnosis.inference.fields import (
     first_order_jacobian,
     next_order,
 )
-from deltac.diagnosis.inference.flow import (
+from deltac.diagnosis.inference.flow import Prediction, predict, transitions, transported
+from deltac.diagnosis.inference.forces import (
     FORCES,
+    HELD,
     ForceBetween,
-    Intervals,
     LoggedForce,
-    Prediction,
-    predict,
-    transitions,
-    transported,
+    impulse,
+    likeliest,
 )
 from deltac.diagnosis.inference.hypotheses import (
     BESIDE,
     CERTAIN,
-    EQUAL,
     MANY,
     TOGETHER,
     Block,
@@ -50,7 +46,6 @@ from deltac.diagnosis.inference.hypotheses import (
     Posterior,
     autocorrelation_time,
     fitted,
-    least_squares,
     nothing,
     refitted,
     search,
@@ -60,7 +55,6 @@ from deltac.diagnosis.inference.integrators import (
     INTEGRATORS,
     MOST_SPEEDS,
     Integrator,
-    IntegratorEstimate,
     Map,
     by_causes,
     estimate,
@@ -72,7 +66,8 @@ from deltac.diagnosis.inference.integrators import (
     steps_between,
     transition,
 )
-from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.methods import FAR, ROUNDED, Methods, alike, log_evidence
+from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.observations import (
     Observations,
     observations,
@@ -82,6 +77,14 @@ from deltac.diagnosis.inference.observations import (
     unknown,
 )
 from deltac.diagnosis.inference.reduced import reductions
+from deltac.diagnosis.inference.result import (
+    KNOWN,
+    OF_THE_LOG,
+    SLIGHT,
+    Generic,
+    Inference,
+    deviation,
+)
 from deltac.diagnosis.inference.whitening import robust_weights
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import trusted
@@ -129,13 +132,6 @@ HALF = 0.5
 """Standard deviation of what forces do between rows that a method does not see, in units of the difference
 between held and ramped ones: the latter are those of one in four."""
 
-KNOWN = 4.0
-"""Variance of what is left, in units of noise, up to which it may be noise: that is known to half of it."""
-
-UNNAMED, SLIGHT = 0.25, 0.1
-"""Share of what the integrator leaves of the rows that causes may leave, beside noise: half of its amplitude;
-and where they stand beside habits of the log, or do little."""
-
 WHITE = 3.0
 """Autocorrelation time, intervals, up to which what is left is of each interval on its own."""
 
@@ -145,9 +141,6 @@ SAME = 1e-5
 FORCED = 0.5
 """Square of what coordinates depart by beyond what their speeds do to them, in units of both squares, that no
 force makes: a smooth one makes none, what is of each on its own is one."""
-
-COLOURED = 0.1
-"""Share of what forces did between rows that goes with the motion as a cause does."""
 
 SQUARES = 1e-4
 """Share of what a method leaves that causes leave of it where that may be their squares: of a per cent."""
@@ -160,10 +153,6 @@ LESS = 2.0
 
 STILL = 1e-6
 """Share of the errors of the rows below which states that move by it are the likeliest."""
-
-FAR = 1e4
-"""Ratio of sums of squares beyond which a method at its likeliest states is not tried any further, and an
-interval is none of those of an integrator's errors."""
 
 ENOUGH = 300
 """Intervals of which the energy that a cause exchanges is summed."""
@@ -183,151 +172,12 @@ PARTS = (2, 3, 4, 5, 8, 10)
 NARROW = 0.3
 """Least deviation of such a filter, steps."""
 
-HELD = ("start", "step")
-"""Ways in which forces act that are constant over steps."""
-
-OF_THE_LOG = ("actuator-delay", "late-forces", "late-laws", "zero-offset")
-"""Causes that leave the equations as they are."""
-
 COLUMNS_OF_THE_LOG = ("delay", "law", "offset")
 """Columns of these."""
 
 
 class FlowError(ArithmeticError):
     """The equations of motion have no finite solution from some rows of a log on."""
-
-
-@dataclass(frozen=True, eq=False)
-class Inference:
-    """What was inferred of a log.
-
-    Attributes:
-        model, log: the equations and the rows.
-        kernels: the columns of all causes.
-        forces: how each logged force acts between rows, see `flow.FORCES`.
-        filter: delay and deviation (s) of a filter of the forces, as of the states; None for none.
-        methods: integrators whose own map closes the rows, if any.
-        blocks: the whitened equations: prediction errors, and measured accelerations where these are known.
-        posterior: causes with their odds.
-        candidates: all causes that were compared.
-        integrator: its numbers or names.
-        attribution: ΔC in joules of the rows that were looked at.
-        tau: autocorrelation time of what is left, intervals.
-        excess: variance of what is left, in units of what digits, noise and the flow's error explain.
-        whole: time of the log over that of the intervals.
-        exchanged: energy (J) that each cause of the best set exchanges; `exchanged_error` its standard error.
-        energy: what each adds to ΔC by the end, J.
-        generic: equations that are wrong in a way without a name.
-        unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
-        intermittent: odds of a force that acts from time to time, and the intervals in which it does.
-        unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
-            by its name.
-        lost: whether forces between rows are not in the log.
-        scattered: whether most of what the rows depart by is of no force: errors of steps of many sizes.
-        between: standard error (J) of the integrator's energy by forces that may be held over a step or not.
-        residual: what is left of the rows (N, 2n), in the units of the state.
-        acceleration: u̇ (N, n) of the model at the starts of the intervals.
-        w: prediction errors (N, 2n) of the flow.
-        gradient: ∂E/∂x (N, 2n) at the ends of the intervals.
-    """
-
-    model: Model
-    log: Observations
-    kernels: tuple[ColumnKernels, ...]
-    forces: tuple[str, ...]
-    filter: tuple[float, float] | None
-    methods: tuple[Integrator, ...]
-    blocks: tuple[Block, ...]
-    posterior: Posterior
-    candidates: tuple[Candidate, ...]
-    integrator: IntegratorEstimate
-    attribution: Attribution
-    tau: float
-    excess: float
-    whole: float
-    exchanged: Array
-    exchanged_error: Array
-    energy: Array
-    generic: Generic
-    unexplained: float
-    intermittent: tuple[float, NDArray[np.bool_]]
-    unseen: dict[str, float]
-    between: float
-    lost: bool
-    scattered: bool
-    residual: Array
-    acceleration: Array
-    w: Array
-    gradient: Array
-
-    @cached_property
-    def relative(self) -> tuple[Array, Array]:
-        """Prediction errors of each speed (n,) as a share of its changes; and what noise accounts for."""
-        n, h, log = self.model.n, self.log.intervals.h, self.log
-        change = np.abs(self.acceleration) + np.abs(log.intervals.end.u - log.intervals.start.u) / h
-        size = np.sqrt(np.mean(change**2, axis=0)) + 1e-300
-        error = np.sqrt(np.mean((self.w[:, n:] / h) ** 2, axis=0))
-        noise = np.sqrt(2.0 * np.mean((log.noise[1][:, n:] / h) ** 2, axis=0))
-        return error / size, noise / size
-
-    @property
-    def finds_something(self) -> bool:
-        """Whether a cause has odds that is of the equations, or something that has no name."""
-        wrong = any(c.kind not in OF_THE_LOG for c in self.posterior.best.chosen)
-        return wrong or max(self.generic.log_odds, self.intermittent[0]) > CERTAIN
-
-    @property
-    def flow(self) -> float:
-        """The largest energy that a cause in the equations exchanges, with or without a name, J."""
-        best, generic = self.posterior.best, self.generic
-        named = [
-            float(joules)
-            for c, joules in zip(best.chosen, self.exchanged, strict=True)
-            if c.kind not in OF_THE_LOG
-        ]
-        return max([*named, generic.exchanged if generic.log_odds > CERTAIN else 0.0])
-
-    @property
-    def explained(self) -> float:
-        """Share of what the integrator leaves of the rows that the causes explain."""
-        block, best = self.blocks[0], self.posterior.best.coefficients
-        whole = block.projected.left(np.zeros_like(best))
-        return 1.0 - block.projected.left(best) / whole if whole > 0.0 else 0.0
-
-    @property
-    def unnamed(self) -> float:
-        """Share of what the integrator leaves of the rows that is neither noise nor of the causes."""
-        if self.scattered:
-            return 0.0
-        beyond_noise = max(1.0 - KNOWN / max(self.excess, KNOWN), self.generic.share)
-        return (1.0 - self.explained) * beyond_noise
-
-    @property
-    def incomplete(self) -> bool:
-        """Whether too much is left of the rows that is no noise for the causes to be what is wrong.
-
-        What a log does to its rows, as a filter does, is in part like any cause, the more so if one of its
-        habits is found; so is what forces did between rows that were left out.
-        """
-        doubted = any(c.kind in OF_THE_LOG for c in self.posterior.best.chosen)
-        return self.unnamed > (SLIGHT if doubted else UNNAMED) or (
-            self.lost and self.explained < COLOURED
-        )
-
-    @property
-    def knows_stages(self) -> bool:
-        """Whether the log holds the forces at all stages of the method that closes it."""
-        later = len(self.log.intervals.stages)
-        return bool(later) and any(m.stages == later + 1 for m in self.methods)
-
-    @property
-    def closes(self) -> bool:
-        """Whether each row follows from the one before by a known step, within the noise of both."""
-        return bool(self.methods) and self.excess <= 1.0
-
-    def deviation(self, c: Candidate) -> float:
-        """Standard error of the number of a cause of one, beside the best causes."""
-        return _deviation(self.blocks, c, self.posterior.best, self.tau)
 
 
 def infer(
@@ -1077,7 +927,7 @@ class _Inferring:
                 self.promising = self.promising or first
                 continue
             ends, closing, other = self._best_of(methods, places, measured)
-            gain = _log_evidence(closing, other.best, series, posterior.best)
+            gain = log_evidence(closing, other.best, series, posterior.best)
             if gain - np.log(len(INTEGRATORS)) > CERTAIN:
                 posterior, self.of_rows = other, closing
                 self.methods = tuple(of.method for of in ends)
@@ -1107,7 +957,7 @@ class _Inferring:
                 columns.append(np.concatenate([0.5 * h * du, du], axis=1)[:, :, None])
         return np.concatenate(columns, axis=2)
 
-    def _by_own_steps(self, methods: _Methods, places: NDArray[np.intp]) -> _Methods:
+    def _by_own_steps(self, methods: Methods, places: NDArray[np.intp]) -> Methods:
         """The methods, with the floor that causes leave in their own steps where the series' leave some."""
         low, high = SQUARES * methods.alone, SOME * methods.alone
         if not len(places) or not low < methods.floor < high:
@@ -1117,7 +967,7 @@ class _Inferring:
 
     def _best_of(
         self,
-        methods: _Methods,
+        methods: Methods,
         places: NDArray[np.intp],
         measured: tuple[Block, Posterior] | None,
     ) -> tuple[list[Map], Block, Posterior]:
@@ -1142,8 +992,8 @@ class _Inferring:
         white, _ = self.innovations(
             np.stack([self._errors(of.end, Phi) - moved for of in ends], axis=2)
         )
-        alike = _alike(white, k, self.log.rounding)
-        return [ends[k], *(ends[i] for i in alike if i != k)], best, own
+        likely = alike(white, k, self.log.rounding)
+        return [ends[k], *(ends[i] for i in likely if i != k)], best, own
 
     def _likeliest_of(self, trials: Sequence[tuple[Block, Posterior]]) -> int:
         """Which of several methods, each with the causes beside it, is the likeliest.
@@ -1155,13 +1005,13 @@ class _Inferring:
         for i, (block, posterior) in enumerate(trials):
             best, own = trials[k]
             more = np.sign(len(posterior.best.chosen) - len(own.best.chosen))
-            if _log_evidence(block, posterior.best, best, own.best) > more * CERTAIN:
+            if log_evidence(block, posterior.best, best, own.best) > more * CERTAIN:
                 k = i
         best, own = trials[k]
         energy = self._exchanged(own.best)[0].max(initial=0.0)
         for i, (block, _) in enumerate(trials):
             fit = fitted((block,), own.best.chosen) if i != k and own.best.chosen else None
-            if fit is None or _log_evidence(block, fit, best, own.best) < -CERTAIN:
+            if fit is None or log_evidence(block, fit, best, own.best) < -CERTAIN:
                 continue
             if self._exchanged(fit)[0].max() < SLIGHT * energy:
                 return i
@@ -1229,7 +1079,7 @@ class _Inferring:
         tau = autocorrelation_time(series.residual(best.coefficients))
         return p.nuisance_at(best.coefficients)[some], (p.inverse * variance * tau)[some, some]
 
-    def _closest(self, ends: Sequence[tuple[Map, Observations]]) -> _Methods | None:
+    def _closest(self, ends: Sequence[tuple[Map, Observations]]) -> Methods | None:
         """Those by which rows follow most closely beside causes, each at states of its own."""
         if not ends:
             return None
@@ -1238,7 +1088,7 @@ class _Inferring:
             np.stack([self._errors(of.end, Phi, log) for of, log in ends], axis=2)
         )
         rounding = self.log.rounding
-        return _Methods.of([of for of, _ in ends], white, self.D, rounding)
+        return Methods.of([of for of, _ in ends], white, self.D, rounding)
 
     def _weights(self) -> tuple[Array, Array]:
         """What a defect of an interval adds to ΔC, (N, 2n): ∂E/∂x at its end and, by the flow, at its start.
@@ -1414,7 +1264,7 @@ class _Inferring:
             [kind for kind in FORCES if kind != "step"],
         )
         columns = [
-            _impulse(response, np.array([part[which][:, k] for part in parts]), self.log)
+            impulse(response, np.array([part[which][:, k] for part in parts]), self.log.intervals.h)
             for k, response in enumerate(self._force_responses)
             for which in range(4)
         ]
@@ -1426,7 +1276,7 @@ class _Inferring:
         laws = [FORCES[kind] for kind in kinds]
         laws += [(0.0, 1.0, 1.0, float(np.mean(force.counts / counts))) for counts in held]
         own = [kinds.index(kind) if kind else -1 for kind in self.declared]
-        chosen = _likeliest(gram, trial.count / tau, own, current, np.array(laws), len(kinds))
+        chosen = likeliest(gram, trial.count / tau, own, current, np.array(laws), len(kinds))
         steps = [k - len(kinds) for k in chosen if k >= len(kinds)]
         if steps:
             self.force = replace(self.force, counts=held[steps[0]])
@@ -1463,7 +1313,7 @@ class _Inferring:
             smooth = LoggedForce.of(other, pieces)(("smooth",) * len(self.kinds))
             change = np.stack([smooth(s) for s in nodes]) - now
             for k, response in enumerate(responses):
-                column += _impulse(response, change[:, :, k], self.log)
+                column += impulse(response, change[:, :, k], self.log.intervals.h)
         trial = self._beside(best, columns)
         p = trial.projected
         left = np.maximum(p.rss - 2.0 * p.b + np.diag(p.A), 1e-300)
@@ -1704,7 +1554,7 @@ class _Inferring:
                 change = np.stack([other(s) - force(s) for s in np.linspace(0.0, 1.0, 5)])
                 moved = np.zeros_like(self.w)
                 for k, response in enumerate(self._force_responses):
-                    moved += _impulse(response, change[:, :, k], self.log)
+                    moved += impulse(response, change[:, :, k], self.log.intervals.h)
                 yield -HALF * self.log.running(np.einsum("km,km->k", self.gradient, moved))
 
     def _intermittent(self, rows: Block, best: Fit, left: Array) -> tuple[float, NDArray[np.bool_]]:
@@ -1778,14 +1628,14 @@ class _Inferring:
     def _imitated(self, unseen: dict[str, float]) -> float:
         """Most energy (J) of a mistake of one number that the integrator's fields do as well."""
         p = self.of_rows.projected
-        alike = [
+        same = [
             unseen.get(f"{c.kind} {c.element}".strip(), 0.0)
             for c in self.candidates
             for columns in [list(c.columns)]
             for L in [c.linear[:, 0]]
             if L @ p.A[np.ix_(columns, columns)] @ L < SAME * float(L**2 @ p.raw[columns])
         ]
-        return max(alike, default=0.0)
+        return max(same, default=0.0)
 
     def _unseen(
         self, blocks: Sequence[Block], best: Fit, tau: float, curves: Array
@@ -1799,97 +1649,12 @@ class _Inferring:
             linear = c.size == 1 and c.quadratic is None and c.kind not in OF_THE_LOG
             if not linear or any(c is x or c.excludes(x) for x in best.chosen):
                 continue
-            deviation = _deviation(blocks, c, best, tau)
+            sigma = deviation(blocks, c, best, tau)
             name = f"{c.kind} {c.element}".strip()
             most = float(np.abs(curves[:, list(c.columns)] @ c.linear[:, 0]).max())
-            if most > 0.0 and np.isfinite(deviation):  # else it is one of those found
-                joules[name] = max(joules.get(name, 0.0), deviation * most)
+            if most > 0.0 and np.isfinite(sigma):  # else it is one of those found
+                joules[name] = max(joules.get(name, 0.0), sigma * most)
         return joules
-
-
-@dataclass(frozen=True, eq=False)
-class _Methods:
-    """Methods whose own maps close the rows best and alike, the best first; `others` next to them."""
-
-    ends: list[Map]
-    others: list[Map]
-    floor: float
-    floors: Array
-    alone: float
-
-    @staticmethod
-    def of(ends: list[Map], r: Array, D: Array, rounding: float) -> _Methods | None:
-        """The best by what all causes leave of their prediction errors r (N, m, methods), whitened."""
-        finite = [k for k in range(len(ends)) if np.isfinite(r[:, :, k]).all()]
-        every = np.full(len(ends), np.inf)
-        if not finite:
-            return None
-        y = r[:, :, finite].reshape(-1, len(finite))
-        X = D.reshape(len(y), D.shape[2])
-        x = least_squares(X.T @ X, X.T @ y)
-        residual = y - X @ x
-        floors = np.maximum((residual**2).sum(axis=0), 1e-300)
-        every[finite] = floors
-        best = int(np.argmin(floors))
-        alike = _alike(residual.reshape(*r.shape[:2], -1), best, rounding)
-        # Those that need no causes come first.
-        alike = alike[np.argsort((y[:, alike] ** 2).sum(axis=0), kind="stable")]
-        order = [finite[k] for k in alike]
-        alone = float((y[:, best] ** 2).sum())
-        near = [k for k in np.argsort(floors) if k not in alike and floors[k] <= FAR * floors[best]]
-        others = [ends[finite[k]] for k in near]
-        return _Methods([ends[k] for k in order], others, float(floors[best]), every, alone)
-
-    def may_close(self, series: Block, best: Fit) -> bool:
-        """Whether the best method with all causes leaves about as little as the series with its best ones."""
-        return self.floor < SERIES * series.misfit(best.coefficients)
-
-
-def _alike(r: Array, best: int, rounding: float) -> NDArray[np.intp]:
-    """Which of several residuals (N, m, k) are as likely as the best."""
-    floors = np.maximum((r**2).sum(axis=(0, 1)), 1e-300)
-    count = r.shape[0] * r.shape[1]
-    odds = 0.5 * count / autocorrelation_time(r[:, :, best]) * np.log(floors / floors[best])
-    # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
-    low = min(rounding * count, ROUNDED * floors[best])
-    return np.flatnonzero((odds < EQUAL) | (floors <= low))
-
-
-ROUNDED = 4.0
-"""Ratio of sums of squares of rounding up to which they are alike."""
-
-SERIES = 4.0
-"""Ratio of sums of squares from which on a method's map is not compared any more with the series."""
-
-
-def _log_evidence(a: Block, fit_a: Fit, b: Block, fit_b: Fit) -> float:
-    """Log evidence of one block with its causes against another with its own, at the larger of their τ."""
-    tau = max(
-        autocorrelation_time(x.residual(fit.coefficients)) for x, fit in ((a, fit_a), (b, fit_b))
-    )
-    return a.evidence(fit_a, tau) - b.evidence(fit_b, tau)
-
-
-@dataclass(frozen=True)
-class Generic:
-    """All columns of causes together against the best set: equations that are wrong in a way without a name.
-
-    Attributes:
-        log_odds: that what is left depends on the state as terms of a model do.
-        exchanged: the energy that these exchange, J.
-        explained: share of what is left that they explain.
-        shift: by how much the integrator has other joules beside them, at most, J.
-    """
-
-    log_odds: float
-    exchanged: float
-    explained: float
-    shift: float
-
-    @property
-    def share(self) -> float:
-        """Of what is left, that of terms of a model; 0 where these have no odds."""
-        return self.explained if self.log_odds > CERTAIN else 0.0
 
 
 def _generic(block: Block, best: Fit) -> tuple[float, float, Array]:
@@ -1900,16 +1665,6 @@ def _generic(block: Block, best: Fit) -> tuple[float, float, Array]:
     odds = 0.5 * rows * float(np.log(before / after))
     price = 0.5 * block.rank * float(np.log(max(rows, 2.0)))
     return odds - price, 1.0 - after / before, coefficients - best.coefficients
-
-
-def _deviation(blocks: Sequence[Block], c: Candidate, best: Fit, tau: float) -> float:
-    columns, L = list(c.columns), c.linear[:, 0]
-    information = 0.0
-    for b in blocks:
-        p = b.projected
-        variance = p.left(best.coefficients) / b.count
-        information += float(L @ p.A[np.ix_(columns, columns)] @ L) / variance
-    return float(np.sqrt(tau / information)) if information > 0.0 else np.inf
 
 
 def _jumps(w: Array) -> NDArray[np.bool_]:
@@ -1969,57 +1724,3 @@ those."""
 def _unmade(x: Array, columns: Array) -> Array:
     """What columns (N, m, k) cannot make of x (N, m)."""
     return np.asarray(x - (columns @ (np.linalg.pinv(columns) @ x[:, :, None]))[:, :, 0])
-
-
-def _impulse(response: Array, force: Array, log: Observations) -> Array:
-    """What a force (5, N) at equal fractions of each interval moves its end by (N, 2n)."""
-    h, nodes = log.intervals.h, np.linspace(0.0, 1.0, 5)
-    mean = simpson(force, x=nodes, axis=0)[:, None]
-    moment = simpson((1.0 - nodes)[:, None] * force, x=nodes, axis=0)[:, None]
-    return np.concatenate([response * h**2 * moment, response * h * mean], axis=1)
-
-
-def _likeliest(
-    gram: Array, rows: float, declared: Sequence[int], current: Array, laws: Array, shared: int
-) -> list[int]:
-    """Which law each logged force follows between rows, by the Gram matrix of innovations and force columns.
-
-    All the same one, which the likelihood chooses; one another where that has odds of its own. The laws from
-    `shared` on hold for all or none, and are of delays.
-    −1 of those `declared` is not known, and stays what it is if nothing tells.
-    """
-
-    def left(which: Sequence[int]) -> float:
-        x = np.concatenate([[1.0], (current - laws[list(which)]).ravel()])
-        return max(float(x @ gram @ x), 1e-14 * float(gram[0, 0]) + 1e-300)
-
-    def alike(law: int) -> list[int]:
-        return [law if d < 0 else d for d in declared]
-
-    before = [int(np.argmin(np.abs(laws - own).sum(axis=1))) for own in current]
-    best = min(map(alike, range(len(laws))), key=left)
-    if max(best, default=0) >= shared:
-        # A delay beyond that of two steps is of the log, as that of a filter is.
-        x = np.concatenate([[1.0], (current - laws[best]).ravel()])
-        delay = np.zeros_like(laws[best])
-        delay[:, 3] = np.array(declared) < 0
-        y = gram @ np.concatenate([[0.0], delay.ravel()])
-        further = float(x @ y) / max(float(y[1:] @ delay.ravel()), 1e-300)
-        if laws[max(best), 3] + further > BEYOND * laws[shared:, 3].max():
-            best = min(map(alike, range(shared)), key=left)
-    if 0.5 * rows * np.log(left(before) / left(best)) < CERTAIN:
-        best = before
-    for k in range(len(declared) if len(declared) <= SINGLY else 0):
-        if declared[k] < 0:
-            other = min(([*best[:k], law, *best[k + 1 :]] for law in range(shared)), key=left)
-            price = CERTAIN + np.log(len(laws) * len(declared))
-            if 0.5 * rows * np.log(left(best) / left(other)) > price:
-                best = other
-    return best
-
-
-BEYOND = 1.5
-"""Delay, in that of a force that is held twice in each interval, beyond which it is the log's."""
-
-SINGLY = 12
-"""Columns of logged forces up to which each is asked on its own."""

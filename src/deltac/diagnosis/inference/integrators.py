@@ -18,14 +18,9 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.inference.fields import FIELDS
-from deltac.diagnosis.inference.flow import (
-    ForceBetween,
-    ForceInStep,
-    Intervals,
-    restricted,
-    runge_kutta,
-)
-from deltac.diagnosis.inference.model import AT_ONCE, Model, Rows
+from deltac.diagnosis.inference.flow import runge_kutta
+from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
+from deltac.diagnosis.inference.model import AT_ONCE, Intervals, Model, Rows
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 PLACES = {f.name: k for k, f in enumerate(FIELDS)}

@@ -19,7 +19,7 @@ from deltac.diagnosis.inference.hypotheses import (
     autocorrelation_time,
     search,
 )
-from deltac.diagnosis.inference.inference import OF_THE_LOG, Inference
+from deltac.diagnosis.inference.result import OF_THE_LOG, Inference
 
 OF_ONE_MOTION = (*OF_THE_LOG, "missing-stop")
 """Causes whose columns are another log's, or lie where only one motion goes."""

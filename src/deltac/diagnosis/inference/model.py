@@ -42,6 +42,31 @@ class Rows:
         return Rows(*(np.concatenate(x) for x in columns))
 
 
+@dataclass(frozen=True, eq=False)
+class Intervals:
+    """Intervals between consecutive rows of a log: their starts and ends, N of them.
+
+    `stages`: logged forces (N, m) at the later stages of the step that the solver made from the start.
+    """
+
+    start: Rows
+    end: Rows
+    stages: tuple[Array, ...] = ()
+
+    @property
+    def h(self) -> Array:
+        """Lengths (N, 1), s."""
+        return np.asarray((self.end.t - self.start.t)[:, None])
+
+    def __len__(self) -> int:
+        return len(self.start.t)
+
+    def take(self, which: NDArray[np.intp]) -> Intervals:
+        """Some of them."""
+        stages = tuple(F[which] for F in self.stages)
+        return Intervals(self.start.take(which), self.end.take(which), stages)
+
+
 class _Expressions:
     """What is evaluated of a mechanism with a log's forces: made once for logs of the same columns."""
 

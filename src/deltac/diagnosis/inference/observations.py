@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.inference.flow import FORCES, Intervals, LoggedForce, Prediction
-from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.inference.flow import Prediction
+from deltac.diagnosis.inference.forces import FORCES, LoggedForce
+from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.digits import digits_of, white_noise
 from deltac.diagnosis.measurements.kinematics import stretches

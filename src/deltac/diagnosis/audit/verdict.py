@@ -190,7 +190,10 @@ class Judgement:
             # What mistakes may hide that nobody sees is `hidden`.
             bar = self.ledger.error_bar[self.function]
             mistakes = self.attribution.equations.curve_error if self.causes else 0.0
-            error = np.minimum(error, np.hypot(bar, mistakes))
+            disputed = self.inference.disputed if self.inference is not None else 0.0
+            error = np.minimum(
+                error, np.linalg.norm(np.broadcast_arrays(bar, mistakes, disputed), axis=0)
+            )
         # What nothing explains may be its own; so may what is left beside causes that are not all.
         others = self.inference.unexplained if self.inference is not None else 0.0
         error = np.hypot(error, others)

@@ -111,7 +111,8 @@ class Block:
 
     def evidence(self, fit: Fit, tau: float) -> float:
         """Log evidence of the block with the causes of a fit: likelihood less the price of free numbers."""
-        rows = self.count / tau
+        # Numbers with a prior are integrated out: all rows tell of the noise, however many those are.
+        rows = self.r.size / tau
         n = self.nuisance
         width = self.prior[:, None] * self.gram[0][np.ix_(n, n)] * self.prior / self.variance
         volume = 0.5 * float(np.linalg.slogdet(np.eye(len(n)) + width / tau)[1]) if len(n) else 0.0

@@ -798,7 +798,8 @@ class _Inferring:
         parts, of_causes = made.attribution, result.attribution.equations.curve
         integrator = parts.integrator
         integrator = replace(integrator, curve_error=np.hypot(integrator.curve_error, of_causes))
-        return replace(made, attribution=replace(parts, integrator=integrator))
+        disputed = max(made.disputed, float(np.abs(of_causes).max()))
+        return replace(made, attribution=replace(parts, integrator=integrator), disputed=disputed)
 
     def _errors(self, end: Rows, Phi: Array, log: Observations | None = None) -> Array:
         """Prediction errors (N, 2n) of the rows, of the flow or of a method's map with its derivatives."""
@@ -1509,6 +1510,7 @@ class _Inferring:
             generic=Generic(odds, float(unnamed), explained, shift),
             unexplained=unexplained,
             intermittent=intermittent,
+            disputed=float(np.abs(instead).max()),
             unseen=unseen,
             between=between,
             lost=bool(self.thinned.any()) and any(kind != "start" for kind in self.kinds),

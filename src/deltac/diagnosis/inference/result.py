@@ -77,6 +77,7 @@ class Inference:
         generic: equations that are wrong in a way without a name.
         unexplained: energy (J) that no integrator, no cause and no noise of the rows explains.
         intermittent: odds of a force that acts from time to time, and the intervals in which it does.
+        disputed: energy (J) of the integrator's share that a mistake may have exchanged as well.
         unseen: energy (J) that a mistake of one number may add to ΔC at one standard error of that number,
             by its name.
         lost: whether forces between rows are not in the log.
@@ -108,6 +109,7 @@ class Inference:
     generic: Generic
     unexplained: float
     intermittent: tuple[float, NDArray[np.bool_]]
+    disputed: float
     unseen: dict[str, float]
     between: float
     lost: bool

@@ -66,7 +66,7 @@ def explanation_of(
     told = Explanation(
         kind,
         unseen=_unseen(inference),
-        form="steps" if len(block.nuisance) or inference.methods else "samples",
+        form="samples" if inference.measured else "steps",
         residual=residual,
         noise=float(inference.relative[1].max()),
         samples=len(block.r),

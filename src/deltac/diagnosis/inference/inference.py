@@ -786,10 +786,15 @@ class _Inferring:
         """
         rows, best = self.of_rows, result.posterior.best.coefficients
         whole, rest = (rows.projected.left(x) for x in (0.0 * best, best))
-        named = rest - rows.count < SLIGHT * whole or result.generic.share > 0.0
-        if named or self.log.unknown.any() or self.blocks[0] is not rows:
+        if self.log.unknown.any() or self.blocks[0] is not rows or rest <= rows.count:
             return result
-        if not self._of_no_force(result.residual):
+        if rest > SLIGHT * whole:
+            left = result.residual
+        elif self.methods:  # all that the causes explain
+            left = self.w - self.defects[0]
+        else:
+            return result
+        if result.generic.share > 0.0 or not self._of_no_force(left):
             return result
         none = nothing(len(self.coefficients))
         made = self._made(replace(result.posterior, best=none, alternatives=()), scattered=True)
@@ -1497,6 +1502,7 @@ class _Inferring:
             filter=self.filter,
             methods=self.methods,
             blocks=self.blocks,
+            measured=self.blocks[0] is not rows,
             posterior=posterior,
             candidates=self.candidates,
             integrator=estimated,

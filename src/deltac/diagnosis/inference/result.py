@@ -65,6 +65,7 @@ class Inference:
         filter: delay and deviation (s) of a filter of the forces, as of the states; None for none.
         methods: integrators whose own map closes the rows, if any.
         blocks: the whitened equations: prediction errors, and measured accelerations where these are known.
+        measured: whether causes were compared by the latter.
         posterior: causes with their odds.
         candidates: all causes that were compared.
         integrator: its numbers or names.
@@ -96,6 +97,7 @@ class Inference:
     filter: tuple[float, float] | None
     methods: tuple[Integrator, ...]
     blocks: tuple[Block, ...]
+    measured: bool
     posterior: Posterior
     candidates: tuple[Candidate, ...]
     integrator: IntegratorEstimate

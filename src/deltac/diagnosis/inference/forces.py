@@ -25,7 +25,7 @@ class ForceBetween(Protocol):
     """Logged forces (N, m) at a fraction of each interval, in a step that begins at another."""
 
     def __call__(self, fraction: float, begin: float | None = None, /) -> Array:
-        """The forces; without the begin of a step those of which the work is that of the steps' own."""
+        """The forces; without a begin, the mean course of those that are held over several steps."""
         ...
 
 
@@ -186,8 +186,8 @@ def likeliest(
     """Which law each logged force follows between rows, by the Gram matrix of innovations and force columns.
 
     All the same one, which the likelihood chooses; one another where that has odds of its own. The laws from
-    `shared` on hold for all or none, and are of delays.
-    −1 of those `declared` is not known, and stays what it is if nothing tells.
+    `shared` on hold for all or none: they are stairs, each of another delay. A `declared` law of −1 is not
+    known, and stays what it is if nothing tells.
     """
 
     def left(which: Sequence[int]) -> float:

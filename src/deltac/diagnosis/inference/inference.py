@@ -1260,10 +1260,8 @@ class _Inferring:
         held, force = self._times_held(), self.force
         if held and "step" not in self.kinds:
             force = replace(force, counts=held[0])
-        parts, kinds = (
-            [force.parts(s) for s in np.linspace(0.0, 1.0, 5)],
-            [kind for kind in FORCES if kind != "step"],
-        )
+        kinds = [kind for kind in FORCES if kind != "step"]
+        parts = [force.parts(s) for s in np.linspace(0.0, 1.0, 5)]
         columns = [
             impulse(response, np.array([part[which][:, k] for part in parts]), self.log.intervals.h)
             for k, response in enumerate(self._force_responses)

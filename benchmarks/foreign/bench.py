@@ -152,18 +152,20 @@ def judged(task: tuple[int, int, str]) -> dict[str, Any] | None:
         found = dc.audit(made.model, made.log)
     except dc.DeltacError as error:
         return {**row, "verdict": "refused", "message": str(error), "seconds": 0.0, "findings": []}
-    step = found.step
-    left = None if step is None else step.residual
+    inference = found.inference
+    names = list(inference.integrator.names) if inference is not None else []
+    bars = None
+    if inference is not None and len(made.effect) == len(inference.relative[1]):
+        bars = float((made.effect / inference.relative[1]).max())
     return {
         **row,
         "verdict": found.verdict.kind,
         "confidence": found.verdict.confidence,
         "findings": [(f.kind, f.weight, f.element, f.factor, f.equals) for f in found.findings],
         "evidence": list(found.verdict.evidence),
-        "bars": None if left is None else float((made.effect * left.scale / left.bar).max()),
-        "ratio": None if left is None else float(left.ratio.max()),
-        "named": step.scheme.name if step is not None and step.scheme is not None else "",
-        "among": [] if step is None or step.scheme is None else list(step.scheme.among),
+        "bars": bars,
+        "named": names[0] if len(names) == 1 else "",
+        "among": names,
         "seconds": round(time.perf_counter() - begun, 2),
     }
 
@@ -238,7 +240,7 @@ def _schemes(right: list[dict[str, Any]]) -> list[str]:
 def _wrong(wrong: list[dict[str, Any]]) -> list[str]:
     lines = [
         "",
-        "| effect, error bars | wrong | seen | equation-error | top-1 | top-3 | told |",
+        "| effect, noise of the rows | wrong | seen | equation-error | top-1 | top-3 | told |",
         "|---|---:|---:|---:|---:|---:|---:|",
     ]
     edges = ((0.0, 1.0), (1.0, 5.0), (5.0, 10.0), (10.0, 100.0), (100.0, float("inf")))

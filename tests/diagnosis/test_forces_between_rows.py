@@ -16,6 +16,7 @@ from scipy.signal import butter, filtfilt
 import deltac as dc
 from deltac.arrays import Array
 from deltac.diagnosis.inference.forces import LoggedForce
+from deltac.diagnosis.inference.hypotheses import Block, nothing
 from deltac.diagnosis.inference.model import Intervals, Rows
 
 H, LENGTH, DAMPING, G = 2e-3, 0.8, 0.2, 9.81
@@ -168,3 +169,62 @@ def test_what_departs_between_rows_of_right_accelerations_is_of_the_steps() -> N
     assert audit.attribution.integrator.energy == pytest.approx(
         balance.delta_c["wang"][-1], rel=0.02
     )
+
+
+def test_works_of_rows_at_random_are_not_those_of_all_steps() -> None:
+    """Most rows are one step apart; between the others the torque was not held."""
+    x, torques = motion(rk4)
+    some = np.sort(np.random.default_rng(5).choice(1001, 700, replace=False))
+    run = log(x, torques, some, step=H, held=("actuator motor",))
+    ledger = dc.balance(MECHANISM, run)
+    curve = true_joules(x, torques)[some]
+    missed = np.abs(ledger.delta_c["wang"] - (curve - curve[0]))
+    # Held for a step, a torque acts half of it later than its spline: so much of the work may be missed.
+    rate = np.abs(np.diff(torques)) @ np.abs(x[1:, 1])
+    assert missed.max() < 0.5 * H * rate
+
+
+def test_a_wrong_damper_of_an_oscillator_is_not_the_integrators() -> None:
+    """In linear motion a field of first order does what a damper does; no known method does."""
+    h, mass, stiffness, damping = 2e-3, 1.0, 40.0, 0.4
+    A = np.array([[0.0, 1.0], [-stiffness / mass, -1.25 * damping / mass]])
+    rows, B = [np.array([0.1, 0.0])], h * A
+    step = np.eye(2) + B + B @ B / 2 + B @ B @ B / 6 + B @ B @ B @ B / 24  # the classical method
+    for _ in range(1500):
+        rows.append(step @ rows[-1])
+    x = np.array(rows)
+    x += 1e-5 * x.std(axis=0) * np.random.default_rng(0).standard_normal(x.shape)
+    slider = dc.Mechanism(
+        [dc.point_mass("block", mass)],
+        [
+            dc.prismatic(
+                "s", "ground", "block", axis=(1, 0, 0), stiffness=stiffness, damping=damping
+            )
+        ],
+    )
+    run = dc.Trajectory(
+        t=h * np.arange(len(x)), q=x[:, :1], u=x[:, 1:], coordinates=("s",), speeds=("s",),
+        provenance=dc.Provenance("hand"),
+    )  # fmt: skip
+    audit = dc.audit(slider, run)
+    assert audit.verdict.kind == "equation-error"
+    assert audit.causes[0].kind == "damping"
+    assert audit.causes[0].size == pytest.approx(1.25 * damping, rel=1e-3)
+
+
+def test_evidence_is_the_marginal_likelihood() -> None:
+    """Of columns with a normal prior beside noise of unit variance: N(0, 1 + D P² Dᵀ), by its determinant."""
+    rng = np.random.default_rng(2)
+    N, p, none = 2000, 30, np.zeros(0, dtype=np.intp)
+    D = rng.standard_normal((N, p)) * np.logspace(-3, 0, p)
+    prior = np.full(p, 0.5)
+    r = rng.standard_normal(N)
+    plain = Block(r[:, None], np.zeros((N, 1, 0)), none, np.zeros(0), none)
+    series = Block(r[:, None], D[:, None, :], np.arange(p), prior, none)
+    told = series.evidence(nothing(0), 1.0) - plain.evidence(nothing(0), 1.0)
+    scaled = D * prior
+    S = np.eye(p) + scaled.T @ scaled
+    explained = scaled.T @ r
+    exact = 0.5 * explained @ np.linalg.solve(S, explained) - 0.5 * np.linalg.slogdet(S)[1]
+    # The variance of the noise is estimated: that is a matter of p/N of the likelihood.
+    assert told == pytest.approx(exact, abs=1.0)

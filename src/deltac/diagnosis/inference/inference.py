@@ -573,7 +573,8 @@ class _Inferring:
         if not self._accelerations_agree() or not self._of_no_force(result.residual):
             return None
         # What departs between rows of which the accelerations are the model's is of the steps.
-        return replace(self._made(self.posterior, True, True), integrator=result.integrator)
+        made = self._made(self.posterior, scattered=True, agreed=True)
+        return replace(made, integrator=result.integrator)
 
     def _accelerations_agree(self) -> bool:
         """Whether accelerations of a log whose origin is not known are those of the model to their digits.

@@ -171,19 +171,6 @@ def test_what_departs_between_rows_of_right_accelerations_is_of_the_steps() -> N
     )
 
 
-def test_works_of_rows_at_random_are_not_those_of_all_steps() -> None:
-    """Most rows are one step apart; between the others the torque was not held."""
-    x, torques = motion(rk4)
-    some = np.sort(np.random.default_rng(5).choice(1001, 700, replace=False))
-    run = log(x, torques, some, step=H, held=("actuator motor",))
-    ledger = dc.balance(MECHANISM, run)
-    curve = true_joules(x, torques)[some]
-    missed = np.abs(ledger.delta_c["wang"] - (curve - curve[0]))
-    # Held for a step, a torque acts half of it later than its spline: so much of the work may be missed.
-    rate = np.abs(np.diff(torques)) @ np.abs(x[1:, 1])
-    assert missed.max() < 0.5 * H * rate
-
-
 def test_a_wrong_damper_of_an_oscillator_is_not_the_integrators() -> None:
     """In linear motion a field of first order does what a damper does; no known method does."""
     h, mass, stiffness, damping = 2e-3, 1.0, 40.0, 0.4

@@ -639,7 +639,7 @@ def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
     model's there.
     """
     held, step = set(map(str, run.provenance.held or ())), run.provenance.step
-    every = step is not None and len(run) > 1 and np.diff(run.t).max() < 1.01 * step
+    every = step is not None and len(run) > 1 and np.median(np.diff(run.t)) < 1.01 * step
     if not len(mechanism.free.u) or not every or set(map(str, run.forces)) <= held:
         return run
     rows, laws = checks.own_laws(mechanism, run)

@@ -72,12 +72,6 @@ COMMANDS = {
         "sweep",
         "fleets",
     ),
-    "atlas": Command(
-        "Judge the models of installed packages in every simulator, resumably.",
-        "deltac atlas robots.toml --out results\n  deltac atlas --status results",
-        "sweep",
-        "atlas",
-    ),
     "compare": Command(
         "Compare two folders of results, before and after a change.",
         "deltac compare main.audits branch.audits --format github",

@@ -120,9 +120,6 @@ COMMANDS = {
         "library",
         "guide",
     ),
-    "reproduce": Command(
-        "Reproduce the figures of the thesis.", "deltac reproduce --only 4.7", "library", "thesis"
-    ),
     "cache": Command(
         "Show, verify or clear the cache of compiled code.",
         "deltac cache --verify",

@@ -17,7 +17,7 @@ from deltac.mechanism import Mechanism, State
 from deltac.report.page.geometry import Solid, unit
 from deltac.report.page.scene import Drawing, scene, turned
 from deltac.report.picture import blank
-from deltac.report.style import styled
+from deltac.report.style import SMALL_TEXT, styled
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BODIES = ("#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9", "#8a6d3b")
-
-
-SMALLEST = 7.0
-"""Points (1/72 in) across below which a shape is drawn as a dot of that size."""
 
 
 def still(
@@ -176,9 +172,9 @@ def _frame(
         veiled = drawing.bodies[i].inferred and form.kind != "capsule" and len(drawing.bodies) > 4
         look: dict[str, Any] = {"alpha": opacity * (0.45 if veiled else 1.0), "zorder": order}
         panel.fill(*hull.T, facecolor=colour, edgecolor="white", linewidth=0.8, **look)
-        if float(np.ptp(hull, axis=0).max()) * per_point < SMALLEST:
+        if float(np.ptp(hull, axis=0).max()) * per_point < SMALL_TEXT:
             place = hull.mean(axis=0)
-            panel.plot(*place, "o", color=colour, markersize=SMALLEST, markeredgewidth=0, **look)
+            panel.plot(*place, "o", color=colour, markersize=SMALL_TEXT, markeredgewidth=0, **look)
     for tie in drawing.ties:
         ends = np.array([turned(poses[i], np.array(p)) for i, p in tie.points]) @ axes
         if tie.kind == "loop":

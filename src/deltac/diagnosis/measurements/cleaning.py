@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, SIX_DIGITS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
     AT_ONCE,
@@ -24,6 +24,7 @@ from deltac.diagnosis.verdict import Finding, percent
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import RateNames
+from deltac.trajectories.rates import GAP
 
 FEW = 0.1
 """Share of the rows up to which slips are few: more copies or spikes are something else."""
@@ -43,8 +44,6 @@ JUMP = 3.0
 JUMPS = 0.01
 """Share of the intervals that jumps may be: episodes have some rows."""
 
-FAR = 5.0
-"""How many times the range of its four neighbours a spike is away from them."""
 
 LATE = 0.8
 """Rows by which a column must be late to be called so: schemes leave a half at most."""
@@ -55,11 +54,8 @@ DEPARTS = 0.05
 RESOLVED = 5e-3
 """Share of the movement that quadrature may miss in a log that is fine enough to be doubted."""
 
-LEAST_GEAR = 2e-3
+LEAST_GEAR = 10.0 * LEAST_RATIO
 """Relative difference below which one coordinate alone has no gear: clocks drift by less."""
-
-DIGIT = 1e-5
-"""How exactly columns tell one clock at best."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +250,7 @@ def _without_spikes(
         for x in columns:
             around = x[rows[:, None] + np.array([-2, -1, 1, 2])]
             distance = np.abs(x[rows] - np.median(around, axis=1))
-            spikes |= dict.fromkeys(rows[distance > FAR * np.ptp(around, axis=1)].tolist(), name)
+            spikes |= dict.fromkeys(rows[distance > GAP * np.ptp(around, axis=1)].tolist(), name)
     if not spikes or len(spikes) > FEW * len(run) or _whole(run):
         return run, []
     first = min(spikes)
@@ -422,7 +418,7 @@ def _scaled(scaled: dict[str, Comparison], every: dict[str, Comparison]) -> Iter
     common = float(np.average(ratios, weights=errors**-2))
     agree = np.all(np.abs(ratios - common) < 3.0 * errors + 1e-3 * abs(common - 1.0))
     others = [c for n, c in every.items() if n not in scaled]
-    dissent = any(abs(c.ratio - common) > c.ratio_error + DIGIT for c in others)
+    dissent = any(abs(c.ratio - common) > c.ratio_error + SIX_DIGITS for c in others)
     if agree and not dissent and (len(every) > 1 or abs(common - 1.0) < 0.05):
         yield Finding(
             "clock-scale",

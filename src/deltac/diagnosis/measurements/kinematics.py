@@ -287,9 +287,6 @@ def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
     return first - k * z, z, variance
 
 
-SETTLED = 1e-10
-"""Change of r and θ below which they are found."""
-
 HOPELESS = 1e3
 """How many times more than one that is settled another quadrature must leave to be given up."""
 
@@ -321,7 +318,7 @@ def _robust(
         size = np.maximum(size, 1e-3 * s + middle[:, None])
         size *= s
         weight = 1.0 / np.sqrt(size, out=size)
-        done = np.all(np.abs(np.subtract(now, before)) <= SETTLED * np.maximum(np.abs(now), 1.0), 0)
+        done = np.all(np.abs(np.subtract(now, before)) <= SAME * np.maximum(np.abs(now), 1.0), 0)
         settled[open_[done]] = True
         least = np.where(settled, typical, np.inf).reshape(quadratures, columns).min(axis=0)
         on = ~done & (middle <= HOPELESS * least[of])

@@ -11,10 +11,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import EPS, PHYSICAL, Array
+from deltac.arrays import EPS, PHYSICAL, SAME_STEP, Array
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import Log, read_log
-from deltac.diagnosis.inputs.omissions import EVERY_STEP, OF_RATES
+from deltac.diagnosis.inputs.omissions import OF_RATES
 from deltac.diagnosis.study.convergence import LEAST_ORDER, order_of
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
@@ -358,7 +358,7 @@ def _held_between_rows(log: Log, asked: float | None) -> tuple[float, bool]:
     silent = held is None and run.provenance.simulator != "deltac"
     step = run.provenance.step or (asked if silent else None)
     spacing = float(np.median(np.diff(log.consecutive.t)))
-    if (step is not None and spacing < EVERY_STEP * step) or not (
+    if (step is not None and spacing < (1.0 + SAME_STEP) * step) or not (
         silent or (step and not run.works)
     ):
         return 0.0, False

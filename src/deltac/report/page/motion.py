@@ -10,9 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from deltac import problems
+from deltac.arrays import LONG_LOG
 from deltac.calls.progress import Progress
 from deltac.diagnosis import before_blow_up, read_log
-from deltac.energy import KEPT, Ledger
+from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, load_model
@@ -70,7 +71,7 @@ def viewed(
     seconds = duration
     if seconds is None:
         seconds = problem.duration if problem else DURATION
-        seconds = step * max(2, round(min(seconds / step, KEPT)))
+        seconds = step * max(2, round(min(seconds / step, LONG_LOG)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page says where it stopped
         run = before_blow_up(simulate(mechanism, start, seconds, step, solver))

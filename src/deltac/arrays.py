@@ -54,6 +54,9 @@ NEWTON_STEPS = 100
 SIX_DIGITS = 1e-5
 """Differences that six digits do not show: of a factor from one."""
 
+NEGLIGIBLE = 0.05
+"""A share that is neglected beside the whole: what is said of the whole is then known to so much."""
+
 LONG_LOG = 20_000
 """Rows that tell what a log's statistics can: the deviation of noise to a hundredth.
 

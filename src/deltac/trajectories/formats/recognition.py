@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import LONG_LOG
+from deltac.arrays import LONG_LOG, NEGLIGIBLE
 from deltac.trajectories.columns import QUATERNION, MechanismNames, RateNames, si_unit
 from deltac.trajectories.formats.floating import (
     Floating,
@@ -54,7 +54,6 @@ from deltac.trajectories.formats.words import (
 from deltac.trajectories.motion import (
     AGREEING_MISS,
     CLEAR_RATIO,
-    LEAST_MOVEMENT,
     Movement,
     preferred,
 )
@@ -184,7 +183,7 @@ class _Search:
         size, difference = sizes.sum(axis=0)
         if not size > 0.0:
             return None
-        telling = sizes[sizes[:, 0] > LEAST_MOVEMENT * size]
+        telling = sizes[sizes[:, 0] > NEGLIGIBLE * size]
         worst = float(np.max(telling[:, 1] / telling[:, 0], initial=0.0))
         return float(difference / size) if worst < CLEAR_RATIO else max(worst, CLEAR_RATIO)
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, SAME, Array
-from deltac.diagnosis.measurements.kinematics import LEAST_ROWS
 from deltac.diagnosis.study.convergence import Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
@@ -19,6 +18,9 @@ from deltac.simulation.step_size.energy_error import CREDIBLE
 from deltac.trajectories import Trajectory
 
 Rows: TypeAlias = NDArray[np.intp]
+
+FEWEST = 8
+"""Common times below which curves are not compared over time."""
 
 PARTED = 0.1
 """Scaled difference of two motions from which on they are two; a tenth of it is close: what parts motions
@@ -55,7 +57,7 @@ class ComparedRuns:
     @property
     def apart(self) -> bool:
         """Whether too few times, or runs, are together to compare curves: maxima are all there is."""
-        return self.within < LEAST_ROWS or self.first > len(self.rows) - 2
+        return self.within < FEWEST or self.first > len(self.rows) - 2
 
     def towards_zero(self, curves: Sequence[Array], bars: Sequence[Array]) -> Convergence:
         """How curves of the runs that should be zero converge, as long as these stay together."""
@@ -72,8 +74,8 @@ class ComparedRuns:
     def motion(self, rows: Sequence[int]) -> Convergence:
         """How the motion converges while the runs, of so many rows, are close."""
         within = int(np.searchsorted(self.t, self.close, "right"))
-        within = within if within >= LEAST_ROWS else self.within
-        if within < max(2, min(LEAST_ROWS, len(self.t))):
+        within = within if within >= FEWEST else self.within
+        if within < max(2, min(FEWEST, len(self.t))):
             return Convergence("does not settle" if len(self.steps) > 1 else "one run")
         x = self.states[self.first :, 1:within]
         floors = 8.0 * EPS * np.sqrt(rows)[self.first :] * max(1.0, float(np.abs(x).max()))

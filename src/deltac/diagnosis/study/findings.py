@@ -8,14 +8,13 @@ import numpy as np
 
 from deltac.arrays import SAME, TINY
 from deltac.diagnosis.inputs.omissions import impacts_not_held
-from deltac.diagnosis.measurements.kinematics import LEAST_ROWS
 from deltac.diagnosis.study.convergence import (
     LEAST_ORDER,
     Convergence,
     order_of,
     order_text,
 )
-from deltac.diagnosis.study.curves import ComparedRuns, by_unit
+from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, by_unit
 from deltac.diagnosis.study.runs import BalancedRun, corrections
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.energy import Ledger
@@ -43,7 +42,7 @@ def of_comparison(
             ", ".join(f"{knob} {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
             "End all runs at the same time",
         )
-    if len(compared.t) < LEAST_ROWS:
+    if len(compared.t) < FEWEST:
         yield Finding(
             "few-common-times",
             f"the runs have only {len(compared.t)} times in common, so the motions cannot be compared well",
@@ -125,7 +124,7 @@ def of_constraints(
         ]
         stays = (
             len(together) > 1
-            and compared.within >= LEAST_ROWS
+            and compared.within >= FEWEST
             and together[-1] > max(1e-6, tolerance * span)
             and order_of(compared.steps[[0, -1]], together[0], together[-1]) < LEAST_ORDER
         )

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.measurements.kinematics import LEAST_ROWS
 from deltac.diagnosis.study.convergence import LEAST_ORDER, Convergence, order_of
+from deltac.diagnosis.study.curves import FEWEST
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -147,7 +147,7 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
     from deltac.diagnosis.residuals.at_samples import run_residual
 
     parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
-    if min(len(part) for _, part in parts) < LEAST_ROWS:
+    if min(len(part) for _, part in parts) < FEWEST:
         return math.nan
     (h0, coarse), (h1, fine) = ((h, run_residual(kane, part).largest(part)) for h, part in parts)
     if not (coarse > 0.0 and fine > 0.0):

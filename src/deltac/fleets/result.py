@@ -84,7 +84,7 @@ class Fleet(Report):
 
     @property
     def frame(self) -> polars.DataFrame:
-        """The table (a polars DataFrame): of a fleet that is not complete, its rows that are there, in its order."""
+        """The table (a polars DataFrame); of a fleet that is not complete, its rows that are there."""
         import polars
 
         path = self.folder / RESULTS

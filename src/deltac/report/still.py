@@ -112,39 +112,6 @@ def _seen(drawing: Drawing) -> Array:
     return np.column_stack([right, np.cross(eye, right)])
 
 
-SKETCH, MARGIN = np.array([230.0, 130.0]), 12.0
-"""Width and height of a sketch, and what stays free at its sides."""
-
-
-def sketch(drawing: Drawing, at: float = 0.35) -> tuple[str, str]:
-    """The outlines of the bodies at a share `at` of the run, and the paths of their ends: SVG path data."""
-    poses = np.asarray(drawing.runs[0].poses.values)
-    frame = int(at * (len(poses) - 1))
-    now, axes = poses[frame], _seen(drawing) * [1.0, -1.0]  # upward is less in SVG
-    lines = []
-    for i, body in enumerate(drawing.bodies):
-        shapes = (corners for form in body.forms if len(corners := _corners(form)))
-        hulls = (_hull(turned(now[i], corners) @ axes) for corners in shapes)
-        lines += [np.concatenate([hull, hull[:1]]) for hull in hulls]
-    bodies = [tie for tie in drawing.ties if tie.kind != "loop"]
-    lines += [
-        np.array([turned(now[i], np.array(p)) for i, p in tie.points]) @ axes for tie in bodies
-    ]
-    before = poses[max(0, frame - len(poses) // 4) : frame + 1 : max(1, len(poses) // 200)]
-    trails = [turned(before[:, i], np.array(point)) @ axes for i, point in drawing.trails]
-    if not lines + trails:
-        return "", ""
-    every = np.concatenate(lines + trails)
-    low, high = every.min(axis=0), every.max(axis=0)
-    scale = ((SKETCH - 2 * MARGIN) / np.maximum(high - low, 1e-9 + 0.05 * drawing.size)).min()
-
-    def path(some: Sequence[Array]) -> str:
-        placed = ((line - (low + high) / 2) * scale + SKETCH / 2 for line in some if len(line) > 1)
-        return "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in line) for line in placed)
-
-    return path(lines), path(trails)
-
-
 def _frame(
     panel: Axes,
     drawing: Drawing,

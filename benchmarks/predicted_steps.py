@@ -19,7 +19,7 @@ from foreign import simulators
 from foreign.machines import draw
 
 import deltac as dc
-from deltac.simulation.step_size.energy_error import CREDIBLE
+from deltac.arrays import ROUGHLY as CREDIBLE
 
 PROBLEMS = (
     "bead-on-hoop", "chaotic-double-body", "double-pendulum", "driven-pendulum", "elastic-pendulum",

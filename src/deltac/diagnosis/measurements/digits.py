@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array, medians
+from deltac.arrays import EPS, NEGLIGIBLE, Array, medians
 from deltac.calls.caching import derived
 from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
@@ -178,7 +178,7 @@ def _binary(probes: Array) -> Rule | None:
 MOST_HALF = float(np.finfo(np.float16).max)
 """Numbers beyond this are none of half precision."""
 
-REPEATS = 0.95
+REPEATS = 1.0 - NEGLIGIBLE
 """Share of different numbers of a column below which it may hold counts."""
 
 

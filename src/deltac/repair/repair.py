@@ -222,7 +222,7 @@ def _by_running(
     if len(wrong) and not right:
         limit = np.full(len(test.speeds), RIGHT)
         terms = blamed_terms(blame(caller, test, result[: len(test.speeds)], limit))
-    names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.told_names))
+    names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.user_names))
     file, _, function = text.rpartition(":")
     return Repair(
         file=file,
@@ -331,7 +331,7 @@ def _report(
     coincidence: bool = False,
 ) -> Repair:
     source, program, test = reading.source, reading.worst, target.test()
-    names = (*program.samples.speeds, *(f"q̇ of {name}" for name in test.kane.told_names))
+    names = (*program.samples.speeds, *(f"q̇ of {name}" for name in test.kane.user_names))
     wrong = np.zeros(len(names), dtype=bool)
     for piece in reading.pieces:
         rows = piece.samples.wrong_rows(piece.run())

@@ -338,14 +338,14 @@ def _declared(run: Trajectory) -> Iterator[Suspicion]:
             "give the step that the solver took, or none if rows were interpolated",
             certain=False,
         )
-    known = {*map(str, run.forces), *map(str, run.works), *about.acted}
+    channels = {*map(str, run.forces), *map(str, run.works), *about.acted}
     for name in about.held or ():
         # A channel of a kind that a recorder looks for is not there where it never acted.
-        if name not in known and ChannelName.parse(name).kind not in about.looked_for:
+        if name not in channels and ChannelName.parse(name).kind not in about.looked_for:
             yield Suspicion(
                 "held channel",
                 f"the channel {name!r} was held over each step, and the log has none of that name"
-                f"{closest(name, sorted(known))}",
+                f"{closest(name, sorted(channels))}",
                 "correct the name, or log the force",
                 certain=False,
             )

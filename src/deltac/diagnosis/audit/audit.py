@@ -291,7 +291,7 @@ class Audit(
     @property
     def imported(self) -> dict[str, tuple[str, ...]]:
         """What the import of the model left out, and what it assumed."""
-        return motors.told(self.import_report)
+        return motors.import_remarks(self.import_report)
 
     def summary(self) -> str:
         """Verdict, and the energy error beside the tolerance."""

@@ -70,10 +70,10 @@ class Digits:
             if different[k] <= REPEATS * len(values) or not _of_many_digits(probe)
         }
         # Columns are written alike: one that hardly changes has the digits of the others if it fits them.
-        told = next((values[rows, k] for k in rules if different[k] >= LEVELS), None)
+        sample = next((values[rows, k] for k in rules if different[k] >= LEVELS), None)
         few = np.flatnonzero((different < self._least) & values.any(axis=0))
-        for k in few.tolist() if told is not None else ():
-            rules[k] = _of_probes(np.concatenate([told, values[rows, k]])) or rules[k]
+        for k in few.tolist() if sample is not None else ():
+            rules[k] = _of_probes(np.concatenate([sample, values[rows, k]])) or rules[k]
         return rules
 
     @property

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, SAME, Array
 from deltac.calls.progress import Progress, counted, untold
-from deltac.diagnosis.measurements.digits import SINGLE
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import TRIAL_STATES, States, in_user_coordinates, some_rows
@@ -34,7 +33,7 @@ from deltac.simulation.state_form import (
 NODES, ORDER = 9, 5
 """Points on a line, and the order of the differences in which only noise is left of a smooth function."""
 
-STEP = 8.0 * SINGLE
+STEP = 1e-6
 """Distance of these points, relative: hundreds of roundings even in single precision."""
 
 DIFFERENCED = EPS ** (1 / 9)
@@ -58,8 +57,8 @@ class Caller:
 
     `kane` tells the coordinates that it is written in, where states are in the mechanism's (see
     `residuals.states.in_user_coordinates`). `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives
-    what single calls give (None: not known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was
-    given (copies). `progress` is told the share of the states at which it has been called.
+    what single calls give (None: not known yet). `overwrites` tells, with numbers, that it wrote into the
+    arrays it was given (copies). `progress` is told the share of the states at which it has been called.
     """
 
     rhs: Callable[..., Any]

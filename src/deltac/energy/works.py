@@ -20,10 +20,10 @@ from deltac.arrays import EPS, ROUGHLY, Array
 from deltac.mechanism.channels import ByChannel, ChannelName
 
 NEGLIGIBLE_WORK = 1e-6
-"""… or this part of the energy exchanged …"""
+"""A work whose bar is at most this share of the energy exchanged is resolved, however small it is."""
 
 LIKELY = 2.0
-"""How much more than the work between two samples the trapezoid of its power may be believed to be."""
+"""Factor by which the trapezoid of a power may exceed the work between two samples."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -51,13 +51,13 @@ MOST_VALIDATED = 120
 """Edits that are tried on fresh states, cheapest first."""
 
 DEARER = 1.6
-"""Edits that cost this much more than the least one are not reported."""
+"""Edits that cost this much more than the cheapest are not reported."""
 
 MORE = MOST_VALIDATED // 3
 """Edits that are tried for other ways when a repair is found."""
 
 TWO = 2.5
-"""Edits that cost more than this are compared with two plain ones."""
+"""A single edit that costs more than this is compared with pairs of plain edits."""
 
 BRANCHES = 12
 """Edits of one branch that are combined with those of another."""

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac import rotations
-from deltac.arrays import SAME_STEP
+from deltac.arrays import LONG_LOG, SAME_STEP
 from deltac.calls.arguments import checked
 from deltac.errors import LogError, WrongType, closest
 from deltac.mechanism.channels import ChannelName
@@ -28,7 +28,7 @@ from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 _DEGREE = math.pi / 180.0
 _SURE = 0.999  # for a ratio that no unit explains
-MANY, STRETCHES = 20_000, 8
+MANY, STRETCHES = LONG_LOG, 8
 """Rows that are looked at of a longer log, and the stretches of neighbours that they are taken from."""
 
 # r -> (kind, which column is wrong, its factor to SI, what it says)
@@ -110,11 +110,16 @@ def some_stretches(run: Trajectory, count: int, size: int) -> Trajectory:
 
     Works, integrals and events are of all rows and stay out.
     """
-    rows = np.arange(len(run))
-    if len(run) > count * size:
-        starts = np.linspace(0, len(run) - size, count).astype(np.intp)
-        rows = np.unique((starts[:, None] + np.arange(size)).ravel())
+    rows = stretch_rows(len(run), count, size)
     return replace(run.take(rows), works={}, integrals={}, events=())
+
+
+def stretch_rows(rows: int, count: int, size: int) -> npt.NDArray[np.intp]:
+    """The rows of so many stretches of so many neighbours; all rows of a log that has no more."""
+    if rows <= count * size:
+        return np.arange(rows)
+    starts = np.linspace(0, rows - size, count).astype(np.intp)
+    return (starts[:, None] + np.arange(size)).ravel()
 
 
 def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:

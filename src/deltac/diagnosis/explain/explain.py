@@ -171,7 +171,7 @@ def with_gears(explanation: Explanation, gears: list[Gear]) -> Explanation:
 
 
 STATES = 60
-"""Relative difference of what two causes do, from which on a motion is said to tell them apart."""
+"""States at which the effects of two causes are compared."""
 
 
 Samples: TypeAlias = tuple[Array, ...]

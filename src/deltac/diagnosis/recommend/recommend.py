@@ -59,7 +59,7 @@ STEPS = 50
 """Of the first run of a solver with fixed steps."""
 
 SLACK = 2.0
-"""Solvers of other error constants may take steps this many times as long as the motion's rate says."""
+"""Factor by which a solver with a small error constant may exceed the step that the motion suggests."""
 
 REFINEMENT = 4.0
 """By what factor a step is divided that has no order yet, because the run broke down."""

@@ -24,8 +24,8 @@ Trend = Literal[
 ]
 
 CLEAR = 4.0
-"""A curve, a difference of two, or a limit counts from so many of its uncertainties (rounding, quadrature,
-terms of higher order) on."""
+"""A curve, a difference or a limit counts beyond this multiple of its uncertainty (rounding, quadrature,
+terms of higher order)."""
 
 LEAST_ORDER = 0.5
 """What falls more slowly with the step is not seen to fall: non-smooth motions show 0.5 to 1."""

@@ -37,7 +37,7 @@ SUMMED = 24
 """Constants of which sums and differences of two are taken as well."""
 
 SUM_TRIPLE = SUMMED // 2
-"""The same where two products are added."""
+"""Names and functions that are multiplied three at a time where two products are added."""
 
 MOST_SUMMED, MOST_PAIRS = 3000, 40
 """Products of which two are added, and pairs of them that are tried."""

@@ -24,11 +24,11 @@ BENCH := $(VENV)/.deltac-bench
 	bench-blackbox bench-correction bench-explain fuzz torture docs site site-quick web wheel check-web clean
 
 help:  ## list the targets
-	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, deltac reproduce, the benchmarks']"
+	@echo "make TARGET [PYTHON=python3.12] [ARGS='options of pytest, the demo, the benchmarks']"
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  %-18s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(CORE)  ## reproduce the thesis's study: ten figures, one table
-	$(VENV)/bin/deltac reproduce $(ARGS)
+	$(PY) benchmarks/thesis/run.py $(ARGS)
 
 test: $(TEST)  ## the test suite, without the slow tests
 	$(PYTEST) $(SPREAD) -m "not slow" $(ARGS)

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 from measure import machine
+from thesis.runs import problem
 
 import deltac as dc
-from deltac.studies.thesis.runs import problem
 
 warnings.simplefilter("ignore", dc.SimulationStoppedWarning)
 

@@ -109,7 +109,7 @@ def traps(seed: int) -> Iterator[Case]:
 
 def _chaos() -> Iterator[Case]:
     """The thesis's 50 s run, whose digits are lost after a few seconds."""
-    from deltac.studies.thesis.runs import problem
+    from thesis.runs import problem
 
     tumbling = problem("tumbling")
     for solver in ("ode4", "ode5"):

@@ -165,14 +165,13 @@ CACHE = {("deltac.kernels", name) for name in ("cache_info", "clear_cache", "ver
 """What `deltac cache` is about, which no verb needs."""
 
 
-@pytest.mark.parametrize("client", ["cli", "studies"])
-def test_clients_import_public_names_of_the_core_only(client: str) -> None:
-    """Commands and studies may know each other and the reports, of the core what a user can."""
+def test_commands_import_public_names_of_the_core_only() -> None:
+    """They may know each other and the reports, of the core what a user can."""
     homes = {("deltac.trajectories", n) for m, n in public_names() if "trajectories" in m}
     private = {
         (module, statement.module, alias.name)
         for module, source in sources().items()
-        if module.startswith(f"deltac.{client}")
+        if module.startswith("deltac.cli")
         for statement in statements(ast.parse(source))
         if str(statement.module).split(".")[1] in CORE
         for alias in statement.names

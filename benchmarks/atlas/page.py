@@ -2,7 +2,7 @@
 
     python benchmarks/atlas/page.py RESULTS
 
-RESULTS is the folder of `deltac atlas benchmarks/atlas/plan.toml --out RESULTS`, complete or not.
+RESULTS is the folder of `benchmarks/atlas/run.py benchmarks/atlas/plan.toml --out RESULTS`, complete or not.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 import numpy as np
 
+from atlas.experiments import SIMULATORS
 from deltac.fleets.result import fleet_status
-from deltac.recorders.experiments import SIMULATORS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 VERDICTS = (

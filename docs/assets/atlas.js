@@ -43,7 +43,7 @@ document.addEventListener("DOMContentLoaded", () => {
     return box;
   };
   const details = row => {
-    const command = `deltac atlas benchmarks/atlas/plan.toml --only ${row[10]} --report run.html`;
+    const command = `python benchmarks/atlas/run.py benchmarks/atlas/plan.toml --only ${row[10]} --report run.html`;
     const copy = element("button", { className: "md-button", textContent: "Copy", onclick: () => {
       navigator.clipboard.writeText(command);
       copy.textContent = "Copied";

@@ -55,7 +55,6 @@ from deltac.energy import Ledger as Ledger
 from deltac.errors import DeltacError as DeltacError
 from deltac.errors import InputError as InputError
 from deltac.errors import SuspicionWarning as SuspicionWarning
-from deltac.fleets.atlas import atlas as atlas
 from deltac.fleets.audits import audit_many as audit_many
 from deltac.fleets.compare import Comparison as Comparison
 from deltac.fleets.compare import compare as compare

@@ -23,7 +23,7 @@ def test_version_and_help_by_typers_runner() -> None:
     assert (version.exit_code, version.output) == (0, f"deltac {__version__}\n")
     shown = runner.invoke(cli.application(), ["--help"])
     assert shown.exit_code == 0
-    for name in ("reproduce", "problems", "cache"):
+    for name in ("problems", "cache"):
         assert name in shown.output
 
 
@@ -31,36 +31,19 @@ def test_version_and_help_by_typers_runner() -> None:
     ("arguments", "said"),
     [
         (["bogus"], "bogus"),
-        (["reproduce", "--bogus"], "--bogus"),
-        (["reproduce", "--only", "5.1"], "4.1, 4.2, 4.3, 4.4, 4.5, 4.6, 4.7, 4.8, 4.9, 4.10"),
-        (["reproduce", "--only", ","], "known: 4.1"),
+        (["cache", "--bogus"], "--bogus"),
         (["problems", "tripel-pendulum"], "triple-pendulum"),
         (["problems", "n-four-bar", "--set", "m=4"], "no option 'm'; known: n"),
         (["problems", "n-four-bar", "--set", "4"], "--set n=40"),
     ],
 )
 def test_bad_input_is_status_2_with_a_message_on_stderr(
-    arguments: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if arguments[0] == "reproduce":
-        arguments = [*arguments, "--out", str(tmp_path)]
     status, out, err = run(*arguments, capsys=capsys)
     assert (status, out) == (2, "")
     assert said in err
     assert "Traceback" not in err
-
-
-def test_a_folder_that_is_a_file_is_refused_before_anything_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def never(*_: object) -> None:
-        raise AssertionError("the study was run")
-
-    monkeypatch.setattr("deltac.studies.thesis.reproduce", never)
-    (tmp_path / "file").write_text("")
-    status, out, err = run("reproduce", "--out", str(tmp_path / "file"), capsys=capsys)
-    assert (status, out) == (2, "")
-    assert "file" in err
 
 
 def test_an_unexpected_error_is_status_70_and_asks_for_a_report(
@@ -89,50 +72,6 @@ def test_interrupting_is_neither_success_nor_an_internal_error(
     monkeypatch.setattr(problems, "names", interrupted)
     status, out, _ = run("problems", capsys=capsys)
     assert (status, out) == (130, "")
-
-
-# --- reproduce ------------------------------------------------------------------------------------
-
-
-def test_reproduce_ends_with_the_table_and_the_paths(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    status, out, err = run("reproduce", "--only", "4.7", "--out", str(tmp_path), capsys=capsys)
-    assert (status, err) == (0, "")
-    lines = out.splitlines()
-    assert max(map(len, lines[:-2])) <= 100
-    for heading in ("experiment", "the thesis reports", "we measure", "agrees?"):
-        assert heading in lines[0]
-    assert "26.25 J" in out and "yes" in out and "no [1]" in out
-    assert f"{tmp_path}" in lines[-2] and f"{tmp_path / 'results.json'}" in lines[-1]
-    assert (tmp_path / "figure_4_7.png").exists() and (tmp_path / "results.json").exists()
-
-
-def test_reproduce_as_json_prints_the_results_and_nothing_else(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    status, out, err = run(
-        "reproduce", "--only", "4.5,4.7", "--json", "--out", str(tmp_path), capsys=capsys
-    )
-    assert (status, err) == (0, "")
-    found = json.loads(out)
-    written = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
-    assert found["results"] == written
-    assert {row["figure"] for row in written} == {"4.5", "4.7"}
-    assert [Path(path).name for path in found["figures"]] == ["figure_4_5.png", "figure_4_7.png"]
-    assert all(Path(path).exists() for path in found["figures"])
-    assert Path(found["results_file"]).exists()
-    assert [d["figure"] for d in found["results"] if d["difference"]] == ["4.7"]
-
-
-def test_a_disagreement_is_status_1(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from deltac.studies.thesis import Reproduction
-
-    monkeypatch.setattr(Reproduction, "agrees", property(lambda _: False))
-    status, _, _ = run("reproduce", "--only", "4.5", "--out", str(tmp_path), capsys=capsys)
-    assert status == 1
 
 
 # --- problems, cache ------------------------------------------------------------------------------

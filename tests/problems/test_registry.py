@@ -13,7 +13,7 @@ from deltac.energy import TESTING_FUNCTIONS, Ledger
 from deltac.mechanism.contact import Contact
 from deltac.mechanism.friction import PointFriction
 from deltac.problems import Problem
-from deltac.studies.references import solved
+from deltac.references import solved
 from deltac.trajectories import Trajectory
 
 #: every problem, and variants that have references of their own or show more

@@ -9,7 +9,7 @@ import pytest
 
 from deltac import balance, problems, simulate, simulate_ensemble
 from deltac.problems.problem import period
-from deltac.studies.references import solved
+from deltac.references import solved
 
 
 @pytest.mark.slow

@@ -100,7 +100,7 @@ def test_the_gallery_has_every_problem(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_thesis_has_its_figures(tmp_path: Path) -> None:
-    from deltac.studies.thesis import reproduce
+    from thesis import reproduce
 
     found = reproduce(["4.7"])
     found.report(tmp_path / "page.html")

@@ -72,12 +72,6 @@ COMMANDS = {
         "sweep",
         "fleets",
     ),
-    "atlas": Command(
-        "Judge the models of installed packages in every simulator, resumably.",
-        "deltac atlas robots.toml --out results\n  deltac atlas --status results",
-        "sweep",
-        "atlas",
-    ),
     "compare": Command(
         "Compare two folders of results, before and after a change.",
         "deltac compare main.audits branch.audits --format github",
@@ -125,9 +119,6 @@ COMMANDS = {
         "deltac problems\n  deltac problems n-four-bar --set n=3\n  deltac problems --gallery gallery",
         "library",
         "guide",
-    ),
-    "reproduce": Command(
-        "Reproduce the figures of the thesis.", "deltac reproduce --only 4.7", "library", "thesis"
     ),
     "cache": Command(
         "Show, verify or clear the cache of compiled code.",

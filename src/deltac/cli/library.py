@@ -1,4 +1,4 @@
-"""Commands about what deltac brings: the problem library, the thesis's study, the cache of compiled code."""
+"""Commands about what deltac brings: the problem library, the cache of compiled code."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from deltac.cli.options import COMMAND, Form, Json, PageFile
-from deltac.cli.output import deliver, print_json, print_sections, progress_bar
+from deltac.cli.options import Json
+from deltac.cli.output import print_json, print_sections, progress_bar
 from deltac.results import Table, number, plain
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def _description(problem: Problem) -> dict[str, Any]:
 def _compared(problem: Problem, as_json: bool) -> None:
     """Print a problem's references beside what a run gives; the command ends with it."""
     from deltac.analysis.classify import classify
-    from deltac.studies.references import compare
+    from deltac.references import compare
 
     comparisons, kind = compare(problem), classify(problem).kind
     if as_json:
@@ -132,53 +132,6 @@ def _compared(problem: Problem, as_json: bool) -> None:
             ]
         )
     raise typer.Exit(0 if all(row.agrees for row in comparisons) else 1)
-
-
-def reproduce(
-    only: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--only",
-            metavar="FIGURE",
-            help="Only these figures: 4.7, or 4.1,4.2; repeatable. floor: inexact accelerations. "
-            "rate: K̇ + V̇ − Q̇.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="Folder for figures and results.json.")
-    ] = Path("results/thesis"),
-    thesis_axes: Annotated[
-        bool, typer.Option("--thesis-axes", help="Draw the panels and axes of the thesis.")
-    ] = False,
-    page: PageFile = None,
-    as_json: Json = False,
-) -> None:
-    """Reproduce the thesis's study (figs. 4.1 to 4.10).
-
-    Exit code 0 if everything agrees except for known differences, which the table marks; else 1.
-    """
-    from deltac.report.files import output_folder
-    from deltac.studies import thesis
-
-    figures = None
-    if only is not None:
-        figures = [part.strip() for entry in only for part in entry.split(",") if part.strip()]
-    output_folder(out)
-    with progress_bar() as progress:
-        study = thesis.reproduce(figures, progress)
-        written = thesis.write(study, out, thesis_axes=thesis_axes)
-    if as_json:
-        contents = {"figures": plain(written.figures), "results_file": str(written.results)}
-        deliver(study, form=Form.json, page=page, **contents)
-    if page is not None:
-        study.report(page, command=COMMAND.get())
-    print_sections(study.sections())
-    if written.figures:
-        print(f"figures: {written.results.parent / 'figure_*.png'} ({len(written.figures)})")
-    if page is not None:
-        print(f"report: {page}")
-    print(f"results: {written.results} ({len(study.results)} numbers)")
-    raise typer.Exit(study.exit_code)
 
 
 def cache(

@@ -19,11 +19,9 @@ from deltac.cli.output import print_cases, print_json, print_sections, progress_
 from deltac.errors import ArgumentsError, FileError
 
 if TYPE_CHECKING:
-    from deltac.fleets.atlas import AtlasPlan
     from deltac.fleets.fleet import Plan
     from deltac.fleets.result import Fleet
     from deltac.fleets.spec import Execution
-    from deltac.fleets.sweep import SweepPlan
 
 INTERVAL = 10.0
 """Seconds between two lines of progress where there is no terminal."""
@@ -64,78 +62,25 @@ def sweep(
     be run.
     """
     form = form.unless(as_json)
-    from deltac.fleets.sweep import plan_sweep
-
-    deliver(
-        plan,
-        lambda path: plan_sweep(str(path)),
-        only=only, out=out, status=status, keywords=sweep.keywords, form=form, page=page,
-    )  # fmt: skip
-
-
-@of(atlas="deltac.fleets.atlas")
-def atlas(
-    atlas: Verb,
-    plan: Annotated[
-        Path | None, typer.Argument(metavar="ATLAS.toml", help="The plan; see docs/atlas.md.")
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder of the results. [default: NAME.atlas]"),
-    ] = None,
-    only: Only = None,
-    status: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Show the progress of an atlas; nothing is run."),
-    ] = None,
-    page: options.PageFile = None,
-    form: options.Format = options.Form.text,
-    as_json: options.Json = False,
-) -> None:
-    """Run the models of installed packages in every simulator by every integrator, and judge every run.
-
-    Results already in the folder are reused, so an atlas that was stopped or killed resumes where it was.
-    Exit codes are those of `deltac sweep`.
-    """
-    form = form.unless(as_json)
-    from deltac.fleets.atlas import plan_atlas
-
-    deliver(
-        plan,
-        plan_atlas,
-        only=only, out=out, status=status, keywords=atlas.keywords, form=form, page=page,
-    )  # fmt: skip
-
-
-def deliver(
-    path: Path | None,
-    make: Callable[[Path], SweepPlan | AtlasPlan],
-    *,
-    only: str | None,
-    out: Path | None,
-    status: Path | None,
-    keywords: Mapping[str, Any],
-    form: options.Form,
-    page: Path | None,
-) -> None:
-    """Show the progress of a folder, one row, or all rows of a plan."""
     if status is not None:
         from deltac.fleets.result import fleet_status
 
         deliver_fleet(fleet_status(status), form, page)
-    if path is None:
+    if plan is None:
         raise ArgumentsError("give a plan, FILE.toml, or --status DIR")
-    if path.suffix.lower() != ".toml":
-        raise FileError(f"{path}: expected a .toml file that says what is run; see docs/fleets.md")
-    plan = make(path)
+    if plan.suffix.lower() != ".toml":
+        raise FileError(f"{plan}: expected a .toml file that says what is run; see docs/fleets.md")
+    from deltac.fleets.sweep import plan_sweep
+
+    planned = plan_sweep(str(plan))
     if only is not None:
         if page is not None:
-            plan.write_case(only, page)
-        piece = plan.piece_at(only)
+            planned.write_case(only, page)
+        piece = planned.piece_at(only)
         (row,) = piece.table(piece()).to_dicts()
         print_json("Run", {"exit_code": 0, **row})
         raise typer.Exit
-    run(plan, out, plan.spec.execution, keywords, form, page)
+    run(planned, out, planned.spec.execution, sweep.keywords, form, page)
 
 
 def run(

@@ -48,7 +48,7 @@ class Fleet(Report):
     - `code`, `message`, `details`: why a row failed; the report of a log that is not in order
 
     Attributes:
-        kind: "sweep", "audit" or "atlas".
+        kind: "sweep" or "audit".
         name: what it is called.
         folder: where the results are.
         total: the number of rows when complete; `done`: the number so far, including those that failed.

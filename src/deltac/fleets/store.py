@@ -63,7 +63,7 @@ def digest(contents: Any) -> bytes:
 class Store:
     """A folder of results.
 
-    head: what it is of, as in its fleet.json: kind ("sweep", "audit" or "atlas"), name, plan, digests of the
+    head: what it is of, as in its fleet.json: kind ("sweep" or "audit"), name, plan, digests of the
         models by name, what was left out, versions.
     """
 

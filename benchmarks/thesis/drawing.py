@@ -11,8 +11,8 @@ import numpy as np
 from deltac.calls.progress import Progress
 from deltac.problems.triple_pendulum import LENGTHS, START
 from deltac.report.files import output_folder, write_figure, write_json
-from deltac.studies.thesis.experiments import PublishedExperiment
-from deltac.studies.thesis.figures import (
+from thesis.experiments import PublishedExperiment
+from thesis.figures import (
     Curve,
     angles_figure,
     chain_figure,
@@ -21,8 +21,8 @@ from deltac.studies.thesis.figures import (
     thesis_figure,
     torque_figure,
 )
-from deltac.studies.thesis.reproduction import Reproduction
-from deltac.studies.thesis.runs import PRESCRIBED, Outcome, absolute_angles
+from thesis.reproduction import Reproduction
+from thesis.runs import PRESCRIBED, Outcome, absolute_angles
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,23 +10,20 @@ import csv
 import dataclasses
 import json
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import matplotlib.colors
 import matplotlib.image
 import numpy as np
 import pytest
+import thesis
 from scipy.integrate import solve_ivp
-
-import deltac as dc
-from deltac import problems
-from deltac.errors import InputError
-from deltac.problems.triple_pendulum_equations import HandEquations
-from deltac.report.style import COLOURS
-from deltac.studies.thesis import EXPERIMENTS, Reproduction, Result, reproduce, write
-from deltac.studies.thesis.experiments import PublishedExperiment
-from deltac.studies.thesis.measures import euler_relation
-from deltac.studies.thesis.runs import (
+from thesis import EXPERIMENTS, Reproduction, Result, reproduce, write
+from thesis.experiments import PublishedExperiment
+from thesis.measures import euler_relation
+from thesis.runs import (
     Run,
     absolute_angles,
     perform,
@@ -35,6 +32,12 @@ from deltac.studies.thesis.runs import (
     totals,
     trajectory_of,
 )
+
+import deltac as dc
+from deltac import problems
+from deltac.errors import InputError
+from deltac.problems.triple_pendulum_equations import HandEquations
+from deltac.report.style import COLOURS
 
 KEYS = ["figure", "run", "quantity", "thesis", "value", "unit", "rule", "agrees", "difference"]
 KEYS.append("source")
@@ -356,7 +359,7 @@ def test_a_difference_that_is_not_known_makes_the_study_disagree(whole: Reproduc
 # --- files ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow  # `deltac reproduce --only 4.5,4.7` does so in the tests of the command
+@pytest.mark.slow  # the command does so below
 def test_figures_and_results_are_written(whole: Reproduction, tmp_path: Path) -> None:
     folder = tmp_path / "new" / "folder"
     seen: list[float] = []
@@ -440,7 +443,7 @@ def test_experiments_are_known_by_their_runs() -> None:
 
 def test_axes_are_those_that_the_thesis_labels(whole: Reproduction) -> None:
     """Ticks from the transcript, panel by panel; 4.7 and 4.10 show the angles of the right equations."""
-    from deltac.studies.thesis.drawing import draw
+    from thesis.drawing import draw
 
     swing = [-100.0, -50.0, 0.0, 50.0, 100.0]
     decades = {
@@ -513,3 +516,42 @@ def test_statements_in_the_documents(whole: Reproduction) -> None:
             assert row.value == 0.0 or abs(row.value) >= 0.1 * abs(value) or abs(value) < 1e-9, key
         else:
             assert row.value == pytest.approx(value, rel=1e-2), key
+
+
+# --- the command ------------------------------------------------------------------------------------
+
+
+def command(*arguments: str) -> tuple[int, str, str]:
+    script = str(Path(thesis.__file__).parent / "run.py")
+    done = subprocess.run([sys.executable, script, *arguments], capture_output=True, text=True)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_the_command_ends_with_the_table_and_the_paths(tmp_path: Path) -> None:
+    status, out, err = command("--only", "4.5,4.7", "--out", str(tmp_path))
+    assert (status, err) == (0, "")
+    lines = out.splitlines()
+    assert max(map(len, lines[:-2])) <= 100
+    for heading in ("experiment", "the thesis reports", "we measure", "agrees?"):
+        assert heading in lines[0]
+    assert "26.25 J" in out and "yes" in out and "no [1]" in out
+    assert f"{tmp_path}" in lines[-2] and f"{tmp_path / 'results.json'}" in lines[-1]
+    written = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert {row["figure"] for row in written} == {"4.5", "4.7"}
+    assert {p.name for p in tmp_path.glob("*.png")} == {"figure_4_5.png", "figure_4_7.png"}
+
+
+def test_a_disagreement_is_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Reproduction, "agrees", property(lambda _: False))
+    assert Reproduction((), {}, ()).exit_code == 1
+
+
+def test_bad_input_is_status_2_before_anything_runs(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for arguments, said in (
+        (("--out", str(tmp_path / "file")), "file"),
+        (("--only", "5.1", "--out", str(tmp_path / "x")), "4.8, 4.9, 4.10"),
+        (("--only", ",", "--out", str(tmp_path / "x")), "known: 4.1"),
+    ):
+        status, out, err = command(*arguments)
+        assert (status, out) == (2, "") and said in err and "Traceback" not in err

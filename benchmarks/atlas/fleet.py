@@ -1,4 +1,4 @@
-"""`atlas`: the models that installed packages ship, in every simulator, by every integrator, judged.
+"""The models that installed packages ship, in every simulator, by every integrator, judged.
 
 A row is a run of a model by an integrator at one step, recorded, audited, and its ΔC attributed.
 """
@@ -13,7 +13,6 @@ import random
 import time
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache
@@ -25,8 +24,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 import deltac
-from deltac.calls.arguments import checked
-from deltac.calls.interrupts import interruptible
+from atlas.experiments import MOTIONS, SIMULATORS, Experiment
 from deltac.calls.progress import Progress
 from deltac.diagnosis import RUN_TOLERANCE
 from deltac.errors import FileError, InputError, SpecificationError, UnknownName, closest
@@ -40,7 +38,6 @@ from deltac.foreign.files import appearing, read_text
 from deltac.foreign.isolation import Failure
 from deltac.foreign.limits import parse_json, parse_toml
 from deltac.kernels import cache_folder, cache_wanted
-from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
 
 OUTCOME: Mapping[str, str] = {
     **AUDITED,
@@ -68,7 +65,7 @@ class AtlasSpec(BaseModel):
 
     models      patterns of files, by the installed distribution that ships them; those after "!" are left
                 out; "." for folders of one's own, relative to the plan
-    simulators  integrators by simulator, see `deltac.recorders.experiments.SIMULATORS`
+    simulators  integrators by simulator, see `atlas.experiments.SIMULATORS`
     motions     of `MOTIONS`
     duration    of each motion, s; longer for models whose own step makes it less than `rows` steps
     step        of models that name none (URDF), s
@@ -125,7 +122,7 @@ class AtlasRun:
 class AtlasPiece(Piece):
     """Runs of one model, which is read once, as its equations are compiled once."""
 
-    needs = ("deltac.diagnosis.audit.audit", "deltac.recorders.experiments", "llvmlite.binding")
+    needs = ("deltac.diagnosis.audit.audit", "atlas.experiments", "llvmlite.binding")
     kinds = OUTCOME
     per_row = "runs"
 
@@ -370,7 +367,12 @@ def plan_atlas(path: Path) -> AtlasPlan:
         }
         addresses.append(hashlib.blake2b(digest(about), digest_size=ADDRESS).hexdigest())
     return AtlasPlan(
-        spec.name, tuple(addresses), f"deltac atlas {path}", spec, tuple(rows), tuple(skipped)
+        spec.name,
+        tuple(addresses),
+        f"python benchmarks/atlas/run.py {path}",
+        spec,
+        tuple(rows),
+        tuple(skipped),
     )
 
 
@@ -424,7 +426,7 @@ class Size:
 class ModelReading:
     """The call that finds the size of a model, in a worker process."""
 
-    needs: ClassVar[tuple[str, ...]] = ("deltac.recorders.experiments",)
+    needs: ClassVar[tuple[str, ...]] = ("atlas.experiments",)
 
     path: str
 
@@ -499,58 +501,22 @@ def _versions(simulators: Iterable[str]) -> dict[str, str]:
     return found
 
 
-@checked
-@interruptible()
 def atlas(
-    plan: str | Path,
-    out: str | Path | None = None,
+    plan: Path,
+    out: Path | None = None,
     *,
-    workers: int | None = None,
-    executor: Executor | None = None,
-    scheduler: str | None = None,
-    time_limit: float | None = None,
-    retries: int | None = None,
     retry_failed: bool = False,
     progress: Progress | None = None,
+    **execution: Any,
 ) -> Fleet:
-    """Run the models of installed packages in every simulator, and judge every run.
+    """Do what a plan lacks, in the folder `out`; InputError where the plan cannot be read.
 
-    Results that are already in `out` are not computed again: an atlas that was stopped or killed continues.
-    The keys of the plan:
-
-    - `models`: file patterns by installed package; patterns after ``!`` are left out; ``"."`` means paths
-      relative to the plan
-    - `simulators`: integrators by simulator: "mujoco", "drake", "pybullet", "pinocchio", "exudyn", "deltac"
-    - `motions`: some of "fall", "sway", "hold"
-    - `duration`, `rows`: of a motion, s, and the least number of own steps that it lasts
-    - `step`, `steps`: the step of models that name none, s; the steps of the runs as multiples of the model's
-      own
-    - `speeds`: the most speeds of a model that is run
-    - `tolerance`, `audit_seconds`: of the audit
-    - `execution`: as for `sweep`
-
-    Columns beside those of `audit_many`: `motion`, `exchanged`, and of `integrator`, `equations` and `log`
-    the joules at the end, their ``_error``, and the ``_largest`` along the run.
-
-    Args:
-        plan: a ``.toml`` file that names models, simulators, motions and steps.
-        out: folder of the results; by default the plan's name with ``.atlas``.
-        workers: number of processes; by default one per core.
-        executor: does the work instead; any executor of the `concurrent.futures` interface.
-        scheduler: address of a Dask scheduler whose workers do the work instead.
-        time_limit: seconds that the runs and audits of one setting may take before their process is ended.
-        retries: more attempts for a run whose process died or took too long.
-        retry_failed: try again what was set aside before.
-        progress: called with the fraction done.
-
-    Returns:
-        The fleet: counts of verdicts, the worst cases, `frame` with a row for every run.
-
-    Raises:
-        InputError: the plan cannot be read, or the folder belongs to another fleet or is in use.
+    `execution` overrides that of the plan: `workers`, `scheduler`, `time_limit`, `retries`.
     """
-    made = plan_atlas(Path(plan))
-    execution = made.spec.execution.overridden(
-        workers=workers, scheduler=scheduler, time_limit=time_limit, retries=retries
+    made = plan_atlas(plan)
+    return made.run(
+        out,
+        made.spec.execution.overridden(**execution),
+        retry_failed=retry_failed,
+        progress=progress,
     )
-    return made.run(out, execution, executor=executor, retry_failed=retry_failed, progress=progress)

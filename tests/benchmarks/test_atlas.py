@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from atlas import experiments
+from atlas.experiments import MOTIONS, SIMULATORS, Experiment
+from atlas.fleet import Size, atlas, model_files, model_sizes, plan_atlas
 
 import deltac as dc
 from deltac.errors import InputError
-from deltac.fleets.atlas import Size, atlas, model_files, model_sizes, plan_atlas
 from deltac.fleets.spec import Execution
 from deltac.foreign.isolation import Failure
-from deltac.recorders import experiments
-from deltac.recorders.experiments import MOTIONS, SIMULATORS, Experiment
 from deltac.recorders.mujoco_recorder import compiled_model
 
 pytest.importorskip("mujoco", reason="URDF files are read by MuJoCo")
@@ -159,7 +159,7 @@ def test_a_model_that_is_too_large_says_so(tmp_path: Path, arm: Path) -> None:
 def test_a_killed_atlas_goes_on(tmp_path: Path, arm: Path) -> None:
     plan, out = tmp_path / "plan.toml", tmp_path / "out"
     plan.write_text(PLAN)
-    command = [sys.executable, "-m", "deltac", "atlas", str(plan), "--out", str(out)]
+    command = [sys.executable, "benchmarks/atlas/run.py", str(plan), "--out", str(out)]
     process = subprocess.Popen(
         command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
     )
@@ -282,7 +282,7 @@ def test_models_are_read_once(tmp_path: Path, arm: Path, monkeypatch: pytest.Mon
         raise AssertionError("read again")
 
     with monkeypatch.context() as patch:
-        patch.setattr("deltac.fleets.atlas.ModelReading", refuse)
+        patch.setattr("atlas.fleet.ModelReading", refuse)
         assert plan_atlas(tmp_path / "plan.toml").addresses == first.addresses
     arm.write_text(ARM.replace("1.5", "1.4"))
     assert plan_atlas(tmp_path / "plan.toml").addresses != first.addresses

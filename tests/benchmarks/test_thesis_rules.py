@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-
-from deltac.studies.thesis.experiments import (
+from thesis.experiments import (
     EVERYTHING,
     POWER_OF_TEN,
     REPORTED,

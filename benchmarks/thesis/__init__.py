@@ -13,8 +13,8 @@ numerical simulations of multibody dynamic systems", M.S.E. thesis, Western Mich
 
 from __future__ import annotations
 
-from deltac.studies.thesis.drawing import write
-from deltac.studies.thesis.experiments import EXPERIMENTS
-from deltac.studies.thesis.reproduction import Reproduction, Result, reproduce
+from thesis.drawing import write
+from thesis.experiments import EXPERIMENTS
+from thesis.reproduction import Reproduction, Result, reproduce
 
 __all__ = ["EXPERIMENTS", "Reproduction", "Result", "reproduce", "write"]

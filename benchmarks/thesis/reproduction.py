@@ -12,7 +12,7 @@ from typing import Any
 from deltac.calls.progress import Progress
 from deltac.errors import InputError, UnknownName
 from deltac.results import Report, Section, Serialisable, Table, number
-from deltac.studies.thesis.experiments import (
+from thesis.experiments import (
     EVERYTHING,
     EXPERIMENTS,
     REPORTED,
@@ -20,8 +20,8 @@ from deltac.studies.thesis.experiments import (
     Reported,
     agrees,
 )
-from deltac.studies.thesis.measures import NAMES, final, largest
-from deltac.studies.thesis.runs import Outcome, Run, absolute_angles, perform
+from thesis.measures import NAMES, final, largest
+from thesis.runs import Outcome, Run, absolute_angles, perform
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Reproduction(Report, omit=("experiments", "outcomes"), also=("agrees", "as
 
     def report(self, path: str | PurePath, *more: Report, **keywords: Any) -> None:
         """The ten figures as live panels beside the statements; see `Report.report`."""
-        import_module("deltac.studies.thesis.page")  # which says how
+        import_module("thesis.page")  # which says how
         super().report(path, *more, **keywords)
 
     def of(self, experiment: PublishedExperiment, *, compared: bool = False) -> dict[str, Outcome]:

@@ -14,7 +14,7 @@ from deltac import solvers
 from deltac.arrays import Array
 from deltac.problems import triple_pendulum
 from deltac.problems.triple_pendulum_equations import HandEquations
-from deltac.studies.thesis.runs import (
+from thesis.runs import (
     CONSTRAINT,
     PRESCRIBED,
     DriveForms,

@@ -7,7 +7,7 @@ import dataclasses
 import pytest
 
 from deltac import problems
-from deltac.studies.references import compare
+from deltac.references import compare
 
 
 def test_right_references_are_met() -> None:

@@ -153,7 +153,7 @@ def test_a_wrong_number_would_be_noticed() -> None:
 DOCUMENTS = [
     *(ROOT / "docs" / f"{name}.md" for name in ("thesis", "matrices", "derivation")),
     ROOT / "NOTATION.md",
-    *sorted((ROOT / "src" / "deltac" / "studies").rglob("*.*")),
+    *sorted((ROOT / "benchmarks" / "thesis").rglob("*.*")),
     *sorted((ROOT / "src" / "deltac" / "problems").glob("*.py")),
 ]
 
@@ -183,7 +183,7 @@ def test_symbols_of_the_matrices_carry_their_equations() -> None:
 
 
 def test_statements_carry_their_lines() -> None:
-    from deltac.studies.thesis.experiments import EVERYTHING
+    from thesis.experiments import EVERYTHING
 
     for claim in (claim for experiment in EVERYTHING for claim in experiment.claims):
         assert bool(claim.source) == (claim.thesis is not None), claim

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any, Literal, TypeAlias
 
-from deltac.studies.thesis.measures import MEASURES, Measure
-from deltac.studies.thesis.runs import Run
+from thesis.measures import MEASURES, Measure
+from thesis.runs import Run
 
 Reported: TypeAlias = float | str | None
 """What the thesis says: a number, words, or nothing."""
@@ -93,7 +93,7 @@ class PublishedExperiment:
 
 def _read() -> tuple[PublishedExperiment, ...]:
     table: dict[str, Any] = tomllib.loads(
-        files("deltac.studies.thesis").joinpath("experiments.toml").read_text("utf-8")
+        files("thesis").joinpath("experiments.toml").read_text("utf-8")
     )
     experiments = []
     for entry in table["experiments"]:

@@ -12,9 +12,9 @@ from deltac.report.page.parts import Chapter, Grid, Page, Part, Words
 from deltac.report.page.scene import scene
 from deltac.report.panels import Guide, Line, TimePlot
 from deltac.results import Table
-from deltac.studies.thesis.experiments import PublishedExperiment
-from deltac.studies.thesis.reproduction import Reproduction
-from deltac.studies.thesis.runs import PRESCRIBED, Outcome, absolute_angles, problem
+from thesis.experiments import PublishedExperiment
+from thesis.reproduction import Reproduction
+from thesis.runs import PRESCRIBED, Outcome, absolute_angles, problem
 
 NAMES = {"liu-huston": "Liu–Huston", "wang": "Wang"}
 

@@ -40,7 +40,7 @@ def inlined(operation: Callable[..., Any]) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class _Kind:
-    """What matrices of these shapes make: an object of a class with `of`, by what it needs else, or one alone."""
+    """What matrices of these shapes make: an object of a class with `of`, or a matrix alone."""
 
     shapes: tuple[tuple[int, int], ...]
     owner: Any = None

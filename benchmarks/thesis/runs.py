@@ -16,6 +16,7 @@ from deltac.arrays import Array
 from deltac.energy import Ledger
 from deltac.mechanism.state import State
 from deltac.problems import Problem
+from deltac.simulation.equations import Equations
 from deltac.simulation.solvers import Scipy
 from deltac.simulation.step_size.energy_error import EnergyErrorWarning
 from deltac.trajectories import Trajectory
@@ -106,10 +107,31 @@ class Outcome:
 @cache
 def problem(variant: str) -> Problem:
     """The triple pendulum in one of `VARIANTS`; the same object every time, so it compiles once."""
-    pendulum = problems.load("triple-pendulum", **VARIANTS[variant])
+    options = dict(VARIANTS[variant])
+    noise = options.pop("noise", 0.0)
+    pendulum = problems.load("triple-pendulum", **options)
+    if noise:
+        return replace(pendulum, equations=disturbed(pendulum.equations, noise))
     if variant.startswith("by hand"):
         return pendulum
     return replace(pendulum, mechanism=pendulum.mechanism.varying(*DAMPERS))
+
+
+ERRATIC = 1e9
+"""Frequency of the erratic error (1/rad): a stage's change of angle takes it around many times."""
+
+
+def disturbed(equations: Equations, noise: float) -> Equations:
+    """Equations whose accelerations are off by up to `noise`, relatively, in a way that no two stages share.
+
+    As an iterative solver of the accelerations leaves them. A function of the state that oscillates within
+    nanoradians is as good as random, the same on every run, and can be compiled.
+    """
+
+    def rhs(t: Any, theta: Any, omega: Any) -> Any:
+        return equations.rhs(t, theta, omega) * (1.0 + noise * np.sin(ERRATIC * (theta + omega)))
+
+    return replace(equations, rhs=rhs)
 
 
 def perform(run: Run) -> Outcome:

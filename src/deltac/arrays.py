@@ -45,6 +45,24 @@ SMALL_SHARE = 1e-3
 ENDLESS = 20_000
 """Rounds after which a loop that should end by itself is given up: it will not end."""
 
+SAME_STEP = 1e-2
+"""Relative difference of steps that are the same: times of logs are rounded, or in single precision."""
+
+NEWTON_STEPS = 100
+"""Iterations after which what has not converged will not."""
+
+SIX_DIGITS = 1e-5
+"""Differences that six digits do not show: of a factor from one."""
+
+NEGLIGIBLE = 0.05
+"""A share that is neglected beside the whole: what is said of the whole is then known to so much."""
+
+LONG_LOG = 20_000
+"""Rows that tell what a log's statistics can: the deviation of noise to a hundredth.
+
+Of longer logs some rows are looked at, or kept.
+"""
+
 HALF_DIGITS = 1e-7
 """Relative difference of what agrees to half of a double's digits.
 

@@ -111,6 +111,8 @@ FINDINGS: dict[str, str] = {
     "angular-velocity-frame": "an angular velocity is in the parent's components, not the body's",
     "velocity-frame": "a velocity is in body components, not world components",
     "gap": "rows are missing",
+    "declared-step": "the declared step is longer than the time between rows",
+    "held-channel": "a channel that is declared as held is not in the log",
     "frames": "velocities of a floating body were logged in other components, and were transformed",
     "by-law": "columns of prescribed joints missing in the log are computed from their laws",
     "left-out": "rows with missing values were left out",

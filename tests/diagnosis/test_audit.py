@@ -219,7 +219,7 @@ def test_the_ledger_of_a_large_log_keeps_some_rows(monkeypatch: pytest.MonkeyPat
     run = hopper_run()
     whole = audit(model_of(HOPPER), run)
     monkeypatch.setattr(logs, "LARGE_LOG", 1000)
-    monkeypatch.setattr(importlib.import_module("deltac.diagnosis.audit.audit"), "KEPT", 20)
+    monkeypatch.setattr(importlib.import_module("deltac.diagnosis.audit.audit"), "LONG_LOG", 20)
     few = audit(model_of(HOPPER), run)
     assert len(few.ledger.t) <= 0.1 * len(run) < len(whole.ledger.t) == len(run)
     assert few.verdict.kind == whole.verdict.kind

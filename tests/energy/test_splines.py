@@ -48,7 +48,7 @@ def test_long_columns_are_not_remembered(monkeypatch: pytest.MonkeyPatch) -> Non
     known = spline_rates(t, x, 5)
     short = splines._rates(len(t))
     before = short.cache_info().currsize  # type: ignore[attr-defined]
-    for limit in ("SHORT", "REMEMBERED"):
+    for limit in ("SHORT", "LONG_LOG"):
         monkeypatch.setattr(splines, limit, 10)
     np.testing.assert_array_equal(spline_rates(t, x, 5), known)
     spline_rates(t + 1.0, x, 5)

@@ -108,6 +108,20 @@ def test_nothing_is_done_twice(
     assert dc.sweep(PLAN, folder).frame["address"].equals(undisturbed.frame["address"])
 
 
+def test_a_sweep_killed_before_its_table_was_written(
+    undisturbed: dc.Fleet, tmp_path: Path, crew: ThreadPoolExecutor
+) -> None:
+    """All rows are there, in pieces: the table is in the plan's order, without those of other plans."""
+    folder = tmp_path / "out"
+    longer = {**PLAN, "vary": {**PLAN["vary"], "parameter": {"m1": [*M1.tolist(), 3.0]}}}
+    dc.sweep(longer, folder, executor=crew)
+    dc.sweep(PLAN, folder, executor=crew)
+    (folder / "results.parquet").unlink()
+    found = dc.fleet_status(folder)
+    assert found.done == found.total == 200 and found.others == 20
+    assert compared(found.frame).equals(compared(undisturbed.frame))
+
+
 def test_what_other_versions_made_is_made_again_and_said(
     undisturbed: dc.Fleet,
     tmp_path: Path,

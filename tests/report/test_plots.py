@@ -233,20 +233,3 @@ def test_every_public_report_shows_itself() -> None:
 
 def _shows(found: Any) -> bool:
     return inspect.isclass(found) and issubclass(found, Shown)
-
-
-def test_a_sketch_fits_its_card() -> None:
-    """Outlines and paths stay within the margins, and reach them across or along."""
-    from deltac.report.page.scene import scene
-    from deltac.report.still import MARGIN, SKETCH, sketch
-
-    problem = dc.problems.load("double-pendulum")
-    run = dc.simulate(problem.mechanism, problem.state, 0.5, 0.01)
-    found = scene(problem.mechanism, [("", run)])
-    assert found is not None
-    paths = sketch(found)
-    points = [p.split() for path in paths for line in path.split("M")[1:] for p in line.split("L")]
-    values = np.array(points, dtype=float)
-    low, high = values.min(axis=0), values.max(axis=0)
-    assert np.all(low >= MARGIN - 0.1) and np.all(high <= SKETCH - MARGIN + 0.1)
-    assert np.min(np.abs(high - low - (SKETCH - 2 * MARGIN))) < 0.2

@@ -89,16 +89,6 @@ def test_what_cannot_be_written_is_said_before_the_work(
 
 
 @pytest.mark.slow
-def test_the_gallery_has_every_problem(tmp_path: Path) -> None:
-    assert run("problems", "--gallery", tmp_path) == 0
-    cards = next(p for c in read(tmp_path / "index.html")["chapters"] for p in c["parts"])[
-        "entries"
-    ]
-    assert [card[1] for card in cards] == list(dc.problems.names())
-    assert all((tmp_path / card[0]).is_file() and card[3] for card in cards)
-
-
-@pytest.mark.slow
 def test_the_thesis_has_its_figures(tmp_path: Path) -> None:
     from thesis import reproduce
 

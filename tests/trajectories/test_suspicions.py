@@ -155,6 +155,35 @@ def test_gaps_are_found_and_changing_steps_are_not() -> None:
     assert suspicions(grown) == []
 
 
+def test_a_declared_step_longer_than_the_rows_apart() -> None:
+    """A step is that of the solver: rows may be further apart, or interpolated if none is declared."""
+    run = right()  # 5 ms
+    for step, expected in ((None, []), (1e-3, []), (5e-3, []), (0.02, ["declared step"])):
+        declared = replace(run, provenance=replace(run.provenance, step=step))
+        assert kinds(declared) == expected, step
+
+
+def test_a_held_channel_that_the_log_lacks() -> None:
+    run = replace(right(), forces={"actuator motor": np.zeros((401, 8))})
+
+    def said(**more: Any) -> list[Suspicion]:
+        return suspicions(replace(run, provenance=replace(run.provenance, **more)), NAMES)
+
+    (found,) = said(held=("actuator motr",))
+    assert found.kind == "held channel" and "did you mean 'actuator motor'" in found.evidence
+    assert said(held=("actuator motor",)) == said(held=()) == []
+    # A contact that a recorder looks for, and that never touched.
+    assert said(held=("contact a-b",), looked_for=("contact",)) == []
+
+
+def test_an_audit_says_what_is_declared_wrongly() -> None:
+    problem = dc.problems.load("simple-pendulum")
+    run = dc.simulate(problem.mechanism, problem.state, 1.0, 0.01)
+    about = dc.Provenance("own loop", step=0.05, held=("actuator m",))
+    found = dc.audit(problem, replace(run, integrals={}, provenance=about)).findings
+    assert {"declared-step", "held-channel"} <= {f.kind for f in found}
+
+
 def test_runs_of_deltac_raise_no_suspicion() -> None:
     mechanism = dc.Mechanism(
         bodies=[

@@ -33,8 +33,7 @@ export interface Flows { kind: "flows"; title: string; flows: Flow[]; note: stri
 export interface Grid { kind: "table"; title: string; heads: string[]; rows: string[][]; numeric: boolean[]; folded: boolean; links: string[] }
 export interface Words { kind: "words"; title: string; paragraphs: string[]; folded: boolean }
 export interface Code { kind: "code"; title: string; text: string; first: number; wrong: number[]; diff: boolean; note: string }
-export interface Links { kind: "links"; title: string; entries: [string, string, string, string, string][] }
-export type Part = TimePlot | LogPlot | HeatMap | Bars | Flows | Grid | Words | Code | Links;
+export type Part = TimePlot | LogPlot | HeatMap | Bars | Flows | Grid | Words | Code;
 
 export interface Finding {
   code: string; kind: string; what: string; evidence: string; remedy: string; weight: "cause" | "doubt" | "note"; element: string;

@@ -7,7 +7,7 @@ import { Clock } from "./clock";
 import { read, type Page, type Part } from "./data";
 import { el, icon, save, typeset } from "./dom";
 import { Player } from "./player";
-import { code, finding, grid, links, words } from "./texts";
+import { code, finding, grid, words } from "./texts";
 import { Plot } from "./timeplot";
 
 const page: Page = read();
@@ -40,7 +40,6 @@ function draw(part: Part): HTMLElement {
     case "table": return grid(part);
     case "words": return words(part);
     case "code": return code(part);
-    case "links": return links(part);
   }
 }
 

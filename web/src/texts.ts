@@ -1,7 +1,7 @@
 // Tables, words, source code, findings.
 
-import type { Code, Grid, Links, Told, Words } from "./data";
-import { el, svg, typeset } from "./dom";
+import type { Code, Grid, Told, Words } from "./data";
+import { el, typeset } from "./dom";
 
 export function grid(table: Grid): HTMLElement {
   const head = el("tr");
@@ -85,12 +85,6 @@ function marked(all: string[], k: number): (Node | string)[] {
   let b = 0;
   while (b < line.length - a && b < other.length - a && line[line.length - 1 - b] === other[other.length - 1 - b]) b += 1;
   return [line.slice(0, a), el("b", {}, line.slice(a, line.length - b)), line.slice(line.length - b)];
-}
-
-export function links(part: Links): HTMLElement {
-  return el("div", { class: "panel wide" }, part.title && el("h3", {}, part.title),
-    el("div", { class: "cards" }, ...part.entries.map(([href, title, note, path, trail]) => el("a", { class: "card", href },
-      svg("svg", { viewBox: "0 0 230 130", "aria-hidden": "true" }, svg("path", { d: trail, class: "trail" }), svg("path", { d: path })) as unknown as HTMLElement, el("b", {}, title), el("span", {}, note)))));
 }
 
 /** With a capital letter, unless the text begins with a name or a symbol. */

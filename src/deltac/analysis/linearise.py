@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from deltac.analysis.model import Instants, instants
-from deltac.arrays import SAME, Array
+from deltac.arrays import NEWTON_STEPS, SAME, Array
 from deltac.calls.arguments import checked
-from deltac.dynamics.admissible import NEWTON_STEPS, onto_positions
+from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.equations_of_motion import (
     EquationsOfMotion,
     equations_of_motion,

@@ -116,7 +116,7 @@ COMMANDS = {
     ),
     "problems": Command(
         "List the problem library, or run one of its problems.",
-        "deltac problems\n  deltac problems n-four-bar --set n=3\n  deltac problems --gallery gallery",
+        "deltac problems\n  deltac problems n-four-bar --set n=3",
         "library",
         "guide",
     ),

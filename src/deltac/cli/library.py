@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from deltac.cli.options import Json
-from deltac.cli.output import print_json, print_sections, progress_bar
+from deltac.cli.output import print_json, print_sections
 from deltac.results import Table, number, plain
 
 if TYPE_CHECKING:
@@ -27,12 +26,6 @@ def problems(
         list[str] | None,
         typer.Option("--set", metavar="OPTION=VALUE", help="Choose a variant, as in --set n=40."),
     ] = None,
-    gallery: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR", help="Write an animated page of every problem, and index.html."
-        ),
-    ] = None,
     as_json: Json = False,
 ) -> None:
     """List the problem library, or run the problem NAME and compare it with its references.
@@ -41,15 +34,7 @@ def problems(
     """
     from deltac import problems as library
 
-    if gallery is not None:
-        from deltac.report.page.motion import write_gallery
-
-        with progress_bar("writing the gallery") as progress:
-            failed = list(write_gallery(gallery, progress))
-        for reason in failed:
-            print(f"left out: {reason}")
-        print(f"gallery: {gallery / 'index.html'}")
-    elif name is None:
+    if name is None:
         _list([library.load(problem_name) for problem_name in library.names()], as_json)
     else:
         _compared(library.load(name, **_options(source or [])), as_json)

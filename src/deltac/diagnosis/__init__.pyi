@@ -12,7 +12,6 @@ from deltac.diagnosis.inputs.logs import read_log as read_log
 from deltac.diagnosis.recommend.result import Recommendation as Recommendation
 from deltac.diagnosis.recommend.result import setting_of as setting_of
 from deltac.diagnosis.recommend.work_precision import Trial as Trial
-from deltac.diagnosis.residuals.at_states import LEAST_TERMS as LEAST_TERMS
 from deltac.diagnosis.residuals.at_states import EquationTest as EquationTest
 from deltac.diagnosis.residuals.function import Caller as Caller
 from deltac.diagnosis.residuals.kane import Kane as Kane

@@ -23,6 +23,7 @@ from deltac.diagnosis.inference.flow import predict, transitions, transported
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inputs.logs import LogLike
+from deltac.diagnosis.measurements.kinematics import LEAST_ROWS
 from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
@@ -32,6 +33,7 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
 from deltac.results import Report, Section, number
+from deltac.simulation.flow import LOST
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.mapping import MappingLike
 
@@ -44,14 +46,9 @@ CONTRACTION = 0.5
 FLOW = SAME
 """Error of the flow over an interval, as a share of the sizes of coordinates and speeds."""
 
-LOST_MOTION = 1e-3
-"""A motion that the last sweep still moves by so much is not found, as a share of the same sizes."""
 
 BEYOND = 2.0
 """A correction is this many times what is not known of the corrected motion, or the log may be as good."""
-
-LEAST_CORRECTED_ROWS = 10
-"""Rows of a corrected motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,9 +150,9 @@ def correct_trajectory(
             np.max(np.abs(np.nan_to_num(error, nan=np.inf)) / scale, axis=1)
         )
         lost = now > (np.full(len(now), np.inf) if before is None else CONTRACTION * before + FLOW)
-        lost |= now > (LOST_MOTION if len(sizes) == SWEEPS - 1 else np.finfo(float).max)
+        lost |= now > (LOST if len(sizes) == SWEEPS - 1 else np.finfo(float).max)
         count = int(np.argmax(lost)) if lost.any() else len(now)
-        if count < LEAST_CORRECTED_ROWS:
+        if count < LEAST_ROWS:
             raise _refused(
                 f"from t = {rows.t[count]:.4g} s on corrections do not become smaller: the motion is "
                 "chaotic, or the steps are far too long"

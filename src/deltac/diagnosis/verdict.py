@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from deltac.arrays import ROUNDED
 from deltac.errors import InputError
 from deltac.results import Finding, Report, Weight, percent, told_findings
+from deltac.simulation.step_size.energy_error import ACCURATE
 
 if TYPE_CHECKING:
     from deltac.energy import Ledger
@@ -38,7 +39,7 @@ EXIT_CODES: dict[Kind, int] = {
 NOTHING = ROUNDED
 """Energy exchanged below this share of the energies themselves is their rounding."""
 
-RUN_TOLERANCE = 1e-3
+RUN_TOLERANCE = ACCURATE
 """Energy error of a run that is judged as it is, accepted by default, as a fraction of the energy that the
 system has: samples, digits of a log and the low orders of real-time engines leave about as much."""
 

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deltac.arrays import ASSEMBLED, EPS, ROOT_EPS, Array
+from deltac.arrays import ASSEMBLED, EPS, NEWTON_STEPS, ROOT_EPS, Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.dynamics.kkt import least_squares
 
@@ -21,9 +21,6 @@ Mask: TypeAlias = NDArray[np.bool_]
 
 AT_ROUNDING = 4 * EPS
 """Newton's steps go on until the violation (m or rad) is below this, or falls no more."""
-
-NEWTON_STEPS = 100
-"""More of them do not converge either."""
 
 
 def onto_positions(

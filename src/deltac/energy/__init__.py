@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from deltac.dynamics.testing_functions import TESTING_FUNCTIONS
-from deltac.energy.accumulator import KEPT, balance
+from deltac.energy.accumulator import balance
 from deltac.energy.balance import residuals
 from deltac.energy.ledger import Ledger
 from deltac.energy.live import (
@@ -19,7 +19,6 @@ from deltac.energy.live import (
 )
 
 __all__ = [
-    "KEPT",
     "MOMENTA",
     "QUADRATURE",
     "RESULTS",

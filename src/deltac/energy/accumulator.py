@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from deltac.arrays import LONG_LOG
 from deltac.energy.balance import balance_of_rows
 from deltac.energy.ledger import Ledger, joined, worst_rows
 from deltac.energy.prepare import violations
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 OVERLAP = SAMPLED
 """Rows that chunks share with their neighbours: a window of interpolation."""
 
-KEPT = 20_000
-"""Rows of the ledger that is handed back, about."""
 
 SUMS = ("work", "delta_c", "momentum", "delta_p")
 BARS = ("work_error", "error_bar", "momentum_bar", "delta_p_bar")
@@ -131,7 +130,7 @@ def balance_chunks(
     work: str | None = None,
     testing: Sequence[str] | None = None,
     *,
-    kept: int = KEPT,
+    kept: int = LONG_LOG,
 ) -> tuple[Ledger, Trajectory]:
     """`balance` of a log in chunks, in memory bounded by one of them.
 

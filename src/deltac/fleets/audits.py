@@ -52,11 +52,11 @@ AMBIGUOUS = (".txt", ".dat", ".tab", ".asc", ".json", ".jsonl", ".ndjson")
 SMALL = 1 << 20
 """Size (bytes) up to which files of such suffixes are looked into."""
 
-EPISODES = 256
-"""Logs, and episodes of a log, in a piece, at most."""
-
 TOGETHER = 32
 """Episodes that are judged side by side: what is known of each takes a megabyte or so of memory."""
+
+EPISODES = LONG_PIECE * TOGETHER
+"""Logs, and episodes of a log, in a piece, at most."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from deltac.errors import FileError, InputError, SpecificationError, UnknownName
 from deltac.fleets.rows import SETTING
 from deltac.fleets.spec import Range, SweepSpec, make_spec
 from deltac.foreign.files import read_bytes
+from deltac.foreign.isolation import apart
 from deltac.foreign.limits import Limits, require_memory
 
 
@@ -136,36 +137,42 @@ def with_points(spec: SweepSpec) -> SweepSpec:
 
 def _table_columns(path: Path) -> dict[str, list[Any]]:
     """The columns of a CSV or Parquet file with points, each named as an axis and without gaps."""
-    import polars
-
-    kind = path.suffix.lower()
-    if kind not in (".csv", ".parquet"):
+    if path.suffix.lower() not in (".csv", ".parquet"):
         raise FileError(f"{path}: expected a table of points, .csv or .parquet")
     try:
-        content = io.BytesIO(read_bytes(path))
+        columns = _decoded(path)
     except InputError as error:
-        raise FileError(f"{path}: {error}") from None
-    try:
-        frame = polars.read_csv(content) if kind == ".csv" else polars.read_parquet(content)
-    except (OSError, polars.exceptions.PolarsError, polars.exceptions.PanicException) as error:
-        raise FileError(f"{path} cannot be read: {str(error).splitlines()[0]}") from error
-    _check_size(len(frame), len(frame.columns))
-    if not len(frame):
+        raise InputError.of(error.code, f"{path} cannot be read: {error}") from None
+    rows = len(next(iter(columns.values()), ()))
+    _check_size(rows, len(columns))
+    if not rows:
         raise SpecificationError(f"{path}: the table has no rows, so there are no points")
-    for name in frame.columns:
+    for name, values in columns.items():
         group, dot, own = name.strip().partition(".")
         if not (own and group in GROUPS if dot else name.strip() in SETTING):
             names = [*SETTING, *(f"{g}.NAME" for g in GROUPS)]
             raise UnknownName(f"{path}: unknown column {name!r}{closest(name, names)}")
-        if frame[name].null_count():
-            row = int(frame[name].is_null().arg_max() or 0)
+        if None in values:
             raise SpecificationError(
-                f"{path}: column {name!r} has no value in row {row} (rows count from 0); give every point one"
+                f"{path}: column {name!r} has no value in row {values.index(None)} (rows count from 0); give "
+                "every point one"
             )
     return {
-        name.strip(): [float(v) if isinstance(v, int) else v for v in frame[name].to_list()]
-        for name in frame.columns
+        name.strip(): [float(v) if isinstance(v, int) else v for v in values]
+        for name, values in columns.items()
     }
+
+
+@apart
+def _decoded(path: Path) -> dict[str, list[Any]]:
+    """The columns of a table as its decoder gives them, in a process of its own."""
+    import polars
+
+    read = polars.read_csv if path.suffix.lower() == ".csv" else polars.read_parquet
+    try:
+        return read(io.BytesIO(read_bytes(path))).to_dict(as_series=False)
+    except (OSError, polars.exceptions.PolarsError, polars.exceptions.PanicException) as error:
+        raise FileError(str(error).splitlines()[0]) from error
 
 
 def _check_size(points: int, axes: int) -> None:

@@ -84,13 +84,13 @@ class Fleet(Report):
 
     @property
     def frame(self) -> polars.DataFrame:
-        """The table (a polars DataFrame): of a fleet that is not complete, the rows that are there."""
+        """The table (a polars DataFrame); of a fleet that is not complete, its rows that are there."""
         import polars
 
         path = self.folder / RESULTS
         if self.done == self.total and path.exists():
             return polars.read_parquet(path, glob=False)
-        return Store.open(self.folder).rows()
+        return Store.open(self.folder).table()
 
     def report(  # type: ignore[override]
         self,

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 RECORDS = 8
 """Times at which the energies of a run are looked at, at most, besides the start."""
 
-CLOSER = 64
+CLOSER = RECORDS**2
 """Times, at least, at which those are looked at that seem to be wrong: few times may all fall to where a
 periodic motion turns and has little energy."""
 

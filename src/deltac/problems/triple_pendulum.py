@@ -59,7 +59,6 @@ def problem(
     damping: float | Sequence[float] = 0.0,
     drive: Literal["torque", "motion", "constraint"] | None = None,
     mistake: bool = False,
-    noise: float = 0.0,
 ) -> Problem:
     """The pendulum of fig. 4.1, or another of the thesis's experiments.
 
@@ -72,7 +71,6 @@ def problem(
             "torque": bar 1 is free, and a controller or a log supplies the joint torque "M1";
             "constraint": bar 1 is free but for the motion constraint θ̇1 − Aw cos wt = 0.
         mistake: the hand-written equations have the sign mistake of fig. 4.7.
-        noise: relative size of an erratic error of the hand-written equations' accelerations.
 
     With a drive, the first angle and rate are those of its motion at t = 0: leave them at zero.
 
@@ -93,7 +91,7 @@ def problem(
             )
         omega = (AMPLITUDE * FREQUENCY, *omega[1:])
     mechanism = _mechanism(loads, dampers, drive)
-    hand = HandEquations.of(mechanism.parameters, mistake=mistake, noise=noise)
+    hand = HandEquations.of(mechanism.parameters, mistake=mistake)
     right = HandEquations.of(mechanism.parameters)
     conservative = drive is None and not any(dampers)
     return Problem(

@@ -13,9 +13,6 @@ from typing import Any
 
 import numpy as np
 
-ERRATIC = 1e9
-"""Frequency of the erratic error (1/rad): a stage's change of angle takes it around many times."""
-
 
 @dataclass(frozen=True)
 class HandEquations:
@@ -26,8 +23,6 @@ class HandEquations:
     g1, g2, g3    weight moments, times the sine of the angle (N·m)
     c1, c2, c3    dampers on the relative rates (N·m·s/rad)
     A, w          amplitude (rad) and frequency (rad/s) of a specified motion θ1 = A sin wt
-    noise         relative size of an erratic error of the accelerations, as an iterative solver of
-                  them leaves; 0: none
     """
 
     J1: float
@@ -44,12 +39,9 @@ class HandEquations:
     c3: float
     A: float = 0.0
     w: float = 0.0
-    noise: float = 0.0
 
     @classmethod
-    def of(
-        cls, p: Mapping[str, float], *, mistake: bool = False, noise: float = 0.0
-    ) -> HandEquations:
+    def of(cls, p: Mapping[str, float], *, mistake: bool = False) -> HandEquations:
         """From the parameters m1…, l1…, c1…, g (and A, w); uniform bars.
 
         With `mistake`, the weight moment in the second equation has the wrong sign (fig. 4.7).
@@ -73,7 +65,6 @@ class HandEquations:
             c3=p["c3"],
             A=p.get("A", 0.0),
             w=p.get("w", 0.0),
-            noise=noise,
         )
 
     def terms(self, theta: Any, omega: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
@@ -104,7 +95,7 @@ class HandEquations:
         a3 = y3 / D3
         a2 = y2 / D2 - L32 * a3
         a1 = f1 / M11 - L21 * a2 - L31 * a3
-        return self._disturbed(np.array([a1, a2, a3]), theta, omega)
+        return np.array([a1, a2, a3])
 
     def driven(self, t: Any, theta: Any, omega: Any) -> Any:
         """ω̇2, ω̇3 (2,) or (2, B) while bar 1 moves as specified; θ2, θ3 and ω2, ω3 are given."""
@@ -113,23 +104,13 @@ class HandEquations:
         determinant = M22 * M33 - M23 * M23
         a2 = (f2 * M33 - M23 * f3) / determinant
         a3 = (M22 * f3 - M23 * f2) / determinant
-        return self._disturbed(np.array([a2, a3]), theta, omega)
+        return np.array([a2, a3])
 
     def driving_torque(self, t: Any, theta: Any, omega: Any) -> Any:
         """M1 (N·m), the torque that makes bar 1 move as specified, from θ2, θ3 and ω2, ω3."""
         a1, (M11, M12, M13, *_), (f1, *_) = self._specified(t, theta, omega)
         a2, a3 = self.driven(t, theta, omega)
         return M11 * a1 + M12 * a2 + M13 * a3 - f1
-
-    def _disturbed(self, acceleration: Any, theta: Any, omega: Any) -> Any:
-        """Accelerations off by up to `noise`, relatively, in a way that no two stages share.
-
-        A function of the state that oscillates within nanoradians: it is as good as random, the same
-        on every run, and can be compiled.
-        """
-        if self.noise == 0.0:
-            return acceleration
-        return acceleration * (1.0 + self.noise * np.sin(ERRATIC * (theta + omega)))
 
     def _specified(
         self, t: Any, theta: Any, omega: Any

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SAME_STEP, Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError, RecordingError
 from deltac.importers.names import coordinate_names, speed_names
@@ -20,9 +20,6 @@ Batch: TypeAlias = Any
 
 FIELDS = ("qfrc_smooth", "qfrc_bias", "qfrc_passive", "qfrc_actuator", "qfrc_constraint")
 OPTIONAL = ("qfrc_fluid", "qfrc_gravcomp")
-
-SAME_STEP = 1e-2
-"""Steps that differ by less (relative) are the same: times are often in single precision."""
 
 
 class BatchRecorder:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import LONG_LOG, SAME_STEP, Array
 from deltac.errors import LogError
 from deltac.recorders.mujoco_recorder import ModelSource, MujocoRecorder, compiled_model
 from deltac.recorders.recorder import simulator
@@ -27,11 +27,6 @@ REPRODUCED = 1e-4
 DIGITS_ALLOWED = 8.0
 """Units in the last digit of the log that are allowed for besides."""
 
-WHOLE = 1e-3
-"""The time between rows is a whole number of steps to this."""
-
-MOST_LOOKED_AT = 10_000
-"""Numbers whose digits are counted."""
 
 REPLAYS_TRIED = 32
 """Rows on which it is tried whether controls belong to the steps after their row, or before it."""
@@ -109,7 +104,7 @@ def replay_mujoco(
         raise LogError("--replay: the log has a single row; expected two or more")
     ratios = np.diff(t) / h
     steps = round(float(np.median(ratios)))
-    if steps < 1 or np.abs(ratios - steps).max() > WHOLE * max(steps, 1):
+    if steps < 1 or np.abs(ratios - steps).max() > SAME_STEP * max(steps, 1):
         row = int(np.argmax(np.abs(ratios - steps)))
         raise LogError(
             f"--replay: rows {row} and {row + 1} are {t[row + 1] - t[row]:.6g} s apart; expected a "
@@ -177,7 +172,7 @@ def _resolution(values: Array) -> float:
     for decimals in range(1, 10):
         if np.array_equal(np.round(values, decimals), values):
             return 0.5 * 10.0**-decimals
-    some = values[np.abs(values) > 1e-200][:MOST_LOOKED_AT]
+    some = values[np.abs(values) > 1e-200][:LONG_LOG]
     for digits in range(4, 13):  # significant ones, as "%.6g" writes them
         scale = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(some))))
         if np.allclose(np.round(some * scale) / scale, some, rtol=1e-15, atol=0.0):

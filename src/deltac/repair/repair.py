@@ -37,7 +37,7 @@ from deltac.repair.tracing.program import (
     read,
     reading,
 )
-from deltac.repair.tracing.samples import RIGHT, StateSamples, Target
+from deltac.repair.tracing.samples import RIGHT, SPREADS, StateSamples, Target
 from deltac.repair.tracing.source import Source, innermost, partial_in, read_source, source_of
 from deltac.repair.tracing.tape import Slot, Tape
 from deltac.repair.tracing.tracer import Endless, Trace, TracingRefused
@@ -72,9 +72,6 @@ AS_RUN, AS_RUN_TO = 4, 1e-5
 
 ONLY_LIVE = "only the running session has it"
 """Why Python cannot run an edited function in another process."""
-
-PERTURBED = 0.37
-"""By up to this share, named constants are moved to tell formulas apart that agree at one set of numbers."""
 
 
 @checked
@@ -450,7 +447,7 @@ def _formulas(target: Target, sources: Sequence[Source]) -> tuple[list[int], boo
     traces = [piece.trace for s in sources for piece in reading(s, samples).pieces]
     names = set.intersection(*(set(trace.parameters) for trace in traces))
     rng = np.random.default_rng(0)
-    factors = {name: 1.0 + PERTURBED * rng.uniform(-1.0, 1.0) for name in sorted(names)}
+    factors = {name: rng.uniform(*SPREADS[0]) for name in sorted(names)}
     kinds: list[Array] = []
     formulas = []
     for source in sources:

@@ -13,7 +13,7 @@ import numpy as np
 
 from deltac.arrays import EPS, Array
 from deltac.diagnosis import Convergence, order_text
-from deltac.results import Serialisable, number
+from deltac.results import SHOWN, Serialisable, number
 
 if TYPE_CHECKING:
     from deltac.diagnosis import Audit, EquationCheck, Recommendation, Study, StudyRun
@@ -159,9 +159,6 @@ class Flows(Panel):
 POINTS = 4000
 """Points, or stretches with their extremes, that a curve is drawn with: no screen has more columns."""
 
-MOST_LINES = 8
-"""Channels whose curves are shown at first; the others are there to be switched on."""
-
 
 def colours(ledger: Ledger) -> dict[str, int]:
     """The colour of every energy and every channel of a ledger, the same in all panels: the largest first."""
@@ -256,7 +253,7 @@ def momentum_functions(ledger: Ledger) -> TimePlot:
                 name,
                 np.maximum(np.abs(values) / exchanged[name], EPS),
                 ledger.delta_p_bar[name] / exchanged[name],
-                shown=k < MOST_LINES,
+                shown=k < SHOWN,
             )
             for k, (name, values) in enumerate(ledger.delta_p.items())
         ),
@@ -282,7 +279,7 @@ def energy_plots(ledger: Ledger) -> Iterator[TimePlot]:
                 Line(
                     f"V {name}",
                     v - v[0],
-                    shown=k < MOST_LINES and float(np.ptp(v)) >= visible,
+                    shown=k < SHOWN and float(np.ptp(v)) >= visible,
                     colour=colour[f"V {name}"],
                 )
                 for k, (name, v) in enumerate(sources)
@@ -307,7 +304,7 @@ def energy_plots(ledger: Ledger) -> Iterator[TimePlot]:
                     ledger.work_error[name]
                     if float(ledger.work_error[name].max()) > 1e-3 * float(np.ptp(work))
                     else None,
-                    shown=k < MOST_LINES,
+                    shown=k < SHOWN,
                     colour=colour[name],
                 )
                 for k, (name, work) in enumerate(ranked)
@@ -488,8 +485,8 @@ def _by_unit(what: str, t: Array, values: Array, entries: Entries) -> Iterator[T
 def by_name(title: str, t: Array, columns: Sequence[tuple[str, Array]], unit: str = "") -> TimePlot:
     """Columns with their names; those that move most are shown at first."""
     ranges = [float(np.ptp(values)) for _, values in columns]
-    least = min(sorted(ranges, reverse=True)[:MOST_LINES], default=0.0)
-    vacancies = MOST_LINES
+    least = min(sorted(ranges, reverse=True)[:SHOWN], default=0.0)
+    vacancies = SHOWN
     lines = []
     for (name, values), size in zip(columns, ranges):
         shown = size >= least and vacancies > 0

@@ -17,7 +17,7 @@ from deltac.mechanism import Mechanism, State
 from deltac.report.page.geometry import Solid, unit
 from deltac.report.page.scene import Drawing, scene, turned
 from deltac.report.picture import blank
-from deltac.report.style import styled
+from deltac.report.style import SMALL_TEXT, styled
 from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BODIES = ("#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#56b4e9", "#8a6d3b")
-
-
-SMALLEST = 7.0
-"""Points (1/72 in) across below which a shape is drawn as a dot of that size."""
 
 
 def still(
@@ -116,39 +112,6 @@ def _seen(drawing: Drawing) -> Array:
     return np.column_stack([right, np.cross(eye, right)])
 
 
-SKETCH, MARGIN = np.array([230.0, 130.0]), 12.0
-"""Width and height of a sketch, and what stays free at its sides."""
-
-
-def sketch(drawing: Drawing, at: float = 0.35) -> tuple[str, str]:
-    """The outlines of the bodies at a share `at` of the run, and the paths of their ends: SVG path data."""
-    poses = np.asarray(drawing.runs[0].poses.values)
-    frame = int(at * (len(poses) - 1))
-    now, axes = poses[frame], _seen(drawing) * [1.0, -1.0]  # upward is less in SVG
-    lines = []
-    for i, body in enumerate(drawing.bodies):
-        shapes = (corners for form in body.forms if len(corners := _corners(form)))
-        hulls = (_hull(turned(now[i], corners) @ axes) for corners in shapes)
-        lines += [np.concatenate([hull, hull[:1]]) for hull in hulls]
-    bodies = [tie for tie in drawing.ties if tie.kind != "loop"]
-    lines += [
-        np.array([turned(now[i], np.array(p)) for i, p in tie.points]) @ axes for tie in bodies
-    ]
-    before = poses[max(0, frame - len(poses) // 4) : frame + 1 : max(1, len(poses) // 200)]
-    trails = [turned(before[:, i], np.array(point)) @ axes for i, point in drawing.trails]
-    if not lines + trails:
-        return "", ""
-    every = np.concatenate(lines + trails)
-    low, high = every.min(axis=0), every.max(axis=0)
-    scale = ((SKETCH - 2 * MARGIN) / np.maximum(high - low, 1e-9 + 0.05 * drawing.size)).min()
-
-    def path(some: Sequence[Array]) -> str:
-        placed = ((line - (low + high) / 2) * scale + SKETCH / 2 for line in some if len(line) > 1)
-        return "".join("M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in line) for line in placed)
-
-    return path(lines), path(trails)
-
-
 def _frame(
     panel: Axes,
     drawing: Drawing,
@@ -176,9 +139,9 @@ def _frame(
         veiled = drawing.bodies[i].inferred and form.kind != "capsule" and len(drawing.bodies) > 4
         look: dict[str, Any] = {"alpha": opacity * (0.45 if veiled else 1.0), "zorder": order}
         panel.fill(*hull.T, facecolor=colour, edgecolor="white", linewidth=0.8, **look)
-        if float(np.ptp(hull, axis=0).max()) * per_point < SMALLEST:
+        if float(np.ptp(hull, axis=0).max()) * per_point < SMALL_TEXT:
             place = hull.mean(axis=0)
-            panel.plot(*place, "o", color=colour, markersize=SMALLEST, markeredgewidth=0, **look)
+            panel.plot(*place, "o", color=colour, markersize=SMALL_TEXT, markeredgewidth=0, **look)
     for tie in drawing.ties:
         ends = np.array([turned(poses[i], np.array(p)) for i, p in tie.points]) @ axes
         if tie.kind == "loop":

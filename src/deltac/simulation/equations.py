@@ -12,7 +12,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.calls.arguments import checked
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
@@ -31,7 +31,6 @@ from deltac.errors import (
 )
 from deltac.mechanism.coordinate_map import CoordinateMap, check_coordinates, own_coordinates
 from deltac.simulation.state_form import (
-    MATCH,
     PLAIN,
     Order,
     StateForm,
@@ -224,7 +223,7 @@ def explicit(system: System, equations: Equations) -> Equations:
     wrong = [
         f"{name} ({answer[k, 0]:.6g} where its speed is {right[k, 0]:.6g})"
         for k, name in enumerate(coordinates)
-        if len(answer) and not np.abs(answer[k] - right[k]).max() <= MATCH * size[k]
+        if len(answer) and not np.abs(answer[k] - right[k]).max() <= HALF_DIGITS * size[k]
     ]
     if wrong:
         raise SourceError(

@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.errors import InputError, SourceError, UnknownName, closest, listed
 
 TIMES = {"t", "time", "_t", "t_", "_", "tt", "time_s", "_time", "tau_"}
@@ -45,9 +45,6 @@ CONTROLS = {
     "inputs", "input", "u_in", "uu", "Tau", "motor", "motors", "M", "wrench", "command", "cmd", "T", "delta",
 }  # fmt: skip
 """Names of an argument that is what motors exert, which is taken as zero."""
-
-MATCH = 1e-6
-"""A rate that agrees with the mechanism's to this (relative) is that rate."""
 
 
 @dataclass(frozen=True)
@@ -306,4 +303,4 @@ def matching(values: Array, right: Array) -> int:
         return 0
     size = np.abs(right).max(axis=1, initial=0.0) + 1e-300
     with np.errstate(invalid="ignore"):
-        return int((np.abs(values - right).max(axis=1, initial=0.0) <= MATCH * size).sum())
+        return int((np.abs(values - right).max(axis=1, initial=0.0) <= HALF_DIGITS * size).sum())

@@ -12,21 +12,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from deltac import rotations
+from deltac.arrays import SAME_STEP
 from deltac.calls.arguments import checked
-from deltac.errors import LogError, WrongType
+from deltac.errors import LogError, WrongType, closest
+from deltac.mechanism.channels import ChannelName
 from deltac.trajectories.columns import QUATERNION, MechanismNames, NamesLike, RateNames, si_unit
 from deltac.trajectories.motion import Movement, RatioFit
 from deltac.trajectories.rates import GAP
 from deltac.trajectories.trajectory import FloatArray, Trajectory
-
-if TYPE_CHECKING:
-    pass
 
 _DEGREE = math.pi / 180.0
 _SURE = 0.999  # for a ratio that no unit explains
@@ -56,7 +54,7 @@ class Suspicion:
 
     kind      "degrees", "turns", "rpm", "millimetres", "centimetres", "time", "sign", "rate",
               "quaternion order", "quaternion conjugate", "angular velocity frame",
-              "velocity frame", "gap"
+              "velocity frame", "gap", "declared step", "held channel"
     evidence  what was found, with numbers
     remedy    what to do about it
     certain   False where an unusual but right log could look the same
@@ -83,7 +81,7 @@ def suspicions(run: Trajectory, model: NamesLike | None = None) -> list[Suspicio
             f"run: found {type(run).__name__}, expected a Trajectory; deltac.read_trajectory(…) reads a file"
         )
     names = None if model is None else MechanismNames.of(model)
-    result = list(_gaps(run.t))
+    result = [*_declared(run), *_gaps(run.t)]
     if len(run) < 4 or "u" in run.provenance.derived:
         return result  # u was derived from q: they agree by construction
     kinematics = RateNames.of(run.coordinates, run.speeds)
@@ -324,6 +322,33 @@ def _velocity_frame(run: Trajectory, turn: _Turning) -> Iterator[Suspicion]:
             "body components",
             "store the velocity of the origin in the parent's (world) components",
         )
+
+
+# -- what is declared ----------------------------------------------------------------------------
+
+
+def _declared(run: Trajectory) -> Iterator[Suspicion]:
+    """A step that the rows contradict, and channels that were held but are not there."""
+    about = run.provenance
+    spacing = float(np.median(np.diff(run.t))) if len(run) > 1 else math.inf
+    if about.step is not None and about.step > (1.0 + SAME_STEP) * spacing:
+        yield Suspicion(
+            "declared step",
+            f"a step of {about.step:.6g} s is declared, and rows are {spacing:.6g} s apart",
+            "give the step that the solver took, or none if rows were interpolated",
+            certain=False,
+        )
+    known = {*map(str, run.forces), *map(str, run.works), *about.acted}
+    for name in about.held or ():
+        # A channel of a kind that a recorder looks for is not there where it never acted.
+        if name not in known and ChannelName.parse(name).kind not in about.looked_for:
+            yield Suspicion(
+                "held channel",
+                f"the channel {name!r} was held over each step, and the log has none of that name"
+                f"{closest(name, sorted(known))}",
+                "correct the name, or log the force",
+                certain=False,
+            )
 
 
 # -- times ---------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from deltac.arrays import NEGLIGIBLE
 from deltac.trajectories.rates import continuous, rotation_vectors
 from deltac.trajectories.trajectory import FloatArray
 
@@ -30,9 +31,6 @@ FIT, CLOSE = 0.98, 0.02
 
 _PARTS = 40
 """Parts of a log over which increments are summed."""
-
-LEAST_MOVEMENT = 0.05
-"""Least share of the whole movement of an axis that is compared."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,5 +130,5 @@ def integral(t: FloatArray, u: FloatArray) -> FloatArray:
 def _worst(moved: FloatArray, integrated: FloatArray) -> float:
     size = np.abs(moved).sum(axis=0) + np.abs(integrated).sum(axis=0)
     difference = np.abs(moved - integrated).sum(axis=0)
-    telling = size > LEAST_MOVEMENT * size.sum()
+    telling = size > NEGLIGIBLE * size.sum()
     return float(np.max(difference[telling] / size[telling])) if telling.any() else np.inf

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import SAME, Array
+from deltac.arrays import LONG_LOG, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -38,7 +38,6 @@ from deltac.diagnosis.verdict import (
     function_of,
 )
 from deltac.energy import Ledger, balance
-from deltac.energy.accumulator import KEPT
 from deltac.errors import InputError, LogError, ModelError, SolverError
 from deltac.mechanism.channels import PASSIVE, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -511,7 +510,7 @@ def _judged(
             run = replace(run, forces=active, integrals={}, works={})
         log, mapping, findings = run, None, (*findings, *order)
     progress = parts.part("read")
-    read = read_log(mechanism, log, reference.work, mapping, keep=KEPT, progress=progress)
+    read = read_log(mechanism, log, reference.work, mapping, keep=LONG_LOG, progress=progress)
     return _judgement(reference, read, findings, limit, parts.part("evidence"), departures)
 
 
@@ -528,7 +527,7 @@ def audit_together(
     results = list[Audit | InputError]()
     for run in runs:
         try:
-            source = read_log(reference.mechanism, run, work, None, keep=KEPT)
+            source = read_log(reference.mechanism, run, work, None, keep=LONG_LOG)
             results.append(
                 _audit(reference, _judgement(reference, source, [], TimeLimit()), strict)
             )

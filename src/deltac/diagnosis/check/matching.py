@@ -16,7 +16,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from deltac.arrays import HALF_DIGITS, Array
+from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.diagnosis.check.terms import (
     FRACTIONS,
     MOST_WRITTEN_SPEEDS,
@@ -276,10 +276,6 @@ def _is_plain(factor: float) -> bool:
 
 
 # --- numbers as formulas in a model's parameters: 0.583 as l2/l1, 0.102 as 1/g -------------------
-
-
-SIX_DIGITS = 1e-5
-"""Differences that six digits do not show: of a factor from one."""
 
 
 def symbols(text: str) -> int:

@@ -23,6 +23,7 @@ from deltac.dynamics.system import System, trace
 from deltac.errors import InputError
 from deltac.kernels.lowering import to_sympy
 from deltac.mechanism.expressions import symbol_of
+from deltac.results import TEXT_WIDTH
 
 MOST_WRITTEN_SPEEDS = 4
 """Terms grow exponentially with the number of speeds, and so does the time to simplify them;
@@ -31,8 +32,6 @@ so many coordinates and speeds have plain functions of a residual or a factor.""
 MOST_INSTRUCTIONS, MOST_NODES = 300, 500
 """Of a term before it is simplified: SymPy takes a second for the latter."""
 
-LONGEST_TERM = 100
-"""Characters of a term that is still worth reading."""
 
 FRACTIONS = tuple({Fraction(a, b) for a in (1, 2, 3, 4) for b in (1, 2, 3, 4, 6, 12)})
 """Numbers that people write, forget or put in."""
@@ -49,7 +48,7 @@ def written(kane: Kane, key: Key, row: int) -> str:
     import sympy
 
     text = _as_text(sympy.factor(expression))
-    return text if len(text) <= LONGEST_TERM else ""
+    return text if len(text) <= TEXT_WIDTH else ""
 
 
 def summands(kane: Kane, key: Key, row: int) -> list[tuple[str, Any]]:

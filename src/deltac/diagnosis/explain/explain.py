@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import NEGLIGIBLE, Array
 from deltac.diagnosis.explain.result import Cause, Explanation, Outcome, sentence
 from deltac.diagnosis.inference.hypotheses import Fit, nothing
 from deltac.diagnosis.inference.joint import joint_posterior
@@ -169,7 +169,6 @@ def with_gears(explanation: Explanation, gears: list[Gear]) -> Explanation:
 
 
 STATES = 60
-APART = 0.05
 """Relative difference of what two causes do, from which on a motion is said to tell them apart."""
 
 
@@ -183,7 +182,7 @@ def advice(run: Trajectory, inference: Inference) -> str:
     most, motion = 0, ""
     for name, samples in _experiments(run, inference):
         first, *others = _effects(inference, samples, fits)
-        distinguished = sum(_difference(first, other) > APART for other in others)
+        distinguished = sum(_difference(first, other) > NEGLIGIBLE for other in others)
         if distinguished > most:
             most, motion = distinguished, name
     if not motion:

@@ -18,14 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import NEWTON_STEPS, Array
 from deltac.calls.arguments import checked
 from deltac.errors import FileError, InputError, PackageError, SourceError
 from deltac.foreign.limits import Limits
 from deltac.trajectories.formats.files import naming
-
-EVENTS = 100
-"""Iterations of a unit's events before it starts."""
 
 
 @checked
@@ -115,7 +112,7 @@ def _unit(
             model.enterInitializationMode()
             model.exitInitializationMode()
             settle, evaluate = model.newDiscreteStates, model.getDerivatives
-        for _ in range(EVENTS):
+        for _ in range(NEWTON_STEPS):
             if not settle()[0]:
                 break
         model.enterContinuousTimeMode()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from deltac.arrays import SAME_STEP
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger
 from deltac.errors import listed
@@ -90,7 +91,7 @@ def unresolved_works(run: Trajectory, ledger: Ledger) -> list[Finding]:
     worst = max(unknown, key=lambda name: errors[name])
     number = "1 channel" if len(unknown) == 1 else f"{len(unknown)} channels"
     step = run.provenance.step
-    whole = step and len(run) > 1 and float(np.median(np.diff(run.t))) < EVERY_STEP * step
+    whole = step and len(run) > 1 and float(np.median(np.diff(run.t))) < (1.0 + SAME_STEP) * step
     remedy = (
         "Log more rows; deltac's own runs integrate works together with the testing functions that they "
         "record (simulate(..., record=...))"
@@ -110,10 +111,6 @@ def unresolved_works(run: Trajectory, ledger: Ledger) -> list[Finding]:
             error=errors[worst],
         )
     ]
-
-
-EVERY_STEP = 1.01
-"""Rows further apart than so many steps are not all of them."""
 
 
 def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, NEGLIGIBLE, SIX_DIGITS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
     AT_ONCE,
@@ -24,6 +24,7 @@ from deltac.diagnosis.verdict import Finding, percent
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import RateNames
+from deltac.trajectories.rates import GAP
 
 FEW = 0.1
 """Share of the rows up to which slips are few: more copies or spikes are something else."""
@@ -31,35 +32,20 @@ FEW = 0.1
 COPIES = 0.34
 """Share of the rows up to which copies are left out and the rest is judged."""
 
-ROUNDED = 1e-6
-"""Share of an interval by which time stamps of an even clock differ without being said to scatter."""
 
 CLEARLY = 0.3
 """An even clock is believed where it leaves this share of the unsteadiness, or less."""
 
-JUMP = 3.0
-"""How many times farther than by the fastest speed of the log a coordinate must move to have jumped."""
-
-JUMPS = 0.01
-"""Share of the intervals that jumps may be: episodes have some rows."""
-
-FAR = 5.0
-"""How many times the range of its four neighbours a spike is away from them."""
 
 LATE = 0.8
 """Rows by which a column must be late to be called so: schemes leave a half at most."""
 
-DEPARTS = 0.05
-"""Share of a column's movement that its rate may miss before the log is doubted."""
 
 RESOLVED = 5e-3
 """Share of the movement that quadrature may miss in a log that is fine enough to be doubted."""
 
-LEAST_GEAR = 2e-3
+LEAST_GEAR = 10.0 * LEAST_RATIO
 """Relative difference below which one coordinate alone has no gear: clocks drift by less."""
-
-DIGIT = 1e-5
-"""How exactly columns tell one clock at best."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +240,7 @@ def _without_spikes(
         for x in columns:
             around = x[rows[:, None] + np.array([-2, -1, 1, 2])]
             distance = np.abs(x[rows] - np.median(around, axis=1))
-            spikes |= dict.fromkeys(rows[distance > FAR * np.ptp(around, axis=1)].tolist(), name)
+            spikes |= dict.fromkeys(rows[distance > GAP * np.ptp(around, axis=1)].tolist(), name)
     if not spikes or len(spikes) > FEW * len(run) or _whole(run):
         return run, []
     first = min(spikes)
@@ -272,7 +258,7 @@ def _evenly_timed(run: Trajectory) -> Trajectory | None:
     """The run on an even clock, rows whole numbers of steps apart, if its stamps scatter about one."""
     h = np.diff(run.t)
     step = float(np.median(h))
-    if _whole(run) or float(np.ptp(h)) <= ROUNDED * step:
+    if _whole(run) or float(np.ptp(h)) <= SIX_DIGITS * step:
         return None
     # However much single steps vary: no row is lost where each is nearest to its own place.
     rows = np.arange(float(len(run)))
@@ -283,7 +269,7 @@ def _evenly_timed(run: Trajectory) -> Trajectory | None:
             step, start = (float(x) for x in np.polyfit(rows, run.t, 1))
         even = start + step * rows
     scatter = float(np.abs(run.t - even).max())
-    return replace(run, t=even) if ROUNDED * step < scatter < 0.5 * step else None
+    return replace(run, t=even) if SIX_DIGITS * step < scatter < 0.5 * step else None
 
 
 def _jitter(run: Trajectory, even: Trajectory) -> Finding:
@@ -305,10 +291,10 @@ def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[F
     jumped: dict[int, str] = {}
     for name, comparison in comparisons.items():
         farthest = float(np.abs(comparison.told).max(initial=0.0))
-        far = comparison.outliers & (np.abs(comparison.defect) > JUMP * farthest)
+        far = comparison.outliers & (np.abs(comparison.defect) > GAP * farthest)
         jumped |= dict.fromkeys(comparison.start[far].tolist(), name)
     rows = np.array(sorted(jumped), dtype=np.intp)
-    if not len(rows) or len(rows) > JUMPS * len(run) or np.diff(rows).min(initial=2) < 2:
+    if not len(rows) or len(rows) > FEW * len(run) or np.diff(rows).min(initial=2) < 2:
         return
     first = jumped[int(rows[0])]
     times = ", ".join(f"{run.t[k]:.6g}" for k in rows[:3]) + (", …" if len(rows) > 3 else "")
@@ -316,7 +302,7 @@ def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[F
         "jump",
         "the state jumps from one row to the next, as where an episode begins anew or a state was set",
         f"{'once' if len(rows) == 1 else f'{len(rows)} times'}, after t = {times} s: {first!r} moves at "
-        f"least {JUMP:g} times as far as its largest speed would take it",
+        f"least {GAP:g} times as far as its largest speed would take it",
         "Audit what is before and after each jump separately, or log a column `episode`",
         "doubt",
         first,
@@ -365,7 +351,7 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iter
             late[0],
         )
     rest = {n: c for n, c in rest.items() if n not in late}
-    scaled = {n: c for n, c in rest.items() if c.scaled and c.off < DEPARTS}
+    scaled = {n: c for n, c in rest.items() if c.scaled and c.off < NEGLIGIBLE}
     yield from _scaled(scaled, rest) if scaled else ()
     for name, c in rest.items():
         if name not in scaled and c.significant and c.off > 1e-3:
@@ -377,7 +363,7 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iter
                 f"it misses {percent(c.off)} of the movement, where digits, noise and quadrature explain "
                 f"{percent(bar / max(moved, 1e-300))}",
                 "Log the speed of the same state, unfiltered and with the same clock",
-                "doubt" if c.off > DEPARTS and resolved else "note",
+                "doubt" if c.off > NEGLIGIBLE and resolved else "note",
                 name,
             )
 
@@ -411,7 +397,7 @@ def _is_clipped(u: Array, c: Comparison) -> bool:
 
 def _is_late(c: Comparison) -> bool:
     """Whether the rate is of another row, and changes enough from row to row to tell."""
-    tells = c.instant and c.off < 0.2 and not (c.significant and c.off > DEPARTS)
+    tells = c.instant and c.off < 0.2 and not (c.significant and c.off > NEGLIGIBLE)
     return tells and abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1
 
 
@@ -422,7 +408,7 @@ def _scaled(scaled: dict[str, Comparison], every: dict[str, Comparison]) -> Iter
     common = float(np.average(ratios, weights=errors**-2))
     agree = np.all(np.abs(ratios - common) < 3.0 * errors + 1e-3 * abs(common - 1.0))
     others = [c for n, c in every.items() if n not in scaled]
-    dissent = any(abs(c.ratio - common) > c.ratio_error + DIGIT for c in others)
+    dissent = any(abs(c.ratio - common) > c.ratio_error + SIX_DIGITS for c in others)
     if agree and not dissent and (len(every) > 1 or abs(common - 1.0) < 0.05):
         yield Finding(
             "clock-scale",

@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import HALF_DIGITS, SAME, Array, medians
+from deltac.arrays import HALF_DIGITS, SAME, SMALL_SHARE, Array, medians
 from deltac.diagnosis.measurements.digits import Chosen, digits_of
 from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
@@ -287,13 +287,6 @@ def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
     return first - k * z, z, variance
 
 
-SETTLED = 1e-10
-"""Change of r and θ below which they are found."""
-
-HOPELESS = 1e3
-"""How many times more than one that is settled another quadrature must leave to be given up."""
-
-
 def _robust(
     integrals: Array, linear: Array, moved: Array, spread: Array, noise: Array
 ) -> tuple[Array, Array, Array, Mask]:
@@ -321,10 +314,10 @@ def _robust(
         size = np.maximum(size, 1e-3 * s + middle[:, None])
         size *= s
         weight = 1.0 / np.sqrt(size, out=size)
-        done = np.all(np.abs(np.subtract(now, before)) <= SETTLED * np.maximum(np.abs(now), 1.0), 0)
+        done = np.all(np.abs(np.subtract(now, before)) <= SAME * np.maximum(np.abs(now), 1.0), 0)
         settled[open_[done]] = True
         least = np.where(settled, typical, np.inf).reshape(quadratures, columns).min(axis=0)
-        on = ~done & (middle <= HOPELESS * least[of])
+        on = ~done & (SMALL_SHARE * middle <= least[of])
         if not on.any():
             break
         if not on.all():

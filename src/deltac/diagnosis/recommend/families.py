@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from deltac.arrays import LONG_LOG
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, MotionRows, VerifiedSpan
 from deltac.diagnosis.study.simulators import MUJOCO, SAMPLES, SimulationOptions
-from deltac.energy.accumulator import KEPT
 from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
 from deltac.importers.files import with_base
 from deltac.mechanism.mechanism import Mechanism
@@ -33,7 +33,7 @@ FEWEST, MOST = 20, 5_000_000
 MOST_OF_MUJOCO = 200_000
 """Steps of the finest setting in MuJoCo, where each is recorded."""
 
-ROWS = KEPT
+ROWS = LONG_LOG
 """Longer runs are judged in the search on at least so many of their steps; verified on all of them."""
 
 FINER = (2, 8, 16, 32, 64)

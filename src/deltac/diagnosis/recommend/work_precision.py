@@ -14,7 +14,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, NEGLIGIBLE, Array
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
 from deltac.diagnosis.verdict import NOTHING
@@ -45,8 +45,6 @@ SAME_TIME = 1.2
 NATIVE = 1e-9
 """Seconds that native code takes for an instruction, at most: it is 0.2 to 1 ns."""
 
-SURE_REFERENCE = 0.05
-"""A motion's error is known if that of its reference is below this share of it, or of the tolerance."""
 
 ORDERLY = 0.75
 """Runs have the order if they gain at least this power of what it promises: at a kink less remains."""
@@ -337,7 +335,7 @@ class Trials:
             if gain >= piece.gain**ORDERLY:
                 doubt = error / (min(gain, piece.gain) - 1.0)
         for coarser, finest in itertools.pairwise(divisors):
-            if doubt <= SURE_REFERENCE * max(error, self._tolerance):
+            if doubt <= NEGLIGIBLE * max(error, self._tolerance):
                 break
             error, doubt = apart(run, finer(finest)), apart(finer(coarser), finer(finest))
         return (error + doubt, doubt), spans

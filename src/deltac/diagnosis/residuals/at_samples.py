@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, NEGLIGIBLE, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.residuals.at_states import EquationTest, rms
 from deltac.diagnosis.residuals.kane import Kane, times
@@ -153,10 +153,6 @@ def within_digits(run: Trajectory, rows: NDArray[np.intp]) -> Trajectory:
     )
 
 
-EXPLAINED = 0.05
-"""What other rows' forces or accelerations may leave of a residual that they explain."""
-
-
 def stale_stage(original: RunResidual) -> list[Finding]:
     """Forces or accelerations that belong to the row before: then shifting them closes the equations."""
     run = original.run
@@ -178,7 +174,7 @@ def stale_stage(original: RunResidual) -> list[Finding]:
     ):
         test, udot = _tested(original.test.kane, replace(current, **shifted))
         remainder = size(test.residual(udot))
-        if remainder < EXPLAINED * unshifted:
+        if remainder < NEGLIGIBLE * unshifted:
             return [
                 Finding(
                     "stale-stage",

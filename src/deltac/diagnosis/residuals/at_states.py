@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.arrays import ASSEMBLED, SAME, TINY, Array
+from deltac.arrays import ASSEMBLED, SAME, SMALL_SHARE, TINY, Array
 from deltac.diagnosis.residuals.kane import Kane, StatePoint, times
 from deltac.diagnosis.residuals.states import States
 from deltac.dynamics.equations_of_motion import MotionTerms, evaluate_at
@@ -25,9 +25,6 @@ from deltac.errors import InputError, StateError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
-
-LEAST_TERMS = 1e-3
-"""A speed's terms count as at least this share of its natural inertia force: rounding has no size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +168,7 @@ class EquationTest:
     @cached_property
     def floor(self) -> Array:
         """Least typical scale of each equation (n,): a small share of its natural inertia force."""
-        return LEAST_TERMS * rms(times(self._M_size, self._natural)) + TINY
+        return SMALL_SHARE * rms(times(self._M_size, self._natural)) + TINY
 
     @cached_property
     def _natural(self) -> Array:
@@ -231,7 +228,7 @@ class EquationTest:
             )
         # No floor of a row is zero: a ball's height on a table has no terms at all.
         pull = np.abs(self.gamma) + times(
-            np.abs(self.G), np.abs(udot) + LEAST_TERMS * self._natural
+            np.abs(self.G), np.abs(udot) + SMALL_SHARE * self._natural
         )
         watts = _typical(_dot(np.abs(self.states.u), self.scale(udot)))
         size = self._of_joints(udot)[1]

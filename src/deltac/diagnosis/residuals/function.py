@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, SAME, Array
 from deltac.calls.progress import Progress, counted, untold
+from deltac.diagnosis.measurements.digits import SINGLE
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import TRIAL_STATES, States, some_rows, told
@@ -33,7 +34,7 @@ from deltac.simulation.state_form import (
 NODES, ORDER = 9, 5
 """Points on a line, and the order of the differences in which only noise is left of a smooth function."""
 
-STEP = 1e-6
+STEP = 8.0 * SINGLE
 """Distance of these points, relative: hundreds of roundings even in single precision."""
 
 DIFFERENCED = EPS ** (1 / 9)

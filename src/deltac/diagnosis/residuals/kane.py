@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 
-from deltac.arrays import ASSEMBLED, Array
+from deltac.arrays import ASSEMBLED, SMALL_SHARE, Array
 from deltac.dynamics.admissible import onto_positions
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
@@ -51,9 +51,6 @@ class StatePoint:
 
 WINDOW = (0.0, 10.0)
 """Times (s) that are drawn from, for laws that depend on time."""
-
-LIGHT = 1e-2
-"""The least share of the whole mass that an inertia's radius of gyration is taken with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +270,7 @@ def _length(mechanism: Mechanism) -> float:
     An inertia with next to no mass has no such radius: it is taken with a share of the whole mass.
     """
     number = mechanism.number
-    light = LIGHT * sum(number(body.mass) for body in mechanism.bodies if not body.massless)
+    light = SMALL_SHARE * sum(number(body.mass) for body in mechanism.bodies if not body.massless)
     lengths = [0.0]
     for joint in mechanism.joints:
         for place in (joint.position, joint.child_position):

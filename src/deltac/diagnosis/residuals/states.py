@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ASSEMBLED, ROOT_EPS, ROUNDED, SAME, Array
+from deltac.arrays import ASSEMBLED, NEWTON_STEPS, ROOT_EPS, ROUNDED, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.kane import WINDOW, Kane, any_coordinates, times
-from deltac.dynamics.admissible import NEWTON_STEPS, onto_positions, onto_speeds
+from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import evaluate_at, matrices
 from deltac.dynamics.gaps import Gap, gaps, sliding_point
 from deltac.dynamics.singular_inertia import singular_inertia

@@ -19,12 +19,12 @@ from deltac.trajectories import Trajectory
 
 Rows: TypeAlias = NDArray[np.intp]
 
+FEWEST = 8
+"""Common times below which curves are not compared over time."""
+
 PARTED = 0.1
 """Scaled difference of two motions from which on they are two; a tenth of it is close: what parts motions
 grows in proportion up to there."""
-
-FEWEST = 8
-"""Common times below which curves are not compared over time."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
     still = m.reference_energy <= NOTHING * m.scale
     if still and not momenta:
         return unresolved("hardly anything moves; use a run in which energy is exchanged")
-    if bar > m.allowed and error <= _decisive(m) * bar and not still:
+    if bar > m.allowed and error <= CLEAR * bar and not still:
         return unresolved(
             f"the uncertainty of the work, {bar:.2g} J, is as large as the energy error; log at a higher "
             "rate, or with more digits"
@@ -103,12 +103,7 @@ def _astray(m: StudyMeasures) -> list[str]:
 def _wrong_limit(m: StudyMeasures) -> bool:
     """Whether ΔC tends to a limit that is not zero, and no floor of the data explains it."""
     c = m.energy
-    return c.trend == "tends to a limit" and c.limit > max(m.allowed, _decisive(m) * max(m.bars))
-
-
-def _decisive(m: StudyMeasures) -> float:
-    """How many of its bars ΔC, or its limit, must exceed to count."""
-    return CLEAR if m.quadrature else CLEAR
+    return c.trend == "tends to a limit" and c.limit > max(m.allowed, CLEAR * max(m.bars))
 
 
 def _sure(m: StudyMeasures) -> Confidence:

@@ -11,10 +11,10 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import EPS, PHYSICAL, Array
+from deltac.arrays import EPS, PHYSICAL, SAME_STEP, SMALL_SHARE, Array
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import Log, read_log
-from deltac.diagnosis.inputs.omissions import EVERY_STEP, OF_RATES
+from deltac.diagnosis.inputs.omissions import OF_RATES
 from deltac.diagnosis.study.convergence import LEAST_ORDER, order_of
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
@@ -25,12 +25,10 @@ from deltac.simulation.simulate import SimulationStoppedWarning
 from deltac.simulation.step_size.energy_error import EnergyErrorWarning
 from deltac.simulation.step_size.stiffness import StiffStepWarning
 from deltac.trajectories import Trajectory
+from deltac.trajectories.rates import FEWEST_ROWS
 
 FASTEST = 3e8
 """No speed of a mechanism reaches this (m/s: light's; rad/s): the integration has become unstable."""
-
-GROWN = 1e3
-"""Speeds so many times the usual ones belong to the blow-up already."""
 
 
 def before_blow_up(run: Trajectory) -> Trajectory:
@@ -41,7 +39,7 @@ def before_blow_up(run: Trajectory) -> Trajectory:
         return run
     sane = int(np.argmax(away))
     usual = float(np.median(size[:sane])) if sane else 0.0
-    early = size[:sane] > GROWN * usual
+    early = SMALL_SHARE * size[:sane] > usual
     end = int(np.argmax(early)) if usual > 0.0 and early.any() else sane
     return run.between(run.t[0], run.t[max(end - 1, 0)])
 
@@ -49,8 +47,6 @@ def before_blow_up(run: Trajectory) -> Trajectory:
 # --- the runs of a study -------------------------------------------------------------------------
 
 Simulator: TypeAlias = Callable[[float], Trajectory]
-LEAST_LEDGER_ROWS = 3
-"""Rows that a run needs for a ledger."""
 
 DIGIT_SPREAD = 3.0
 """How many times farther than one random rounding moved it a quantity may be off."""
@@ -255,8 +251,8 @@ def _balanced(
     mechanism: Mechanism, whole: Trajectory, step: float, *, trusted: bool, simulated: bool = False
 ) -> StudyRun:
     run = before_blow_up(whole)
-    if len(run) < LEAST_LEDGER_ROWS:
-        few = f"{len(run)} rows; a balance needs {LEAST_LEDGER_ROWS} or more"
+    if len(run) < FEWEST_ROWS:
+        few = f"{len(run)} rows; a balance needs {FEWEST_ROWS} or more"
         if run is whole:
             return StudyRun(step, failure=f"the run has {few}")
         return StudyRun(
@@ -358,7 +354,7 @@ def _held_between_rows(log: Log, asked: float | None) -> tuple[float, bool]:
     silent = held is None and run.provenance.simulator != "deltac"
     step = run.provenance.step or (asked if silent else None)
     spacing = float(np.median(np.diff(log.consecutive.t)))
-    if (step is not None and spacing < EVERY_STEP * step) or not (
+    if (step is not None and spacing < (1.0 + SAME_STEP) * step) or not (
         silent or (step and not run.works)
     ):
         return 0.0, False

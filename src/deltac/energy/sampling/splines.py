@@ -11,13 +11,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import LONG_LOG, Array
 from deltac.energy.sampling.interpolation import gauss_legendre
 
 T = TypeVar("T")
 
-REMEMBERED = 20_000
-"""Rows up to which what depends on the times is remembered: some 10 MB."""
 
 SHORT, MANY = 1000, 64
 """Rows of stretches that logs are tested by, and how many such are remembered: some 30 MB."""
@@ -47,7 +45,7 @@ def _applied(operator: Any, t: Array, x: Array, degree: int) -> Array:
 def _remembered(find: Callable[[bytes, int], T]) -> Callable[[int], Callable[[bytes, int], T]]:
     """What depends on the times of so many rows: a few are kept of long ones, many of short ones."""
     few, many = lru_cache(maxsize=8)(find), lru_cache(maxsize=MANY)(find)
-    return lambda rows: many if rows <= SHORT else few if rows <= REMEMBERED else find
+    return lambda rows: many if rows <= SHORT else few if rows <= LONG_LOG else find
 
 
 def _knots(t: Array, degree: int) -> Array:

@@ -18,9 +18,6 @@ from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import BINARY, Slot, TapeBranch, TapeChange, TapeError
 from deltac.repair.tracing.tracer import OPERATORS, Instance, fields_of
 
-TEXT_NAMES = 24
-"""Names of the text that are tried for each other, where nothing is known of their values."""
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class TextNames:
@@ -40,7 +37,7 @@ class TextNames:
                 k = self.source.number.get(id(node))
                 if k is not None and valued(self.source, k):
                     names.setdefault(self.source.segment(node))
-        return list(names)[:TEXT_NAMES]
+        return list(names)
 
     def arrays(self, place: int) -> dict[str, tuple[int, ...]]:
         """None are known to be arrays."""

@@ -19,9 +19,6 @@ MOST_RUNS = 4000
 RUN_TIME = 10.0
 """Time in which Python runs an edited function (s)."""
 
-COST_MARGIN = 0.25
-"""Edits that cost this much more than the least one that is right are not tried."""
-
 
 def right_edits(
     source: Source, samples: StateSamples, deadline: float
@@ -37,7 +34,7 @@ def right_edits(
             left = deadline - time.monotonic()
             if left < 0.0 or len(texts) > MOST_RUNS:
                 break
-            if right and candidate.cost > right[0][0][0].cost + COST_MARGIN:
+            if right and candidate.cost > right[0][0][0].cost:
                 break
             changed = apply(source, [candidate])
             if changed is None or changed.text in texts:

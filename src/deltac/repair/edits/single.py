@@ -50,8 +50,6 @@ OPERATORS: dict[type[ast.operator], str] = {
 
 SHOWN = {"+": "+", "-": "−"}
 
-ARGUMENTS = 6
-"""Arguments of a call that are exchanged."""
 
 INDEX_DISTANCE = 3
 """How far from an index others are tried."""
@@ -221,8 +219,6 @@ def _functions(source: Source, place: int, node: ast.Call) -> Edits:
     nothing = f"{own}: {name} should not be there"
     if len(arguments) == 1:
         yield edit(arguments[0], "function", 1.2, nothing)
-    if len(arguments) > ARGUMENTS:
-        return
     for i, j in itertools.permutations(range(len(arguments)), 2):
         one, other = (source.segment(arguments[k]) for k in (i, j))
         if one == other:
@@ -240,7 +236,7 @@ def _functions(source: Source, place: int, node: ast.Call) -> Edits:
 def _exchanges(source: Source, place: int, node: ast.Tuple | ast.List) -> Edits:
     """Two elements of a list or of an unpacking exchanged."""
     index = isinstance(source.nodes[source.parent[place]], ast.Subscript)
-    if index or len(node.elts) > ARGUMENTS:
+    if index:
         return
     start, end = source.span(node)
     for first, second in itertools.combinations(node.elts, 2):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import ROOT_EPS, SMALL_SHARE, Array
-from deltac.diagnosis import LEAST_TERMS as FLOOR
+from deltac.arrays import SMALL_SHARE as FLOOR
 from deltac.diagnosis import EquationTest, Kane, draw, told
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap, Mechanism, State

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import LONG_LOG, Array
 from deltac.diagnosis import (
     MEANINGS,
     Audit,
@@ -26,7 +26,7 @@ from deltac.diagnosis import (
     order_text,
     setting_of,
 )
-from deltac.energy import KEPT, Ledger
+from deltac.energy import Ledger
 from deltac.errors import DeltacError
 from deltac.mechanism import CHANNEL_KINDS, Mechanism
 from deltac.models import Model
@@ -44,7 +44,6 @@ from deltac.report.page.parts import (
 )
 from deltac.report.page.scene import Drawing, scene
 from deltac.report.panels import (
-    MOST_LINES,
     Line,
     TimePlot,
     all_functions,
@@ -60,7 +59,17 @@ from deltac.report.panels import (
     residuals,
     study_errors,
 )
-from deltac.results import Finding, Report, Section, Table, Verbatim, fraction, number, percent
+from deltac.results import (
+    SHOWN,
+    Finding,
+    Report,
+    Section,
+    Table,
+    Verbatim,
+    fraction,
+    number,
+    percent,
+)
 from deltac.simulation import Equations
 from deltac.trajectories import Trajectory
 from deltac.verbs import simulate
@@ -242,7 +251,7 @@ def _(report: EquationCheck, context: Beside) -> Page:
     repairs = [other for other in context.more if isinstance(other, Repair)]
     fixed = [fix for repair in repairs for fix in repair.fixes]
     evidence: list[Part] = [_rests_on(report), residuals(report)]
-    where = [_sentence(f"{found}.") for found in report.blame[:MOST_LINES]]
+    where = [_sentence(f"{found}.") for found in report.blame[:SHOWN]]
     if report.example is not None:
         where.append(f"{report.example}.")
     chapters = [Chapter("The evidence", (*_two(report, context), *evidence))]
@@ -340,7 +349,7 @@ def _motion_of(model: Model, equations: Equations | None = None) -> Trajectory |
     problem = model.problem
     if problem is None:
         return None
-    duration = min(problem.duration, KEPT * problem.step)
+    duration = min(problem.duration, LONG_LOG * problem.step)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a motion that breaks off is shown up to there
@@ -463,7 +472,7 @@ def _recommended(model: Model, best: Trial, duration: float) -> Trajectory | Non
     """The motion by the setting that is recommended, if a solver of ours made it."""
     if best.knob != "step" or ":" in best.solver or not model.starts:
         return None
-    lasting = min(duration, KEPT * best.setting)
+    lasting = min(duration, LONG_LOG * best.setting)
     try:
         return simulate(model.mechanism, model.start(), lasting, best.setting, best.solver)
     except DeltacError:

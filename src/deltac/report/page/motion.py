@@ -1,28 +1,21 @@
-"""Pages of motions that nobody judged, and the gallery of the library."""
+"""Pages of motions that nobody judged."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from deltac import problems
-from deltac.calls.progress import Progress
+from deltac.arrays import LONG_LOG
 from deltac.diagnosis import before_blow_up, read_log
-from deltac.energy import KEPT, Ledger
-from deltac.errors import InputError
+from deltac.energy import Ledger
 from deltac.mechanism import Mechanism
 from deltac.models import ModelLike, StateLike, load_model
-from deltac.report.files import output_folder
 from deltac.report.page.content import made, moving
-from deltac.report.page.document import write_page
-from deltac.report.page.parts import Chapter, Hyperlink, Page
-from deltac.report.page.scene import Drawing
+from deltac.report.page.parts import Chapter, Page
 from deltac.report.panels import by_name, energy_plots, motions
-from deltac.report.still import sketch
 from deltac.results import number
 from deltac.simulation import positive
 from deltac.trajectories import MappingLike, Trajectory
@@ -70,7 +63,7 @@ def viewed(
     seconds = duration
     if seconds is None:
         seconds = problem.duration if problem else DURATION
-        seconds = step * max(2, round(min(seconds / step, KEPT)))
+        seconds = step * max(2, round(min(seconds / step, LONG_LOG)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the page says where it stopped
         run = before_blow_up(simulate(mechanism, start, seconds, step, solver))
@@ -142,37 +135,3 @@ def log_page(path: Path, mapping: MappingLike = None) -> Page:
         made=made(run),
         data={"log": path.name},
     )
-
-
-def write_gallery(folder: Path, progress: Progress | None = None) -> Iterator[str]:
-    """Write a page of every problem of the library into a folder, and an index; yields what failed, and why.
-
-    Raises InputError for a folder that cannot be written to.
-    """
-    output_folder(folder)
-    names = problems.names()
-    cards = []
-    for k, name in enumerate(names):
-        if progress is not None:
-            progress(k / len(names))
-        problem = problems.load(name)
-        try:
-            mechanism, run, ledger = viewed(problem)
-        except InputError as error:
-            yield f"{name}: {error}"
-            continue
-        about = f"{problem.title}. Source: {problem.source}"
-        page = motion_page(mechanism, run, ledger, about)
-        write_page(page, folder / f"{name}.html", f"deltac view {name}")
-        drawn = sketch(page.scene) if isinstance(page.scene, Drawing) else ("", "")
-        cards.append((f"{name}.html", name, problem.title, *drawn))
-    index = Page(
-        title="deltac",
-        asked="Every problem of the library in motion, each with its energies.",
-        tone="plain",
-        word="Gallery",
-        sentence=f"{len(cards)} published problems; choose one.",
-        chapters=(Chapter("The problems", (Hyperlink("", tuple(cards)),)),),
-        data={"problems": [name for _, name, *_ in cards]},
-    )
-    write_page(index, folder / "index.html", "deltac problems --gallery")

@@ -127,21 +127,7 @@ class CodeListing(Panel):
     kind = "code"
 
 
-@dataclass(frozen=True)
-class Hyperlink(Panel):
-    """Cards that lead to other pages: where to, name, what it is, a sketch as SVG path data (230 by 130).
-
-    The sketch is of bodies, and of the paths of their ends.
-    """
-
-    title: str
-    entries: tuple[tuple[str, str, str, str, str], ...]
-    kind = "links"
-
-
-Part: TypeAlias = (
-    "TimePlot | LogPlot | HeatMap | Bars | Flows | Grid | Words | CodeListing | Hyperlink"
-)
+Part: TypeAlias = "TimePlot | LogPlot | HeatMap | Bars | Flows | Grid | Words | CodeListing"
 
 
 @dataclass(frozen=True)

@@ -31,10 +31,8 @@ from deltac.report.page.geometry import (
     unit,
 )
 from deltac.report.page.parts import NUMBERS, Numbers
+from deltac.report.panels import POINTS
 from deltac.trajectories import Trajectory
-
-FRAMES = 3000
-"""Instants at which bodies are placed, at most; 60 a second for 50 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +119,7 @@ def _frames(mechanism: Mechanism, run: Trajectory, share: int) -> Instants:
     A body and a frame take seven numbers each, a force six.
     """
     of_frame = 7 * len(mechanism.bodies) * share + 6 * min(ARROWS, len(run.forces))
-    count = int(max(60, min(FRAMES, NUMBERS / of_frame)))
+    count = int(max(60, min(POINTS, NUMBERS / of_frame)))
     at = instants(mechanism, run)
     if len(at.t) <= count:
         return at

@@ -9,7 +9,7 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import EPS, ROUNDED, Array
+from deltac.arrays import ASSEMBLED, EPS, ROUNDED, Array
 from deltac.calls.caching import derived
 from deltac.dynamics.coordinates import trace_split
 from deltac.dynamics.impacts import impact_points
@@ -27,8 +27,6 @@ from deltac.simulation.stepping.interpreted import StageRate
 HEIGHT = ROUNDED
 """Flights that reach no farther than this (m or rad) are lost in rounding."""
 
-TOUCHING = 1e-10
-"""Gaps (m or rad) below this are closed; a start that overlaps by more is refused."""
 
 SLOW = ROUNDED
 """Speeds of a contact below this are none, by the speeds of the run or 1 m/s; so with accelerations."""
@@ -110,7 +108,7 @@ class EventRun:
         sight, m = self._look(t, x), len(self.watch.points)
         self._sides[m:] = np.sign(np.where(sight.g == 0.0, sight.rate, sight.g))[m:]
         self._apply_sides(t, x, sight.g)
-        touching = [k for k in range(m) if sight.g[k] <= TOUCHING]
+        touching = [k for k in range(m) if sight.g[k] <= ASSEMBLED]
         if any(sight.rate[k] < -self._slow(x) for k in touching):
             x = self._strike(t, x, touching)
         elif touching:
@@ -125,7 +123,7 @@ class EventRun:
         slopes = sides * rate * np.diff(t, append=t[-1])
         last = sides * rate[:, 1:] * np.diff(t)
         suspect = may_cross(np.maximum(values[:, :-1], 0.0), slopes[:, :-1], values[:, 1:], last)
-        parted = (self._slack > 0.0)[:, None] & (g[:, 1:] > TOUCHING)
+        parted = (self._slack > 0.0)[:, None] & (g[:, 1:] > ASSEMBLED)
         eventful = (suspect | parted).any(axis=0)
         passed = int(np.argmax(eventful)) if eventful.any() else len(t) - 1
         if passed:
@@ -173,13 +171,15 @@ class EventRun:
                 End(0.0, float(start[k]), float(start_rate[k])),
                 End(1.0, float(end[k]), float(end_rate[k])),
                 resolution,
-                after=bool(start[k] <= TOUCHING) or fresh,
+                after=bool(start[k] <= ASSEMBLED) or fresh,
             )
             if looked is not None:
                 times[int(k)] = looked
         if not times:
             self._here = after
-            self._slack[after.g > TOUCHING] = 0.0  # pairs that rested on each other and have parted
+            self._slack[after.g > ASSEMBLED] = (
+                0.0  # pairs that rested on each other and have parted
+            )
             return None
         theta = min(times.values())
         together = [k for k, place in times.items() if place - theta <= 16 * resolution]
@@ -203,7 +203,7 @@ class EventRun:
         closed = [k for k in which if k < m]
         if closed:
             sight = self._look(t, x)
-            touching = [k for k in range(m) if sight.g[k] <= TOUCHING]
+            touching = [k for k in range(m) if sight.g[k] <= ASSEMBLED]
             names = tuple(self.watch.names[k] for k in crossed)
             x = self._strike(t, x, sorted({*closed, *touching}), names)
         elif crossed:
@@ -310,7 +310,7 @@ class EventRun:
         none = SLOW * max(1.0, float(np.abs(udot).max(initial=0.0)))
         for k in touching:
             resting = abs(sight.rate[k]) <= slow
-            self._slack[k] = TOUCHING + max(0.0, -float(sight.g[k])) if resting else 0.0
+            self._slack[k] = ASSEMBLED + max(0.0, -float(sight.g[k])) if resting else 0.0
             if resting and sight.bend[k] < -none:
                 limit = self.collider.paradox(k, t, x, self.p)
                 what = (
@@ -344,7 +344,7 @@ def check_apart(run: EventRun, t: float, x: Array) -> None:
         return
     gaps = watch.at(t, x, run.rate(t, x), run.p).g[: len(points)]
     worst = int(np.argmin(gaps))
-    if gaps[worst] >= -TOUCHING:
+    if gaps[worst] >= -ASSEMBLED:
         return
     point = points[worst]
     happening = next(

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from deltac.arrays import ENDLESS, EPS, SAME, Array
+from deltac.arrays import ENDLESS, EPS, SAME, SMALL_SHARE, Array
 from deltac.errors import DeltacError
 
 REST = 512 * EPS
@@ -26,7 +26,7 @@ TURN = 0.03
 So far apart are the directions among which that of a beginning slip is looked for.
 """
 
-SLIPLESS = 1e3
+SLIPLESS = 1.0 / SMALL_SHARE
 """So many times `REST` is the slip that is taken for none: it dies away in a spiral."""
 
 IMMOBILE = SAME

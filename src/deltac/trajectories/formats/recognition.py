@@ -17,6 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from deltac.arrays import LONG_LOG, NEGLIGIBLE
 from deltac.trajectories.columns import QUATERNION, MechanismNames, RateNames, si_unit
 from deltac.trajectories.formats.floating import (
     Floating,
@@ -53,7 +54,6 @@ from deltac.trajectories.formats.words import (
 from deltac.trajectories.motion import (
     AGREEING_MISS,
     CLEAR_RATIO,
-    LEAST_MOVEMENT,
     Movement,
     preferred,
 )
@@ -154,7 +154,7 @@ class _Search:
         `columns`: of the file by target. A pair that contradicts counts alone. None where no coordinate with
         its speed is among them, or nothing moves; infinite where a quaternion is none.
         """
-        rows = slice(0, _LOOKED_AT)
+        rows = slice(0, LONG_LOG)
         coordinates, speeds = list(self.names.coordinates), list(self.names.speeds)
         kinematics = RateNames.of(coordinates, speeds)
 
@@ -183,7 +183,7 @@ class _Search:
         size, difference = sizes.sum(axis=0)
         if not size > 0.0:
             return None
-        telling = sizes[sizes[:, 0] > LEAST_MOVEMENT * size]
+        telling = sizes[sizes[:, 0] > NEGLIGIBLE * size]
         worst = float(np.max(telling[:, 1] / telling[:, 0], initial=0.0))
         return float(difference / size) if worst < CLEAR_RATIO else max(worst, CLEAR_RATIO)
 
@@ -191,10 +191,6 @@ class _Search:
         """Whether coordinates move as their speeds say."""
         misfit = self.misfit(t, columns)
         return misfit is not None and misfit < AGREEING_MISS
-
-
-_LOOKED_AT = 4000
-"""Rows that are looked at."""
 
 
 def recognise(raw: RawLog, names: MechanismNames) -> dict[str, Meaning]:
@@ -604,7 +600,7 @@ def _floating(s: _Search) -> Iterator[Meaning]:
             for c, x in s.raw.columns.items()
             if len(x) == len(t) and c not in (s.taken | {clock.column})
         ]
-        rows = slice(0, _LOOKED_AT)
+        rows = slice(0, LONG_LOG)
         table = {c: s.values(c)[rows] for c in columns}
         if not table:
             continue
@@ -823,7 +819,7 @@ def _moving(s: _Search) -> Iterator[Meaning]:
     time = s.raw.columns.get(s.found["time"].column) if "time" in s.found else None
     if not missing or time is None:
         return
-    rows = slice(0, _LOOKED_AT)
+    rows = slice(0, LONG_LOG)
     free = [
         c
         for c, values in s.raw.columns.items()

@@ -19,7 +19,7 @@ from foreign import simulators
 from foreign.machines import draw
 
 import deltac as dc
-from deltac.simulation.step_size.energy_error import CREDIBLE
+from deltac.arrays import ROUGHLY
 
 PROBLEMS = (
     "bead-on-hoop", "chaotic-double-body", "double-pendulum", "driven-pendulum", "elastic-pendulum",
@@ -88,7 +88,7 @@ def ratios(model: object, log: Log) -> list[float | str]:
     result = list[float | str]()
     for factor in (0.25, 4.0):
         tolerance = audit.relative * factor
-        if tolerance > CREDIBLE:
+        if tolerance > ROUGHLY:
             continue  # of so large an error nothing is predicted
         try:
             step = audit.step_for(tolerance)

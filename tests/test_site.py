@@ -47,7 +47,7 @@ def test_the_keys_of_every_result() -> None:
         if isinstance(kind, type) and issubclass(kind, Report):
             _, _, section = text.partition(f"## {name}\n")
             keys = re.findall(r"^\| `(\w+)` \|", section.partition("\n## ")[0], re.M)
-            assert set(kind.told()) - {"verdict"} <= set(keys), name
+            assert set(kind.json_keys()) - {"verdict"} <= set(keys), name
 
 
 def test_codes_and_natural_logs_are_listed() -> None:

@@ -317,7 +317,7 @@ def _json_keys() -> Iterator[str]:
         if isinstance(kind, type) and issubclass(kind, Report):
             keys = {"schema": "int", "deltac": "str", "report": "str", "exit_code": "int"}
             keys |= judged if issubclass(kind, Judged) else {}
-            keys |= {key: _holds(kind, key) for key in kind.told() if key not in keys}
+            keys |= {key: _holds(kind, key) for key in kind.json_keys() if key not in keys}
             keys["findings"] = "tuple[Finding, ...]"
             yield f"## {name}\n\n| key | holds |\n|---|---|"
             yield "\n".join(f"| `{key}` | `{holds}` |" for key, holds in keys.items()) + "\n"

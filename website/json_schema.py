@@ -90,7 +90,7 @@ class Definitions:
         if not issubclass(kind, Serialisable):
             names = [f.name for f in fields(kind) if f.metadata.get("json", True)]
             return {name: self.holding(annotation(kind, name)) for name in names}
-        keys = {name: self.holding(annotation(kind, name)) for name in kind.told()}
+        keys = {name: self.holding(annotation(kind, name)) for name in kind.json_keys()}
         if issubclass(kind, Judged):
             parts = {name: self.holding(annotation(Verdict, name)) for name in JUDGED}
             keys = {

@@ -57,6 +57,9 @@ SIX_DIGITS = 1e-5
 NEGLIGIBLE = 0.05
 """A share that is neglected beside the whole: what is said of the whole is then known to so much."""
 
+ROUGHLY = 0.1
+"""Share up to which two numbers agree roughly: what differs by more is not the same, nor known."""
+
 LONG_LOG = 20_000
 """Rows that tell what a log's statistics can: the deviation of noise to a hundredth.
 

@@ -157,7 +157,7 @@ class Model:
         if isinstance(state, Mapping):
             return self.mechanism.state(state)
         if isinstance(state, str | Path):
-            return _told(self, str(state))
+            return _state_in_text(self, str(state))
         if not isinstance(state, State):
             raise WrongType(
                 f"state: found {type(state).__name__}, expected a State, made by mechanism.state(...), or "
@@ -332,7 +332,7 @@ def _imported(source: Any) -> Model:
     return Model(mechanism, report.starts, import_report=report)
 
 
-def _told(model: Model, text: str) -> State:
+def _state_in_text(model: Model, text: str) -> State:
     """The state that a text means: a start's name, a file, or values by name."""
     if text in model.starts:
         return model.starts[text]

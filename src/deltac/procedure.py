@@ -24,7 +24,7 @@ from deltac.diagnosis.study.study import Study, study
 from deltac.diagnosis.verdict import REFINED_TOLERANCE
 from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model
-from deltac.results import Finding, Report, Section, Table, told_findings
+from deltac.results import Finding, Report, Section, Table, findings_in_words
 from deltac.simulation.solvers import find_solver
 from deltac.trajectories.formats.mapping import MappingLike
 
@@ -114,7 +114,7 @@ class Examination(
             where = (part for part in self.check.sections() if isinstance(part, str))
             yield from (part for part in where if part.startswith(("Where", "Example")))
         yield f"Altogether: {self.summary()}."
-        yield from told_findings(self.findings)
+        yield from findings_in_words(self.findings)
         if self.recommendation is not None and self.recommendation.best is not None:
             yield f"To do: use {self.recommendation.summary()}."
         judged = (self.study, self.audit, self.check)

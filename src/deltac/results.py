@@ -77,14 +77,14 @@ class Serialisable:
         cls._omit, cls._also = (*cls._omit, *omit), (*cls._also, *also)
 
     @classmethod
-    def told(cls) -> tuple[str, ...]:
+    def json_keys(cls) -> tuple[str, ...]:
         """Names of what the JSON holds, in order."""
         own = (f.name for f in fields(cls))  # type: ignore[arg-type]  # each subclass is a dataclass
         return (*cls._also, *(name for name in own if name not in (*cls._omit, *cls._also)))
 
     def contents(self) -> dict[str, Any]:
         """What the JSON holds, in terms of JSON."""
-        values = ((name, getattr(self, name)) for name in self.told())
+        values = ((name, getattr(self, name)) for name in self.json_keys())
         return {name: plain(value() if callable(value) else value) for name, value in values}
 
     def to_dict(self) -> dict[str, Any]:
@@ -359,7 +359,7 @@ class Finding(Serialisable, also=("code",)):
 HEADINGS: dict[Weight, str] = {"cause": "Cause", "doubt": "Doubt", "note": "Note"}
 
 
-def told_findings(findings: Iterable[Finding]) -> Iterator[str]:
+def findings_in_words(findings: Iterable[Finding]) -> Iterator[str]:
     """Findings as paragraphs, causes first, each with its code."""
     ranked = sorted(findings, key=lambda f: list(HEADINGS).index(f.weight))
     return (f"{HEADINGS[f.weight]} [{f.code}]: {f}." for f in ranked)
@@ -496,7 +496,7 @@ class Report(Serialisable, Shown):
         return InFrame(self.summary(), page)
 
     def _repr_html_(self) -> str:
-        paragraphs = told_findings(f for f in self.findings if f.weight != "note")
+        paragraphs = findings_in_words(f for f in self.findings if f.weight != "note")
         return as_html(self.summary(), self.sections(), self.exit_code, paragraphs)
 
     def __str__(self) -> str:

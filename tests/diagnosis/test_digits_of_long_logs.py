@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from deltac.arrays import EPS
-from deltac.diagnosis.measurements.digits import MANY, Digits, resolution
+from deltac.diagnosis.measurements.digits import Digits, resolution
 from deltac.trajectories import Trajectory, suspicions
+from deltac.trajectories.lint import MANY
 
 ROWS = 3 * MANY
 T = 1e-3 * np.arange(ROWS)

@@ -17,7 +17,7 @@ from deltac.diagnosis.residuals.function import Caller as Caller
 from deltac.diagnosis.residuals.kane import Kane as Kane
 from deltac.diagnosis.residuals.states import States as States
 from deltac.diagnosis.residuals.states import draw as draw
-from deltac.diagnosis.residuals.states import told as told
+from deltac.diagnosis.residuals.states import in_user_coordinates as in_user_coordinates
 from deltac.diagnosis.study.convergence import Convergence as Convergence
 from deltac.diagnosis.study.convergence import order_text as order_text
 from deltac.diagnosis.study.runs import StudyRun as StudyRun

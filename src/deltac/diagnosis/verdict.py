@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from deltac.arrays import ROUNDED
 from deltac.errors import InputError
-from deltac.results import Finding, Report, Weight, percent, told_findings
+from deltac.results import Finding, Report, Weight, findings_in_words, percent
 from deltac.simulation.step_size.energy_error import ACCURATE
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class Verdict(Report):
         yield self.summary()
         yield from (f"- {sentence}." for sentence in self.evidence)
         yield from details
-        yield from told_findings(self.findings)
+        yield from findings_in_words(self.findings)
         yield f"Not visible to this test: {'; '.join(self.limits)}."
 
 

@@ -28,7 +28,7 @@ class OwnCoordinates:
     `own_qdot` is q̇′. `inverse` is q′ of the mechanism's symbols (t, q), or None if unknown.
 
     `mapped` tells that q′ are the user's; else they are the mechanism's, because the user chose none, or
-    chose some that give the others only by assembly: then `told` are the user's coordinates, of (t, q′).
+    chose some that give the others only by assembly: then `user_q` are the user's coordinates, of (t, q′).
     `removal` tells that speeds without a law follow from the constraints: it gives the change of speeds
     that removes a violation (nc,) of them and leaves the own speeds alone. `names` are those of the own
     speeds.
@@ -43,7 +43,7 @@ class OwnCoordinates:
     own_qdot: SX
     inverse: SX | None
     mapped: bool
-    told: SX | None = None
+    user_q: SX | None = None
     removal: Callable[[SX], SX] | None = None
     names: tuple[str, ...] = ()
 
@@ -62,12 +62,12 @@ class OwnCoordinates:
         along = ca.vertcat(self.own_q, self.own_u, system.t)
         return ca.jtimes(self.u, along, ca.vertcat(self.own_qdot, own_udot, 1))
 
-    def told_rate(self, system: System) -> SX:
+    def user_rate(self, system: System) -> SX:
         """Rates of the coordinates that the user chose, of (t, q′, u′)."""
-        if self.told is None:
+        if self.user_q is None:
             return self.own_qdot
         along = ca.vertcat(self.own_q, system.t)
-        return ca.jtimes(self.told, along, ca.vertcat(self.own_qdot, 1))
+        return ca.jtimes(self.user_q, along, ca.vertcat(self.own_qdot, 1))
 
 
 def trace_map(system: System, coordinate_map: CoordinateMap, rows: Rows) -> OwnCoordinates:
@@ -97,7 +97,7 @@ def trace_map(system: System, coordinate_map: CoordinateMap, rows: Rows) -> OwnC
     reported: SX | None = None
     own_q = chosen if mapped else system.q
     if assembled:
-        reported = _told(system, coordinate_map, q_laws, values, q_names)
+        reported = _user_q(system, coordinate_map, q_laws, values, q_names)
     values.update({f"q.{name}": chosen[k] for k, name in enumerate(own_names)})
     in_state = reported if reported is not None else own_q
 
@@ -187,7 +187,7 @@ def _enough(own: int, laws: int, rows: Rows, names: Sequence[str], mechanism: st
     )
 
 
-def _told(
+def _user_q(
     system: System,
     coordinate_map: CoordinateMap,
     q_laws: Mapping[str, object],

@@ -49,7 +49,7 @@ PART = ROWS // 2
 """Rows of which one is kept at least."""
 
 MANY = 8
-"""Rows of a log for each that is kept from which on this is faster than all columns."""
+"""Rows per row that is kept, above which one pass is faster than all columns."""
 
 LONG = MANY * ROWS
 """Rows from which on all columns are found so."""

@@ -16,17 +16,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, ROUGHLY, Array
 from deltac.mechanism.channels import ByChannel, ChannelName
 
-RESOLVED_WORK = 0.1
-"""A work is resolved if its bar is at most this part of it …"""
-
 NEGLIGIBLE_WORK = 1e-6
-"""… or this part of the energy exchanged …"""
+"""A work whose bar is at most this share of the energy exchanged is resolved, however small it is."""
 
 LIKELY = 2.0
-"""How much more than the work between two samples the trapezoid of its power may be believed to be."""
+"""Factor by which the trapezoid of a power may exceed the work between two samples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,5 +122,5 @@ def unresolved(works: ByChannel, bars: ByChannel, negligible: float) -> tuple[Ch
     return tuple(
         name
         for name, work in works.items()
-        if bars[name].max() > max(RESOLVED_WORK * np.abs(work - work[0]).max(), negligible)
+        if bars[name].max() > max(ROUGHLY * np.abs(work - work[0]).max(), negligible)
     )

@@ -24,8 +24,8 @@ RECORDS = 8
 """Times at which the energies of a run are looked at, at most, besides the start."""
 
 CLOSER = RECORDS**2
-"""Times, at least, at which those are looked at that seem to be wrong: few times may all fall to where a
-periodic motion turns and has little energy."""
+"""A run that seems wrong is looked at this many times at least: a few may all fall on turning points of a
+periodic motion, where it has little energy."""
 
 HELD = 1 << 20
 """Numbers of one quantity, of runs by times, that are held at once when looking closer."""

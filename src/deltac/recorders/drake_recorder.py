@@ -20,6 +20,7 @@ from deltac.errors import ModelError, RecordingError
 from deltac.models import ModelLike
 from deltac.recorders.monitor import Monitor
 from deltac.recorders.recorder import (
+    ENGINE,
     HELD,
     INSTANT,
     OCCASIONAL,
@@ -69,9 +70,6 @@ MOST_PARTS = 1000
 
 LEAST_PART = 2.0**-20
 """Parts of a step that are smaller are not halved: there is a jump in them."""
-
-SOLVED = 1e-4
-"""The same of a discrete step with contact, for the tolerance of its solver."""
 
 
 class DrakeRecorder(Recorder):
@@ -345,7 +343,7 @@ class DrakeRecorder(Recorder):
         largest = np.abs(residual).max(initial=0.0)
         if self._plant.num_constraints() and largest > least:
             yield "constraint all", residual
-        elif largest > SOLVED * size:
+        elif largest > ENGINE * size:
             yield "applied external", residual
         elif largest > least:
             yield "correction solver", residual

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 Forces = dict[str, Array]
 
+ENGINE = 1e-4
+"""What the constraint solvers of engines leave of a step, relative."""
+
 OCCASIONAL = ("applied", "contact", "limit", "friction", "constraint")
 """Kinds of channels that are there only if they acted; all others are always recorded."""
 

@@ -18,11 +18,8 @@ from numpy.typing import NDArray
 from deltac.arrays import LONG_LOG, SAME_STEP, Array
 from deltac.errors import LogError
 from deltac.recorders.mujoco_recorder import ModelSource, MujocoRecorder, compiled_model
-from deltac.recorders.recorder import simulator
+from deltac.recorders.recorder import ENGINE, simulator
 from deltac.trajectories import Trajectory
-
-REPRODUCED = 1e-4
-"""A row is arrived at if it is missed by less than this share of what changes from row to row."""
 
 DIGITS_ALLOWED = 8.0
 """Units in the last digit of the log that are allowed for besides."""
@@ -122,7 +119,7 @@ def replay_mujoco(
     digits = DIGITS_ALLOWED * max(_resolution(q) / _change(q), _resolution(u) / _change(u))
     arrivals = np.array([q for q, _ in ends]), np.array([u for _, u in ends])
     return Replay(
-        run, arrivals, missed, np.full(len(missed), REPRODUCED + digits * steps), t, steps, late
+        run, arrivals, missed, np.full(len(missed), ENGINE + digits * steps), t, steps, late
     )
 
 

@@ -135,7 +135,7 @@ def in_joint_coordinates(run: Trajectory, mechanism: Mechanism, own: CoordinateM
 
 def _complete(symbols: StateSymbols, mechanism: Mechanism) -> StateSymbols:
     """The state of a map that has laws for all joints; InputError for one that leaves some to assembly."""
-    if symbols.own is not None and symbols.own.told is not None:
+    if symbols.own is not None and symbols.own.user_q is not None:
         raise ModelError(
             f"coordinates: {', '.join(symbols.coordinates)} leave the other joints of {mechanism.name!r} to "
             "assembly, which the result or log does not hold; let deltac.simulate(model, equations=...) "

@@ -51,13 +51,13 @@ MOST_VALIDATED = 120
 """Edits that are tried on fresh states, cheapest first."""
 
 DEARER = 1.6
-"""Edits that cost this much more than the least one are not reported."""
+"""Edits that cost this much more than the cheapest are not reported."""
 
 MORE = MOST_VALIDATED // 3
 """Edits that are tried for other ways when a repair is found."""
 
 TWO = 2.5
-"""Edits that cost more than this are compared with two plain ones."""
+"""A single edit that costs more than this is compared with pairs of plain edits."""
 
 BRANCHES = 12
 """Edits of one branch that are combined with those of another."""
@@ -222,7 +222,7 @@ def _by_running(
     if len(wrong) and not right:
         limit = np.full(len(test.speeds), RIGHT)
         terms = blamed_terms(blame(caller, test, result[: len(test.speeds)], limit))
-    names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.told_names))
+    names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.user_names))
     file, _, function = text.rpartition(":")
     return Repair(
         file=file,
@@ -331,7 +331,7 @@ def _report(
     coincidence: bool = False,
 ) -> Repair:
     source, program, test = reading.source, reading.worst, target.test()
-    names = (*program.samples.speeds, *(f"q̇ of {name}" for name in test.kane.told_names))
+    names = (*program.samples.speeds, *(f"q̇ of {name}" for name in test.kane.user_names))
     wrong = np.zeros(len(names), dtype=bool)
     for piece in reading.pieces:
         rows = piece.samples.wrong_rows(piece.run())

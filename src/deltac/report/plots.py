@@ -109,11 +109,11 @@ def figure(result: Any, *, title: str | None = None, **options: Any) -> Figure:
 def _trajectory(run: Trajectory, names: Sequence[str] | str | None = None) -> Figure:
     """Coordinates and speeds over time; `names` chooses among both, else those that move most."""
     chosen = [names] if isinstance(names, str) else names
-    known = (*run.coordinates, *run.speeds)
+    names_of_run = (*run.coordinates, *run.speeds)
     for name in chosen or ():
-        if name not in known:
+        if name not in names_of_run:
             raise UnknownName(
-                f"plot: no coordinate or speed is called {name!r}{closest(name, known)}"
+                f"plot: no coordinate or speed is called {name!r}{closest(name, names_of_run)}"
             )
 
     def columns(entries: Sequence[str], values: Array) -> list[tuple[str, Array]]:

@@ -109,7 +109,7 @@ class StateSymbols:
     """The state in which equations are written, in symbols of a traced system.
 
     `q`, `u`, `qdot` are the coordinates, speeds and rates: the mechanism's free ones, or those of `own` where
-    there is a map. A function takes the coordinates `told`, with rates `told_rate`, and the speeds, named
+    there is a map. A function takes the coordinates `user_q`, with rates `user_rate`, and the speeds, named
     `coordinates` and `speeds`: those of the state, or own ones that give the others only by assembly.
     """
 
@@ -117,8 +117,8 @@ class StateSymbols:
     q: SX
     u: SX
     qdot: SX
-    told: SX
-    told_rate: SX
+    user_q: SX
+    user_rate: SX
     coordinates: tuple[str, ...]
     speeds: tuple[str, ...]
 
@@ -137,15 +137,15 @@ def state_symbols(
         q, qdot = system.q, system.qdot
         return StateSymbols(None, q, system.u, qdot, q, qdot, names, speeds)
     own = trace_map(system, coordinate_map, equations_of(system).rows if rows is None else rows)
-    names = coordinate_map.coordinates if own.mapped or own.told is not None else names
-    own_q = own.own_q if own.told is None else own.told
+    names = coordinate_map.coordinates if own.mapped or own.user_q is not None else names
+    own_q = own.own_q if own.user_q is None else own.user_q
     return StateSymbols(
         own,
         own.own_q,
         own.own_u,
         own.own_qdot,
         own_q,
-        own.told_rate(system),
+        own.user_rate(system),
         names,
         coordinate_map.speeds or names,
     )
@@ -184,9 +184,9 @@ def explicit(system: System, equations: Equations) -> Equations:
     coordinates, speeds = state.coordinates, state.speeds
     nq, nu = len(coordinates), len(speeds)
     place = [system.t, state.q, state.u]
-    own_state = ca.Function("told", place, [state.told, state.told_rate])
+    own_state = ca.Function("user_q", place, [state.user_q, state.user_rate])
     names = coordinates
-    if state.own is not None and state.own.told is not None:  # the state holds the mechanism's
+    if state.own is not None and state.own.user_q is not None:  # the state holds the mechanism's
         names = tuple(system.mechanism.coordinates[i].name for i in system.free_q)
     drawn = _some_states(names, nu)
     values = [[np.array(x).ravel() for x in own_state(*at)] for at in drawn]
@@ -335,13 +335,13 @@ def by_hand(system: System, equations: Equations, rows: Rows | None = None) -> B
     key: Hashable = equations  # called anew at every stage: nothing of it is baked in
     equations = explicit(system, equations)
     state = state_symbols(system, equations.coordinates, rows)
-    y = state.q if state.told is state.q else ca.SX.sym("y", state.told.shape[0])
+    y = state.q if state.user_q is state.q else ca.SX.sym("y", state.user_q.shape[0])
     udot = trace_rhs(equations, system.t, y, state.u)
     if udot is not None:
         expression = ca.Function("rhs", [system.t, y, state.u], [udot]).serialize()
         digest = hashlib.sha256(expression.encode()).digest()
         key = (digest, equations.coordinates, equations.name)
-        udot = ca.substitute(udot, y, state.told)
+        udot = ca.substitute(udot, y, state.user_q)
     return ByHand(equations, state, udot, key)
 
 

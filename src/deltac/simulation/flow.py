@@ -102,7 +102,7 @@ class Flow(Once):
 
     Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
     accelerations of a hand-written function that could not be traced (else empty), which takes the
-    coordinates `told` if these are not those of x. `q_size`, `u_size`
+    coordinates `user_q` if these are not those of x. `q_size`, `u_size`
     divide x; `works`, then `integrals` name what follows. The outputs `q_all`, `u_all`, `udot_all`, the
     `driving` forces and the constraints' `reactions` are full vectors of the mechanism. `bound` holds the
     constraints that the equations are built on, `energies` the testing functions' E, K and V of (t, x);
@@ -116,7 +116,7 @@ class Flow(Once):
     works: tuple[ChannelName, ...]
     integrals: tuple[str, ...]
     equations: Equations | None
-    told: SX | None
+    user_q: SX | None
     own: OwnCoordinates | None
     split: OwnCoordinates | None
     bound: Constrained | None
@@ -212,15 +212,15 @@ class Flow(Once):
         return ca.Function("E", [self.t, self.x, self.p], [self.energies])
 
     @cached_property
-    def _told(self) -> Any:
+    def _user_q_at(self) -> Any:
         """(t, x, p) -> the coordinates that equations by hand take, as a CasADi function."""
-        return ca.Function("told", [self.t, self.x, self.p], [ca.densify(self.told)])
+        return ca.Function("user_q", [self.t, self.x, self.p], [ca.densify(self.user_q)])
 
     def by_hand(self, t: float, x: Array, p: Array) -> Array:
         """The accelerations that equations by hand, called from Python, give at a state."""
         assert self.equations is not None
         q, u, _ = self.parts
-        own_q = x[q].copy() if self.told is None else evaluate_at(self._told, t, x, p)[0]
+        own_q = x[q].copy() if self.user_q is None else evaluate_at(self._user_q_at, t, x, p)[0]
         return self.equations(t, own_q, x[u].copy())
 
     def kernel(self, name: str, outputs: Mapping[str, SX], **further: SX) -> Kernel:
@@ -304,7 +304,7 @@ def build_flow(
     else:
         state = written.state
         own, q, u, qdot = state.own, state.q, state.u, state.qdot
-        own_q = None if state.told is q else state.told
+        own_q = None if state.user_q is q else state.user_q
         if written.udot is None:
             rates = ca.SX.sym("given", u.shape[0])
         udot = rates if written.udot is None else written.udot
@@ -359,7 +359,7 @@ def build_flow(
         works=tuple(working),
         integrals=integrals,
         equations=None if written is None else written.equations,
-        told=own_q,
+        user_q=own_q,
         own=own,
         split=split_own,
         bound=bound,

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac import rotations
-from deltac.arrays import SAME_STEP
+from deltac.arrays import LONG_LOG, SAME_STEP
 from deltac.calls.arguments import checked
 from deltac.errors import LogError, WrongType, closest
 from deltac.mechanism.channels import ChannelName
@@ -28,7 +28,7 @@ from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 _DEGREE = math.pi / 180.0
 _SURE = 0.999  # for a ratio that no unit explains
-MANY, STRETCHES = 20_000, 8
+MANY, STRETCHES = LONG_LOG, 8
 """Rows that are looked at of a longer log, and the stretches of neighbours that they are taken from."""
 
 # r -> (kind, which column is wrong, its factor to SI, what it says)
@@ -110,11 +110,16 @@ def some_stretches(run: Trajectory, count: int, size: int) -> Trajectory:
 
     Works, integrals and events are of all rows and stay out.
     """
-    rows = np.arange(len(run))
-    if len(run) > count * size:
-        starts = np.linspace(0, len(run) - size, count).astype(np.intp)
-        rows = np.unique((starts[:, None] + np.arange(size)).ravel())
+    rows = stretch_rows(len(run), count, size)
     return replace(run.take(rows), works={}, integrals={}, events=())
+
+
+def stretch_rows(rows: int, count: int, size: int) -> npt.NDArray[np.intp]:
+    """The rows of so many stretches of so many neighbours; all rows of a log that has no more."""
+    if rows <= count * size:
+        return np.arange(rows)
+    starts = np.linspace(0, rows - size, count).astype(np.intp)
+    return (starts[:, None] + np.arange(size)).ravel()
 
 
 def corrected(run: Trajectory, suspicion: Suspicion) -> Trajectory:
@@ -338,14 +343,14 @@ def _declared(run: Trajectory) -> Iterator[Suspicion]:
             "give the step that the solver took, or none if rows were interpolated",
             certain=False,
         )
-    known = {*map(str, run.forces), *map(str, run.works), *about.acted}
+    channels = {*map(str, run.forces), *map(str, run.works), *about.acted}
     for name in about.held or ():
         # A channel of a kind that a recorder looks for is not there where it never acted.
-        if name not in known and ChannelName.parse(name).kind not in about.looked_for:
+        if name not in channels and ChannelName.parse(name).kind not in about.looked_for:
             yield Suspicion(
                 "held channel",
                 f"the channel {name!r} was held over each step, and the log has none of that name"
-                f"{closest(name, sorted(known))}",
+                f"{closest(name, sorted(channels))}",
                 "correct the name, or log the force",
                 certain=False,
             )

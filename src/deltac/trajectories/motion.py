@@ -14,14 +14,12 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from deltac.arrays import NEGLIGIBLE
+from deltac.arrays import NEGLIGIBLE, ROUGHLY
 from deltac.trajectories.rates import continuous, rotation_vectors
 from deltac.trajectories.trajectory import FloatArray
 
 T = TypeVar("T")
 
-AGREEING_MISS = 0.1
-"""Largest share of their movement by which coordinates may differ from the integrals of their speeds."""
 
 CLEAR_RATIO = 0.5
 """A reading other than the declared or usual one must miss by so much less."""
@@ -116,7 +114,7 @@ def preferred(readings: Sequence[T], miss: Callable[[T], float]) -> T | None:
     if not ordered:
         return None
     best, least = ordered[0], miss(ordered[0])
-    if least < AGREEING_MISS:
+    if least < ROUGHLY:
         return readings[0] if least > CLEAR_RATIO * miss(readings[0]) else best
     return best if least < CLEAR_RATIO * min([1.0, *map(miss, ordered[1:])]) else None
 

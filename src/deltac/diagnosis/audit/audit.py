@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import LONG_LOG, SAME, Array
+from deltac.arrays import LONG_LOG, ROUGHLY, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -44,7 +44,6 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.results import Section, Table, number, percent
-from deltac.simulation.step_size.energy_error import CREDIBLE
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.mapping import MappingLike
 
@@ -158,7 +157,7 @@ class Audit(
         errors have no such order, an integrator that is not identified, joules within their own error or
         beside others that nothing explains.
         """
-        accepted = min(check_tolerance(tolerance), CREDIBLE) * self.reference_energy
+        accepted = min(check_tolerance(tolerance), ROUGHLY) * self.reference_energy
         if self._unpredictable or self.inference is None or self.attribution is None:
             raise SolverError(
                 f"step_for: {self._unpredictable}. `deltac.recommend` finds a step by running the model"
@@ -292,7 +291,7 @@ class Audit(
     @property
     def imported(self) -> dict[str, tuple[str, ...]]:
         """What the import of the model left out, and what it assumed."""
-        return motors.told(self.import_report)
+        return motors.import_remarks(self.import_report)
 
     def summary(self) -> str:
         """Verdict, and the energy error beside the tolerance."""

@@ -26,7 +26,7 @@ from deltac.diagnosis.residuals.states import (
     States,
     close_states,
     draw,
-    from_told,
+    from_user_coordinates,
     joined,
     not_sampled,
     places,
@@ -285,7 +285,7 @@ def check_equations(
             blamed = without_sums(blamed) if causes else blamed
     evidence = judged.verdict.evidence
     if not caller.form.plain:
-        form = caller.form.describe(kane.told_names, test.speeds)
+        form = caller.form.describe(kane.user_names, test.speeds)
         evidence = (*evidence, f"called as {form}")
     if wrong and caller.overwrites:
         # First, because all that follows may come of it: what is overwritten looks like a missing term.
@@ -397,7 +397,7 @@ def _misses(test: EquationTest, rates: Array) -> dict[str, float]:
     size = np.maximum(size, 1e-3 * size.max(initial=0.0)) + 1e-300
     errors = np.abs(rates - test.rates).max(axis=1) / size
     errors = np.where(np.isfinite(errors), errors, np.inf)
-    return dict(zip(test.kane.told_names, map(float, errors)))
+    return dict(zip(test.kane.user_names, map(float, errors)))
 
 
 def _of_rates(rates: Mapping[str, float], tolerance: float) -> tuple[str, ...]:
@@ -431,8 +431,8 @@ def _limits(model: Model, kane: Kane, where: tuple[Place, ...], states: States) 
 
 def _fitting(kane: Kane, states: States) -> States:
     names = (states.coordinates, states.speeds)
-    if kane.assembled and names == (kane.told_names, kane.speed_names):
-        return from_told(kane, states)
+    if kane.assembled and names == (kane.user_names, kane.speed_names):
+        return from_user_coordinates(kane, states)
     if names != (kane.coordinate_names, kane.speed_names):
         raise StateError(
             f"the states are of {', '.join(states.coordinates)}; the equations' coordinates are "

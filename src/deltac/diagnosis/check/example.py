@@ -44,8 +44,8 @@ class Example:
         differences = {n: _difference(x, self.right[n], rounding) for n, x in self.given.items()}
         worst = max(differences, key=lambda n: differences[n])
         lines = [
-            f"u̇.{n}: the equations give {_told(self.given[n], differences[n])}, the model "
-            f"{_told(self.right[n], differences[n])}"
+            f"u̇.{n}: the equations give {_with_digits(self.given[n], differences[n])}, the model "
+            f"{_with_digits(self.right[n], differences[n])}"
             for n in differences
             if n == worst or differences[n] > HALF_DIGITS
         ]
@@ -57,7 +57,7 @@ def _difference(a: float, b: float, rounding: float) -> float:
     return 0.0 if abs(a - b) <= rounding else abs(a - b) / max(abs(a), abs(b))
 
 
-def _told(value: float, difference: float) -> str:
+def _with_digits(value: float, difference: float) -> str:
     """A number with the digits that show a relative difference, six at least."""
     digits = 6 if difference <= 0.0 else int(np.clip(np.ceil(-np.log10(difference)) + 2, 6, 17))
     return f"{value:.{digits}g}"

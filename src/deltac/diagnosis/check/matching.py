@@ -95,7 +95,7 @@ def explain_row(test: EquationTest, residual: Array, udot: Array, row: int) -> t
     That the equation's own acceleration is missing is no explanation: the residual is the sum of all terms.
     """
     own = inertia_term(test.speeds[row])
-    return _told(test, residual, own_parts(test, udot, row), own)
+    return _in_words(test, residual, own_parts(test, udot, row), own)
 
 
 def explain_acceleration(test: EquationTest, error: Array, k: int) -> tuple[Match, ...]:
@@ -104,7 +104,7 @@ def explain_acceleration(test: EquationTest, error: Array, k: int) -> tuple[Matc
     Equations that were solved for the accelerations by hand have every force in every acceleration; a
     mistake in one of them is no term of any row of M u̇ = f.
     """
-    return _told(test, -error, acceleration_parts(test, k), "")
+    return _in_words(test, -error, acceleration_parts(test, k), "")
 
 
 def acceleration_parts(test: EquationTest, k: int) -> list[Summand]:
@@ -128,7 +128,7 @@ def acceleration_parts(test: EquationTest, k: int) -> list[Summand]:
 WHOLE = "the acceleration as a whole"
 
 
-def _told(
+def _in_words(
     test: EquationTest, residual: Array, parts: Sequence[Summand], own: str
 ) -> tuple[Match, ...]:
     """The fewest parts that a residual consists of, each with its formula and its term written out."""
@@ -247,15 +247,15 @@ def explain_by(
     sizes = np.array([np.linalg.norm(p.values) for p in usable])
     directions = np.array([p.values for p in usable]) / sizes[:, None]
     chosen: list[int] = []
-    left = residual
+    remainder = residual
     for _ in range(min(MOST_TERMS, len(residual) // 4)):
-        fit = np.abs(directions @ left)
+        fit = np.abs(directions @ remainder)
         fit[chosen] = -1.0
         chosen.append(int(np.argmax(fit)))
         A = directions[chosen].T
         along = np.linalg.lstsq(A, residual, rcond=None)[0]
-        left = residual - A @ along
-        if float(np.linalg.norm(left)) <= HALF_DIGITS * size:
+        remainder = residual - A @ along
+        if float(np.linalg.norm(remainder)) <= HALF_DIGITS * size:
             break
     else:
         return ()

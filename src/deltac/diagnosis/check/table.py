@@ -20,7 +20,12 @@ from deltac.diagnosis.measurements.digits import resolution
 from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.residuals.states import States, draw, from_told, told
+from deltac.diagnosis.residuals.states import (
+    States,
+    draw,
+    from_user_coordinates,
+    in_user_coordinates,
+)
 from deltac.errors import FileError, LogError
 from deltac.foreign.files import appearing
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -56,7 +61,7 @@ def write_states(
     """
     loaded = load_model(model)
     kane = Kane(loaded.mechanism, loaded.coordinate_map(coordinates), loaded.first)
-    states = told(kane, draw(kane, count=count, seed=seed))
+    states = in_user_coordinates(kane, draw(kane, count=count, seed=seed))
     head = [*states.describe(0), *(f"udot.{name}" for name in states.speeds)]
     empty = [""] * len(states.speeds)
     table = io.StringIO()
@@ -101,7 +106,7 @@ def check_table(
     columns = raw.columns
     names = (
         ["t"]
-        + [f"q.{name}" for name in kane.told_names]
+        + [f"q.{name}" for name in kane.user_names]
         + [f"u.{name}" for name in kane.speed_names]
     )
     outputs = [f"udot.{name}" for name in kane.speed_names]
@@ -113,15 +118,15 @@ def check_table(
             f"{path}: no column {missing[0]!r}; expected {', '.join([*names, *outputs])}, as `deltac "
             "states` writes them"
         )
-    nq = len(kane.told_names)
+    nq = len(kane.user_names)
     rows = np.array([columns[name] for name in names])
-    states = States(rows[0], rows[1 : 1 + nq], rows[1 + nq :], kane.told_names, kane.speed_names)
+    states = States(rows[0], rows[1 : 1 + nq], rows[1 + nq :], kane.user_names, kane.speed_names)
     if kane.assembled:
-        states = from_told(kane, states)
+        states = from_user_coordinates(kane, states)
     udot = np.array([columns[name] for name in outputs])
     _finite(path, names, rows)
     _finite(path, outputs, udot)
-    rates = [f"qdot.{name}" for name in kane.told_names]
+    rates = [f"qdot.{name}" for name in kane.user_names]
     qdot = np.array([columns[n] for n in rates]) if all(n in columns for n in rates) else None
     test = EquationTest(kane, states)
     return check_states(

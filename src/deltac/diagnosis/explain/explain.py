@@ -94,9 +94,11 @@ def causes_of(inference: Inference, fit: Fit) -> tuple[Cause, ...]:
     return tuple(sorted(causes, key=lambda cause: -cause.exchanged))
 
 
-def _explained(fit: Fit, left: Callable[[Array], float]) -> float:
-    """The share of the sum of squares, `left` of it with coefficients, that the causes of a set explain."""
-    return 1.0 - left(fit.coefficients) / left(nothing(len(fit.coefficients)).coefficients)
+def _explained(fit: Fit, unexplained: Callable[[Array], float]) -> float:
+    """The share of the sum of squares that the causes of a set explain; `unexplained`: the rest."""
+    return 1.0 - unexplained(fit.coefficients) / unexplained(
+        nothing(len(fit.coefficients)).coefficients
+    )
 
 
 def _causes(
@@ -169,7 +171,7 @@ def with_gears(explanation: Explanation, gears: list[Gear]) -> Explanation:
 
 
 STATES = 60
-"""Relative difference of what two causes do, from which on a motion is said to tell them apart."""
+"""States at which the effects of two causes are compared."""
 
 
 Samples: TypeAlias = tuple[Array, ...]

@@ -43,7 +43,7 @@ def not_simulated(import_report: ImportReport | None) -> list[Finding]:
     ]
 
 
-def told(report: ImportReport | None) -> dict[str, tuple[str, ...]]:
+def import_remarks(report: ImportReport | None) -> dict[str, tuple[str, ...]]:
     """What an import left out and assumed, as texts; empty without an import."""
     return {
         "ignored": tuple(map(str, report.ignored)) if report else (),

@@ -92,7 +92,7 @@ def _more(names: Sequence[str]) -> str:
 
 # --- what a user calls a log ---------------------------------------------------------------------
 
-LARGE_LOG = 16_000_000
+LARGE_LOG = 128 * 10**6 // np.dtype(float).itemsize
 """Numbers in a log (128 MB; a ledger of all rows takes several times that) above which an audit's ledger
 keeps some rows, and a Parquet file is read in parts."""
 

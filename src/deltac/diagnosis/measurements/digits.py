@@ -9,10 +9,11 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array, medians
+from deltac.arrays import EPS, NEGLIGIBLE, Array, medians
 from deltac.calls.caching import derived
 from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
+from deltac.trajectories.lint import MANY, STRETCHES, stretch_rows
 
 SINGLE = float(np.finfo(np.float32).eps)
 PROBES = 400
@@ -22,12 +23,7 @@ LEAST_VALUES = 3
 """Different numbers of a column from which on their digits are told: a constant has none."""
 
 LEVELS = 8
-"""The same of forces in a log of doubles."""
-
-MANY, STRETCHES = 20_000, 8
-"""Rows by which digits are told, and the deviation of noise is known to a hundredth; the stretches of a
-longer log that they are taken from.
-"""
+"""The same of forces where all states are doubles: fewer are commands, such as on and off."""
 
 Chosen: TypeAlias = slice | NDArray[np.intp]
 
@@ -55,10 +51,8 @@ class Digits:
         values = self._values
         if not self._short:
             spread = np.linspace(0, len(values) - 1, MANY // 2).astype(np.intp)
-            near = _stretches(np.arange(float(len(values))), MANY // 2, STRETCHES // 2)
-            values = values[
-                np.union1d(near.astype(np.intp), spread)
-            ]  # twice the same row is no repeated number
+            near = stretch_rows(len(values), STRETCHES // 2, MANY // STRETCHES)
+            values = values[np.union1d(near, spread)]  # twice the same row is no repeated number
         if not values.size:
             return {}
         rows = np.linspace(0, len(values) - 1, PROBES).astype(np.intp)
@@ -70,10 +64,10 @@ class Digits:
             if different[k] <= REPEATS * len(values) or not _of_many_digits(probe)
         }
         # Columns are written alike: one that hardly changes has the digits of the others if it fits them.
-        told = next((values[rows, k] for k in rules if different[k] >= LEVELS), None)
+        sample = next((values[rows, k] for k in rules if different[k] >= LEVELS), None)
         few = np.flatnonzero((different < self._least) & values.any(axis=0))
-        for k in few.tolist() if told is not None else ():
-            rules[k] = _of_probes(np.concatenate([told, values[rows, k]])) or rules[k]
+        for k in few.tolist() if sample is not None else ():
+            rules[k] = _of_probes(np.concatenate([sample, values[rows, k]])) or rules[k]
         return rules
 
     @property
@@ -178,7 +172,7 @@ def _binary(probes: Array) -> Rule | None:
 MOST_HALF = float(np.finfo(np.float16).max)
 """Numbers beyond this are none of half precision."""
 
-REPEATS = 0.95
+REPEATS = 1.0 - NEGLIGIBLE
 """Share of different numbers of a column below which it may hold counts."""
 
 
@@ -238,16 +232,9 @@ def white_noise(x: Array) -> Array:
     if len(x) < 16:
         return np.zeros(x.shape[1])
     if len(x) > MANY:  # the few differences across the joints do not move a median
-        x = _stretches(x, MANY, STRETCHES)
+        x = x[stretch_rows(len(x), STRETCHES, MANY // STRETCHES)]
     high = np.ascontiguousarray(np.diff(x, 6, axis=0).T)
     sixth = 1.4826 * medians(np.abs(high)) / np.sqrt(924.0)
     eighth = 1.4826 * medians(np.abs(np.diff(high, 2))) / np.sqrt(12870.0)
     white = (WHITE[0] * sixth < eighth) & (eighth < WHITE[1] * sixth)
     return np.where(white, eighth, 0.0)
-
-
-def _stretches(x: Array, rows: int, count: int) -> Array:
-    """So many rows (rows, n) of a longer log, in stretches of neighbours."""
-    size = rows // count
-    starts = np.linspace(0, len(x) - size, count).astype(np.intp)
-    return np.concatenate([x[a : a + size] for a in starts])

@@ -52,7 +52,7 @@ PROJECTION = 1 / 3
 """The same of a straight step that is put back onto a circle: its angle θ becomes atan θ ≈ θ − θ³/3."""
 
 FAR = 30.0
-"""A defect of so many times its error bar, and the scatter of the others, is no error of quadrature."""
+"""A defect beyond this multiple of its error bar and of the others' scatter is no quadrature error."""
 
 
 ARRAYS = ("defect", "bar", "moved", "told", "outliers")

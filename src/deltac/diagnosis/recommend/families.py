@@ -30,7 +30,7 @@ LADDER = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.4, 8.0)
 FEWEST, MOST = 20, 5_000_000
 """Steps of the coarsest and of the finest setting of a solver of ours."""
 
-MOST_OF_MUJOCO = 200_000
+MOST_OF_MUJOCO = 10 * LONG_LOG
 """Steps of the finest setting in MuJoCo, where each is recorded."""
 
 ROWS = LONG_LOG

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Unpack
 
-from deltac.arrays import EPS
+from deltac.arrays import EPS, ROUGHLY
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
@@ -42,7 +42,6 @@ from deltac.diagnosis.recommend.work_precision import (
     Trials,
 )
 from deltac.diagnosis.study.convergence import LEAST_ORDER
-from deltac.diagnosis.study.curves import PARTED
 from deltac.diagnosis.study.simulators import (
     MUJOCO,
     SimulationOptions,
@@ -60,7 +59,7 @@ STEPS = 50
 """Of the first run of a solver with fixed steps."""
 
 SLACK = 2.0
-"""Solvers of other error constants may take steps this many times as long as the motion's rate says."""
+"""Factor by which a solver with a small error constant may exceed the step that the motion suggests."""
 
 REFINEMENT = 4.0
 """By what factor a step is divided that has no order yet, because the run broke down."""
@@ -191,7 +190,7 @@ class SolverCandidate:
 
     def _resolved(self, place: int) -> bool:
         """Whether the order can be relied on: a trial's error is a small part of the motion."""
-        return self.trials[place].excess(1.0, 1.0) <= PARTED
+        return self.trials[place].excess(1.0, 1.0) <= ROUGHLY
 
     @property
     def resolved(self) -> bool:
@@ -206,7 +205,7 @@ class SolverCandidate:
         limits, and then tell nothing of the steps that accuracy needs.
         """
         family, errors = self.family, {k: t.motion for k, t in self.trials.items()}
-        telling = [k for k, error in errors.items() if self.tolerances[1] < error <= PARTED]
+        telling = [k for k, error in errors.items() if self.tolerances[1] < error <= ROUGHLY]
         if family.knob != "step" or not telling:
             return 0.0
         order = family.order or 1
@@ -278,8 +277,8 @@ class SolverCandidate:
             return setting / REFINEMENT
         if self._resolved(tried):
             return setting / (STEP_MARGIN * float(max(excess, EPS) ** (1.0 / self.order)))
-        # Coarser than anything that has an order: the error has still to fall from `PARTED`.
-        rest = 1.0 if first else float((PARTED / min(self.tolerances)) ** (1.0 / self.order))
+        # Coarser than anything that has an order: the error has still to fall from `ROUGHLY`.
+        rest = 1.0 if first else float((ROUGHLY / min(self.tolerances)) ** (1.0 / self.order))
         return setting / (2.0 * max(rest, 1.0))
 
     def _within(self, setting: float) -> int:

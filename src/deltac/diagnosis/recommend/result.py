@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from deltac.diagnosis.inputs.channels import told
+from deltac.diagnosis.inputs.channels import import_remarks
 from deltac.diagnosis.recommend.work_precision import SAME_TIME, Trial
 from deltac.results import Report, Section, Table, number, percent
 
@@ -74,7 +74,7 @@ class Recommendation(
     @property
     def imported(self) -> dict[str, tuple[str, ...]]:
         """What the import of the model left out, and what it assumed."""
-        return told(self.import_report)
+        return import_remarks(self.import_report)
 
     @property
     def solver(self) -> str | None:

@@ -107,7 +107,7 @@ class RunResidual:
 
 
 STIFFEST = 3.0
-"""Largest rate of decay, times the step, that a stabilisation may have: explicit methods stand no more."""
+"""Largest decay rate of a stabilisation, times the step: explicit methods are unstable beyond it."""
 
 
 def run_residual(kane: Kane, run: Trajectory) -> RunResidual:

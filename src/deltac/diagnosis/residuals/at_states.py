@@ -147,7 +147,7 @@ class EquationTest:
     @cached_property
     def rates(self) -> Array:
         """Rates (nq, B) of the coordinates that functions of the user's are written in."""
-        return self.kane.told(self.states.t, self.states.q, self.states.u)[1]
+        return self.kane.user_coordinates(self.states.t, self.states.q, self.states.u)[1]
 
     @cached_property
     def _unbound(self) -> Array | None:

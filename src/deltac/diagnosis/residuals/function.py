@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from deltac.arrays import EPS, SAME, Array
 from deltac.calls.progress import Progress, counted, untold
-from deltac.diagnosis.measurements.digits import SINGLE
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
-from deltac.diagnosis.residuals.states import TRIAL_STATES, States, some_rows, told
+from deltac.diagnosis.residuals.states import TRIAL_STATES, States, in_user_coordinates, some_rows
 from deltac.errors import NO_NUMBER, InputError, SourceError
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import (
@@ -34,7 +33,7 @@ from deltac.simulation.state_form import (
 NODES, ORDER = 9, 5
 """Points on a line, and the order of the differences in which only noise is left of a smooth function."""
 
-STEP = 8.0 * SINGLE
+STEP = 1e-6
 """Distance of these points, relative: hundreds of roundings even in single precision."""
 
 DIFFERENCED = EPS ** (1 / 9)
@@ -57,9 +56,9 @@ class Caller:
     """A function u̇ = rhs(t, q, u), or of another `form`, called with care.
 
     `kane` tells the coordinates that it is written in, where states are in the mechanism's (see
-    `residuals.states.told`). `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives what single
-    calls give (None: not known yet). `overwrites` tells, with numbers, that it wrote into the arrays it was
-    given (copies). `progress` is told the share of the states at which it has been called.
+    `residuals.states.in_user_coordinates`). `vectorised`: it takes q, u of shape (n, B) and t (B,), and gives
+    what single calls give (None: not known yet). `overwrites` tells, with numbers, that it wrote into the
+    arrays it was given (copies). `progress` is told the share of the states at which it has been called.
     """
 
     rhs: Callable[..., Any]
@@ -72,7 +71,7 @@ class Caller:
 
     def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
         """Find out how the function of `equations` takes the state, by trying at some states."""
-        names = self.kane.told_names, test.states.speeds
+        names = self.kane.user_names, test.states.speeds
         parameters = signature(self.rhs)
         candidates = candidate_forms(parameters, equations.form, equations.order, *names, motors)
         if candidates == [PLAIN]:
@@ -114,7 +113,7 @@ class Caller:
         if nq != nu or factorial(nq) > MOST_HYPOTHESES or right(self.form):
             return
         units = {entry.name: entry.unit for entry in self.kane.mechanism.coordinates}
-        of = [units.get(name, "") for name in self.kane.told_names]
+        of = [units.get(name, "") for name in self.kane.user_names]
         for places in permutations(range(nq)):
             if any(a > b and of[a] == of[b] for a, b in combinations(places, 2)):
                 continue
@@ -157,7 +156,7 @@ class Caller:
             except InputError as error:
                 answered = error.__cause__ is None  # it gave an answer, of a wrong kind
                 if answered or not attempt:
-                    description = form.describe(self.kane.told_names, self.kane.speed_names)
+                    description = form.describe(self.kane.user_names, self.kane.speed_names)
                     attempt = f" Taken as {description}: {str(error).partition('. State:')[0]}."
                 if answered:
                     break
@@ -174,10 +173,10 @@ class Caller:
 
     def whole(self, states: States) -> tuple[Array, Array]:
         """q̇ (nq, B), without rows where the function does not return it, and u̇ (n, B)."""
-        nq = len(self.kane.told_names)
+        nq = len(self.kane.user_names)
         if self.form.momenta:
             return self._of_momenta(states)
-        answer = self._singly(told(self.kane, states), self.progress)
+        answer = self._singly(in_user_coordinates(self.kane, states), self.progress)
         return (answer[:nq], answer[nq:]) if len(answer) > len(states.u) else (answer[:0], answer)
 
     def _of_momenta(self, states: States) -> tuple[Array, Array]:
@@ -190,8 +189,10 @@ class Caller:
         rates = self.kane.own_rates(states.t, states.q, states.u)
         h = DIFFERENCED / max(np.abs(rates).max(initial=0.0), 1.0)
         change = sum(c * (mass(k * h) - mass(-k * h)) for k, c in enumerate(EIGHTH, 1)) / h
-        M, nq = mass(0.0), len(self.kane.told_names)
-        answer = self._singly(replace(told(self.kane, states), u=times(M, states.u)), self.progress)
+        M, nq = mass(0.0), len(self.kane.user_names)
+        answer = self._singly(
+            replace(in_user_coordinates(self.kane, states), u=times(M, states.u)), self.progress
+        )
         if len(answer) != nq + len(states.u):
             raise SourceError(f"{self.name} returns no rates of the whole state")
         force = answer[nq:] - times(change, states.u)
@@ -204,9 +205,9 @@ class Caller:
         gives other values than the first.
         """
         if self.vectorised is None:
-            self._examine(told(self.kane, states))
+            self._examine(in_user_coordinates(self.kane, states))
         if self.vectorised:
-            batch = self._batch(told(self.kane, states))
+            batch = self._batch(in_user_coordinates(self.kane, states))
             if batch is not None:
                 return batch
         return self.whole(states)[1]

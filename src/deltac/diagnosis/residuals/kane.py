@@ -107,7 +107,7 @@ class Kane:
     def coordinate_names(self) -> tuple[str, ...]:
         """Names of the coordinates of states: own ones, or the mechanism's free ones.
 
-        These too where the user's give the others only by assembly (`told_names`).
+        These too where the user's give the others only by assembly (`user_names`).
         """
         if self.coordinates is not None and self.own is not None and self.own.mapped:
             return self.coordinates.coordinates
@@ -116,7 +116,7 @@ class Kane:
     @property
     def assembled(self) -> bool:
         """Whether the constraints say what the user's coordinates leave open."""
-        return self.own is not None and self.own.told is not None
+        return self.own is not None and self.own.user_q is not None
 
     @property
     def mode(self) -> str:
@@ -147,7 +147,7 @@ class Kane:
         )
 
     @cached_property
-    def told_names(self) -> tuple[str, ...]:
+    def user_names(self) -> tuple[str, ...]:
         """Names of the coordinates that functions of the user's are written in."""
         if not self.assembled:
             return self.coordinate_names
@@ -155,24 +155,24 @@ class Kane:
         return self.coordinates.coordinates
 
     @cached_property
-    def _told(self) -> Any:
-        assert self.own is not None and self.own.told is not None
+    def _user_function(self) -> Any:
+        assert self.own is not None and self.own.user_q is not None
         s, own = self.system, self.own
-        columns = [own.told, own.told_rate(s), ca.vec(ca.jacobian(own.told, s.q))]
+        columns = [own.user_q, own.user_rate(s), ca.vec(ca.jacobian(own.user_q, s.q))]
         inputs = [s.t, s.q, own.own_u]
-        return ca.Function("told", inputs, [ca.densify(x) for x in columns], {"cse": True})
+        return ca.Function("user", inputs, [ca.densify(x) for x in columns], {"cse": True})
 
-    def told(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
+    def user_coordinates(self, t: Array, q: Array, u: Array) -> tuple[Array, Array]:
         """The coordinates that functions of the user's are written in, and their rates, at states."""
         if not self.assembled:
             return q, self.own_rates(t, q, u)
-        y, rate, _ = evaluate_at(self._told, t[None, :], q, u)
+        y, rate, _ = evaluate_at(self._user_function, t[None, :], q, u)
         return y, rate
 
-    def told_slope(self, t: Array, q: Array) -> Array:
+    def user_slope(self, t: Array, q: Array) -> Array:
         """Jacobian (B, ny, nq) of those coordinates by the mechanism's."""
         u = np.zeros((len(self.speed_names), q.shape[1]))
-        y, _, slope = evaluate_at(self._told, t[None, :], q, u)
+        y, _, slope = evaluate_at(self._user_function, t[None, :], q, u)
         return matrices(slope, len(y), len(q))
 
     @cached_property

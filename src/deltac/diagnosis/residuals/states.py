@@ -129,15 +129,15 @@ def draw(kane: Kane, *, count: int, seed: int, window: tuple[float, float] = WIN
     return joined(batches).take(slice(0, count))
 
 
-def told(kane: Kane, states: States) -> States:
+def in_user_coordinates(kane: Kane, states: States) -> States:
     """The states as functions of the user's take them: where these leave coordinates to assembly, without."""
-    if not kane.assembled or states.coordinates == kane.told_names:
+    if not kane.assembled or states.coordinates == kane.user_names:
         return states
-    y, _ = kane.told(states.t, states.q, states.u)
-    return States(states.t, y, states.u, kane.told_names, states.speeds)
+    y, _ = kane.user_coordinates(states.t, states.q, states.u)
+    return States(states.t, y, states.u, kane.user_names, states.speeds)
 
 
-def from_told(kane: Kane, states: States) -> States:
+def from_user_coordinates(kane: Kane, states: States) -> States:
     """States in the user's coordinates, assembled; InputError where one cannot be."""
     q, good = assembled_at(kane, states.t, states.q)
     if not good.all():
@@ -162,7 +162,7 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
         np.zeros((len(kane.speed_names), count)),
     )
     q = np.repeat(q0[:, None], count, axis=1)
-    y0, _ = kane.told(np.full(count, t0), q, at_rest)
+    y0, _ = kane.user_coordinates(np.full(count, t0), q, at_rest)
     holonomic = np.array(kane.rows.holonomic, dtype=bool)
     good = np.ones(count, dtype=bool)
     with np.errstate(all="ignore"):
@@ -171,7 +171,7 @@ def assembled_at(kane: Kane, t: Array, y: Array) -> tuple[Array, NDArray[np.bool
 
             def ahead(q: Array, t: Array = t_here, y: Array = y_here) -> tuple[Array, Array]:
                 *_, W = kane.motion.ties(t, q, still)
-                return kane.told(t, q, at_rest)[0] - y, kane.told_slope(t, q) @ W
+                return kane.user_coordinates(t, q, at_rest)[0] - y, kane.user_slope(t, q) @ W
 
             q = onto_positions(kane.motion, t_here, q, further=ahead)
             _, phi, _, G, _ = kane.motion.ties(t_here, q, still)
@@ -247,7 +247,7 @@ def _draw_once(
             assert moved is not None
             own_q = moved
             if kane.mode:
-                y, _ = kane.told(t, q, np.zeros((len(kane.speed_names), count)))
+                y, _ = kane.user_coordinates(t, q, np.zeros((len(kane.speed_names), count)))
                 own_q, assembled = assembled_at(kane, t, y)
         own_u, regular = own_speeds(kane, t, own_q, u)
         states = States(t, own_q, own_u, kane.coordinate_names, kane.speed_names)

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import NEGLIGIBLE, Array
 from deltac.calls.arguments import checked
 from deltac.errors import InputError
 
@@ -24,14 +24,12 @@ Trend = Literal[
 ]
 
 CLEAR = 4.0
-"""A curve, a difference of two, or a limit counts from so many of its uncertainties (rounding, quadrature,
-terms of higher order) on."""
+"""A curve, a difference or a limit counts beyond this multiple of its uncertainty (rounding, quadrature,
+terms of higher order)."""
 
 LEAST_ORDER = 0.5
 """What falls more slowly with the step is not seen to fall: non-smooth motions show 0.5 to 1."""
 
-UNVERIFIED = 0.05
-"""Share of an order by which it may be off where no neighbouring steps confirm it: terms of higher order."""
 
 EARLY = 32
 """The first of so many parts of the time tells truncation from rounding, before either is amplified."""
@@ -238,5 +236,5 @@ def _with_error(orders: Sequence[tuple[float, float]], blur: float) -> tuple[flo
     """
     order, squares = orders[-1]
     if len(orders) < 2:
-        return order, blur + max(0.5 * abs(order - squares), UNVERIFIED * order)
+        return order, blur + max(0.5 * abs(order - squares), NEGLIGIBLE * order)
     return order, blur + 0.5 * max(abs(order - squares), abs(order - orders[-2][0]))

@@ -9,22 +9,17 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, SAME, Array
+from deltac.arrays import EPS, ROUGHLY, SAME, Array
 from deltac.diagnosis.study.convergence import Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
-from deltac.simulation.step_size.energy_error import CREDIBLE
 from deltac.trajectories import Trajectory
 
 Rows: TypeAlias = NDArray[np.intp]
 
 FEWEST = 8
 """Common times below which curves are not compared over time."""
-
-PARTED = 0.1
-"""Scaled difference of two motions from which on they are two; a tenth of it is close: what parts motions
-grows in proportion up to there."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +85,7 @@ def compare(
     states = _scaled(mechanism, runs, rows)
     together, close = (
         [_parting(t, a, b, difference) for a, b in zip(states, states[1:])]
-        for difference in (PARTED, 0.1 * PARTED)
+        for difference in (ROUGHLY, 0.1 * ROUGHLY)
     )
     horizon, near = (min(times[-2:], default=float(t[-1])) for times in (together, close))
     first = max((k + 1 for k, end in enumerate(together) if end < horizon), default=0)
@@ -208,7 +203,7 @@ def _diverged(entry: BalancedRun, finest: BalancedRun) -> bool:
     credible.
     """
     exchanged = finest.ledger.energy_exchanged
-    if finest.blown_up or _energy_error(finest) > CREDIBLE * exchanged:
+    if finest.blown_up or _energy_error(finest) > ROUGHLY * exchanged:
         return False
     return entry.blown_up or _energy_error(entry) > exchanged
 

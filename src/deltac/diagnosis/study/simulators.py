@@ -220,7 +220,7 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
                 f"{equations.name} returned values that are not finite at the start: u̇ = "
                 f"{udot.tolist()}. State: {at}"
             )
-    return replace(equations, rhs=_Careful(caller, kane.told_names, tuple(kane.speed_names)))
+    return replace(equations, rhs=_Careful(caller, kane.user_names, tuple(kane.speed_names)))
 
 
 def _start(kane: Kane, state: State) -> States | None:

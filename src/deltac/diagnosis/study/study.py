@@ -13,7 +13,7 @@ from deltac.arrays import SAME
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.diagnosis.inputs.channels import not_simulated, told
+from deltac.diagnosis.inputs.channels import import_remarks, not_simulated
 from deltac.diagnosis.inputs.omissions import (
     assumed_zero,
     assumed_zero_finding,
@@ -110,7 +110,7 @@ class Study(
     @property
     def imported(self) -> dict[str, tuple[str, ...]]:
         """What the import of the model left out, and what it assumed."""
-        return told(self.import_report)
+        return import_remarks(self.import_report)
 
     @property
     def horizon(self) -> float:

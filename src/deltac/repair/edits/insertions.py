@@ -37,7 +37,7 @@ SUMMED = 24
 """Constants of which sums and differences of two are taken as well."""
 
 SUM_TRIPLE = SUMMED // 2
-"""The same where two products are added."""
+"""Names and functions that are multiplied three at a time where two products are added."""
 
 MOST_SUMMED, MOST_PAIRS = 3000, 40
 """Products of which two are added, and pairs of them that are tried."""
@@ -160,10 +160,10 @@ class Vocabulary:
             used = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
             rank = 0 if isinstance(node, ast.Call) else _RANKS.get(type(node.op), 3)
             ranked.append((rank, text, instance.value.index, used))
-        known = self._known[id(owner)] = {}
+        parts = self._known[id(owner)] = {}
         for _, text, slot, used in sorted(ranked, key=lambda x: (x[0], len(x[1]))):
-            known.setdefault(text, (slot, used))
-        return known
+            parts.setdefault(text, (slot, used))
+        return parts
 
     def _sines(self, variables: dict[str, int], expressions: dict[str, int]) -> dict[str, Array]:
         """Sines and cosines of coordinates that the source does not have yet."""

@@ -29,7 +29,7 @@ STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
 """Newton's method starts from these multiples of the value, where the earlier ones led nowhere."""
 
 INFLUENCE = 1e-6
-"""An equation in which an expression counts for less than this share of its effect does not have it."""
+"""An equation that feels less than this share of an expression's effect does not contain it."""
 
 Flags: TypeAlias = NDArray[np.bool_]
 Residual: TypeAlias = Callable[[Array], Array]

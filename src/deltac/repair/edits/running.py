@@ -31,8 +31,8 @@ def right_edits(
         if own is None or isinstance(run(own, samples, RUN_TIME), str):
             return []  # nor do its edits run
         for candidate in _text_edits(source):
-            left = deadline - time.monotonic()
-            if left < 0.0 or len(texts) > MOST_RUNS:
+            seconds = deadline - time.monotonic()
+            if seconds < 0.0 or len(texts) > MOST_RUNS:
                 break
             if right and candidate.cost > right[0][0][0].cost:
                 break
@@ -44,7 +44,7 @@ def right_edits(
                 one = task(changed)
             except InputError:  # no Python any more
                 continue
-            answer = "" if one is None else run(one, samples, min(left, RUN_TIME))
+            answer = "" if one is None else run(one, samples, min(seconds, RUN_TIME))
             if samples.right(answer):
                 right.append(((candidate,), changed))
     return right

@@ -246,7 +246,7 @@ def formed(source: Source, target: Target) -> Source:
     if source.form is not None:
         return source
     parameters, test = form_of(source), target.test()
-    names = test.kane.told_names, test.states.speeds
+    names = test.kane.user_names, test.states.speeds
     candidates = candidate_forms(parameters, *source.declared, *names, len(target.mechanism.motors))
     samples = target.samples()
     some = samples.at(np.arange(min(len(samples.t), 4)))

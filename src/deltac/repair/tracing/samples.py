@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from deltac.arrays import ROOT_EPS, SMALL_SHARE, Array
 from deltac.arrays import SMALL_SHARE as FLOOR
-from deltac.diagnosis import EquationTest, Kane, draw, told
+from deltac.diagnosis import EquationTest, Kane, draw, in_user_coordinates
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap, Mechanism, State
 
@@ -161,7 +161,7 @@ class Target:
 
         return StateSamples(
             t=join([test.states.t for test in tests]),
-            q=join([told(test.kane, test.states).q for test in tests]),
+            q=join([in_user_coordinates(test.kane, test.states).q for test in tests]),
             u=join([test.states.u for test in tests]),
             acceleration=join([test.acceleration for test in tests]),
             rates=join([test.rates for test in tests]),

@@ -130,7 +130,7 @@ def _confidence(verdict: Verdict) -> tuple[tuple[str, str], ...]:
 @singledispatch
 def page_of(report: Report, context: Beside) -> Page:
     """The page of a report; of one that has no page of its own, its text and its tables."""
-    chapters = [*_motion(context.run, context.mechanism), *_told(report)]
+    chapters = [*_motion(context.run, context.mechanism), *_report_chapters(report)]
     return Page(
         title=re.sub("(?<=[a-z])(?=[A-Z])", " ", type(report).__name__).capitalize(),
         asked=_first_line(report),
@@ -159,7 +159,7 @@ def _(report: Audit, context: Beside) -> Page:
         ),
         *_motion(run, mechanism),
         Chapter("In numbers", tuple(_tables(report.sections()))),
-        *(c for other in context.more for c in _told(other, "What would explain it")),
+        *(c for other in context.more for c in _report_chapters(other, "What would explain it")),
     ]
     if report.import_report is not None:
         words = tuple(report.import_report.sections())
@@ -270,7 +270,7 @@ def _(report: EquationCheck, context: Beside) -> Page:
     chapters.append(_findings(report.findings, None, None))
     chapters.append(Chapter("In numbers", tuple(_tables(report.sections()))))
     if not fixed:
-        chapters += [c for other in context.more for c in _told(other, _REPAIRED)]
+        chapters += [c for other in context.more for c in _report_chapters(other, _REPAIRED)]
     return Page(
         title=f"{report.name}, against {report.mechanism}",
         asked="Are these equations of motion the model's, and if not, where do they differ?",
@@ -591,7 +591,7 @@ def _tables(sections: Iterable[Section]) -> Iterator[Part]:
         yield Grid.of("Totals" if k == 0 else "", table)
 
 
-def _told(report: Report, heading: str = "The report") -> Iterator[Chapter]:
+def _report_chapters(report: Report, heading: str = "The report") -> Iterator[Chapter]:
     """The report's own text, in order."""
     parts: list[Part] = []
     words: list[str] = []

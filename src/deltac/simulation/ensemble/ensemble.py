@@ -223,7 +223,7 @@ class _Telling:
 
     def __init__(self, progress: Progress | None, total: int) -> None:
         self._progress, self._total = progress, total
-        self._done, self._told, self._lock = 0, 0, Lock()
+        self._done, self._reported, self._lock = 0, 0, Lock()
 
     def __call__(self, steps: int) -> None:
         check_cancelled()
@@ -231,8 +231,8 @@ class _Telling:
             return
         with self._lock:
             self._done += steps
-            if 1000 * (self._done - self._told) >= self._total or self._done == self._total:
-                self._told = self._done
+            if 1000 * (self._done - self._reported) >= self._total or self._done == self._total:
+                self._reported = self._done
                 self._progress(self._done / self._total)
 
 

@@ -145,7 +145,7 @@ def member_states(mechanism: Mechanism, states: States) -> tuple[float, Array, A
     """
     several = [states] if isinstance(states, State) else states
     if not isinstance(several, list | tuple) or not several:
-        raise StateError(f"states: found {_told(states)}; {_EXPECTED}")
+        raise StateError(f"states: found {_description(states)}; {_EXPECTED}")
     if any(isinstance(one, State) for one in several):
         t, Q, U = _gathered(mechanism, several)
     elif len(several) == 2:
@@ -164,7 +164,7 @@ def member_states(mechanism: Mechanism, states: States) -> tuple[float, Array, A
 _EXPECTED = "expected a State, a sequence of States, or (Q, U) of shapes (N, nq) and (N, nu)"
 
 
-def _told(value: object) -> str:
+def _description(value: object) -> str:
     shape = getattr(value, "shape", None)
     return type(value).__name__ if shape is None else f"one array of shape {shape}"
 

@@ -8,16 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from deltac.arrays import EPS, PHYSICAL, Array
+from deltac.arrays import EPS, PHYSICAL, ROUGHLY, Array
 from deltac.errors import warn_user
 from deltac.simulation.flow import CORRECTIONS, ENERGY_CORRECTION, Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.step_size.stiffness import fastest_rate, longest_step
 from deltac.simulation.stepping.protocol import Motion
 from deltac.trajectories import Provenance
-
-CREDIBLE = 0.1
-"""Largest energy error that passes without a warning, as a fraction of the energy that took part."""
 
 ACCURATE = 1e-3
 """The energy error that a recommended step aims at."""
@@ -134,7 +131,7 @@ def refuted(
 
     Of one that was stopped, the message says so, beside why it was.
     """
-    if not error.relative > CREDIBLE:
+    if not error.relative > ROUGHLY:
         return motion
     if motion.message:
         doubt = "Do not trust the rows before: |ΔC| exceeds a tenth of the energy that took part"
@@ -167,7 +164,7 @@ def sufficient_step(
     It is accurate by the solver's order, for an error that grows on as it did until then, and stable there.
     """
     assert solver.order is not None
-    wrong = (error.error > CREDIBLE * error.scale)[int(np.argmax(error.error)) :: -1]
+    wrong = (error.error > ROUGHLY * error.scale)[int(np.argmax(error.error)) :: -1]
     k = max(1, len(wrong) - int(np.argmin(wrong)))  # `wrong` goes back from the largest error
     until = float(motion.t[k] - motion.t[0]) / float(motion.t[-1] - motion.t[0])
     allowed = ACCURATE * until * error.scale[k] / error.error[k]

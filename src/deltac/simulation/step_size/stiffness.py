@@ -27,7 +27,7 @@ TOLERATED = 1.01
 
 
 DOUBLED = 2.0
-"""Growth of a step with which nothing is followed any more; less is told by the ledger."""
+"""Growth per step beyond which a run follows nothing; the ledger tells of smaller growth."""
 
 SMALL = 12
 """Coordinates and speeds up to which eigenvalues are cheap enough to be looked at for every run."""

@@ -70,7 +70,7 @@ class SteppingLoop:
     _stride: float = 0.0  # the last step of the stepper's own choice, s
     _singular: bool = False  # whether the next step is to be taken with care
     _suspect: bool = False  # whether it may have an event
-    _told: float = 0.0
+    _reported: float = 0.0
 
     def run(self) -> Motion:
         """Take the steps, until the end, a terminal event, or where the run cannot go on."""
@@ -114,8 +114,8 @@ class SteppingLoop:
         if self.progress is None:
             return
         done = (self.t - start) / (self.end - start)
-        if done - self._told >= 1e-3 or self.t >= self.end:
-            self._told = done
+        if done - self._reported >= 1e-3 or self.t >= self.end:
+            self._reported = done
             self.progress(min(done, 1.0))
 
     # --- many steps at once ---------------------------------------------------------------------

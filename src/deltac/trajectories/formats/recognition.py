@@ -17,7 +17,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import LONG_LOG, NEGLIGIBLE
+from deltac.arrays import LONG_LOG, NEGLIGIBLE, ROUGHLY
 from deltac.trajectories.columns import QUATERNION, MechanismNames, RateNames, si_unit
 from deltac.trajectories.formats.floating import (
     Floating,
@@ -52,7 +52,6 @@ from deltac.trajectories.formats.words import (
     words_of,
 )
 from deltac.trajectories.motion import (
-    AGREEING_MISS,
     CLEAR_RATIO,
     Movement,
     preferred,
@@ -175,7 +174,7 @@ class _Search:
             w = table([f"u.{name}" for name in speeds[j : j + 3]])
             if p is None:
                 continue
-            if not np.nanmax(np.abs((p * p).sum(axis=1) - 1.0)) < AGREEING_MISS:
+            if not np.nanmax(np.abs((p * p).sum(axis=1) - 1.0)) < ROUGHLY:
                 return np.inf
             if w is not None:
                 movements.append(Movement.turning(t[rows], p, w, "body"))
@@ -190,7 +189,7 @@ class _Search:
     def agrees(self, t: FloatArray, columns: Mapping[str, str]) -> bool:
         """Whether coordinates move as their speeds say."""
         misfit = self.misfit(t, columns)
-        return misfit is not None and misfit < AGREEING_MISS
+        return misfit is not None and misfit < ROUGHLY
 
 
 def recognise(raw: RawLog, names: MechanismNames) -> dict[str, Meaning]:
@@ -758,7 +757,7 @@ def _state_vectors(s: _Search) -> Iterator[Meaning]:
     if any(target.startswith(("q.", "u.")) for target in s.found):
         return
     states = [state for name in s.arrays for state in _states(s, name)]
-    agreeing = [one for one in states if one.miss is not None and one.miss < AGREEING_MISS]
+    agreeing = [one for one in states if one.miss is not None and one.miss < ROUGHLY]
     still = [one for one in states if one.miss is None and one.usual and one.named]
     sure = [one for one in agreeing if one.named] or agreeing or (still if len(still) == 1 else [])
     tested = [one for one in states if one.miss is not None]
@@ -796,7 +795,7 @@ def _states(s: _Search, name: str) -> Iterator[_StateVector]:
         what = "the table" if name == TABLE else repr(name)
         why = f"{what} has the width of {order} in the model's order"
         miss = min(misses, default=None)
-        if miss is not None and miss < AGREEING_MISS:
+        if miss is not None and miss < ROUGHLY:
             why += ", and they move so"
         usual = order == "coordinates and speeds"
         yield _StateVector(columns, why, miss, key(name) in _STATES and not after, usual)
@@ -829,7 +828,7 @@ def _moving(s: _Search) -> Iterator[Meaning]:
 
     def follows(a: str, b: str) -> bool:
         size, difference = Movement.of(time[rows], values[a], values[b]).sizes()
-        return a != b and difference < 0.5 * AGREEING_MISS * size
+        return a != b and difference < 0.5 * ROUGHLY * size
 
     rates = {a: [b for b in free if follows(a, b)] for a in free}
     single = [(a, several[0]) for a, several in rates.items() if len(several) == 1]

@@ -13,12 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from deltac import energy
 from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Progress
-from deltac.energy.ledger import Ledger
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.expressions import Law
 from deltac.models import ModelLike, StateLike, load_model
@@ -31,6 +29,7 @@ from deltac.trajectories.columns import MechanismNames
 from deltac.trajectories.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from deltac.energy.ledger import Ledger
     from deltac.importers.sympy_equations import SymbolicEquations
     from deltac.simulation.constraints.assembly import Assembly
     from deltac.simulation.ensemble.ensemble import Ensemble
@@ -253,6 +252,8 @@ def balance(
         InputError: the run is not one of this mechanism, has too few samples, lacks a motor's force, or
             lacks the integrals asked for.
     """
+    from deltac import energy
+
     source = load_model(model)
     own = None if coordinates is None else source.coordinate_map(coordinates)
     return energy.balance(
@@ -277,6 +278,8 @@ def residuals(
 
     Raises InputError as `balance`, and for a run without u̇.
     """
+    from deltac import energy
+
     source = load_model(model)
     own = None if coordinates is None else source.coordinate_map(coordinates)
     return energy.residuals(source.mechanism, run, testing, coordinates=own)

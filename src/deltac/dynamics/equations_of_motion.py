@@ -34,7 +34,7 @@ from deltac.dynamics.spatial import SX
 from deltac.dynamics.system import System, trace
 from deltac.dynamics.terms import Constrained, Forward, forward
 from deltac.kernels.casadi_evaluator import on_arrays
-from deltac.kernels.rows import at_rows
+from deltac.kernels.rows import at_rows, whole_output
 from deltac.mechanism.channels import Channel, ChannelName
 from deltac.mechanism.mechanism import Mechanism
 
@@ -183,9 +183,7 @@ class EquationsOfMotion:
         M, pull = self.completed(r)
         columns = [M, self.bias[free, :] + pull, forces, r.phi, r.psi, r.gamma, r.G, self.W]
         arguments = [s.t, s.q, s.u, s.inputs, s.p]
-        return ca.Function(
-            "terms", arguments, [ca.densify(ca.vec(x)) for x in columns], {"cse": True}
-        )
+        return ca.Function("terms", arguments, [ca.vec(x) for x in columns], {"cse": True})
 
     @property
     def instructions(self) -> int:
@@ -265,7 +263,7 @@ class EquationsOfMotion:
     @cached_property
     def _forces(self) -> Any:
         s, free = self.system, self.system.free_u
-        forces = [ca.densify(part.force[free, :]) for part in self.channels]
+        forces = [part.force[free, :] for part in self.channels]
         return ca.Function("forces", [s.t, s.q, s.u, s.inputs, s.p], forces, {"cse": True})
 
     def forces(self, t: Array, q: Array, u: Array) -> dict[ChannelName, Array]:
@@ -341,7 +339,7 @@ def evaluate_at(function: Any, *arguments: ArrayLike) -> list[Array]:
         for k, x in enumerate(columns)
     ]
     wide = [x if x.ndim == 2 else np.repeat(x.reshape(-1, 1), batch, axis=1) for x in wide]
-    if _is_dense(function, [len(x) for x in wide]):
+    if _takes(function, [len(x) for x in wide]):
         return [x.T for x in at_rows(function, [x.T for x in wide])]
     called = function.map(batch).call([ca.DM(np.ascontiguousarray(x)) for x in wide])
     return [np.array(x).reshape(-1, batch) for x in called]
@@ -349,15 +347,15 @@ def evaluate_at(function: Any, *arguments: ArrayLike) -> list[Array]:
 
 def _at_one_state(function: Any, columns: list[Array]) -> list[Array]:
     """Outputs (n,), through buffers: CasADi's own conversions take longer than most functions."""
-    if not _is_dense(function, [x.size for x in columns]):
+    if not _takes(function, [x.size for x in columns]):
         return [np.array(x).reshape(-1) for x in function.call([ca.DM(x) for x in columns])]
     arguments, results = (
         [np.ascontiguousarray(x) for x in columns],
-        [np.empty(function.numel_out(k)) for k in range(function.n_out())],
+        [np.empty(function.nnz_out(k)) for k in range(function.n_out())],
     )
     _kept, evaluate = on_arrays(function, arguments, results)
     evaluate()
-    return results
+    return [whole_output(function, k, x[None])[0] for k, x in enumerate(results)]
 
 
 def matrices(flat: Array, rows: int, columns: int) -> Array:
@@ -367,7 +365,6 @@ def matrices(flat: Array, rows: int, columns: int) -> Array:
     return np.ascontiguousarray(flat.reshape(columns, rows, flat.shape[1]).transpose(2, 1, 0))
 
 
-def _is_dense(function: Any, sizes: list[int]) -> bool:
-    """Whether a function takes columns of these sizes and stores every entry: arrays can be its buffers."""
-    stored = all(function.nnz_out(k) == function.numel_out(k) for k in range(function.n_out()))
-    return stored and sizes == [function.nnz_in(k) for k in range(len(sizes))]
+def _takes(function: Any, sizes: list[int]) -> bool:
+    """Whether a function takes columns of these sizes: arrays can be its buffers."""
+    return sizes == [function.nnz_in(k) for k in range(len(sizes))]

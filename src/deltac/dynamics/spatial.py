@@ -6,9 +6,9 @@ frame's origin. `Transform` carries them between frames.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property, wraps
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -17,16 +17,64 @@ SX: TypeAlias = Any
 """A CasADi SX matrix (CasADi has no type stubs)."""
 
 
+def inlined(operation: Callable[..., Any]) -> Callable[..., Any]:
+    """An operation on matrices, transforms and inertias, written out once for each of their shapes.
+
+    Recursions make thousands of them: a call of a CasADi function costs as much as a single operation.
+    """
+
+    @cache
+    def written(kinds: tuple[_Kind, ...]) -> tuple[Any, _Kind]:
+        symbols = [[ca.SX.sym("x", *shape) for shape in kind.shapes] for kind in kinds]
+        result = _parts(operation(*(kind.whole(x) for kind, x in zip(kinds, symbols))))
+        return ca.Function("inlined", sum(symbols, start=[]), result.matrices), result.kind
+
+    @wraps(operation)
+    def called(*arguments: Any) -> Any:
+        parts = [_parts(x) for x in arguments]
+        function, kind = written(tuple(p.kind for p in parts))
+        return kind.whole(function.call([x for p in parts for x in p.matrices]))
+
+    return called
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """What matrices of these shapes make: an object of a class with `of`, or a matrix alone."""
+
+    shapes: tuple[tuple[int, int], ...]
+    owner: Any = None
+    more: Any = None
+
+    def whole(self, matrices: list[SX]) -> Any:
+        """The object."""
+        return self.owner.of(self.more, *matrices) if self.owner else matrices[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """An argument or a result, taken apart."""
+
+    matrices: list[SX]
+    kind: _Kind
+
+
+def _parts(x: Any) -> _Parts:
+    return x.parts if isinstance(x, Inertia | Transform) else _Parts([x], _Kind((x.shape,)))
+
+
 def cross(a: SX, b: SX) -> SX:
     """The vector product of two 3-vectors."""
     return ca.cross(a, b)
 
 
+@inlined
 def cross_motion(V: SX, W: SX) -> SX:
     """V × W of two motion vectors: the rate of W when it is fixed in a frame that moves with V."""
     return ca.vertcat(cross(V[:3], W[:3]), cross(V[:3], W[3:]) + cross(V[3:], W[:3]))
 
 
+@inlined
 def cross_force(V: SX, F: SX) -> SX:
     """V ×* F: the rate of a force vector that is fixed in a frame that moves with V."""
     return ca.vertcat(cross(V[:3], F[:3]) + cross(V[3:], F[3:]), cross(V[:3], F[3:]))
@@ -150,6 +198,24 @@ class Transform:
     r: SX
     turns: tuple[Turn, ...] | None = None
 
+    @staticmethod
+    def of(axes: tuple[int, ...] | None, r: SX, *rotation: SX) -> Transform:
+        """By r, and by E or by cosines and sines of turns about these axes."""
+        if axes is None:
+            return Transform(rotation[0], r)
+        turns = (Turn(axis, *rotation[2 * k : 2 * k + 2]) for k, axis in enumerate(axes))
+        return Transform(None, r, tuple(turns))
+
+    @cached_property
+    def parts(self) -> _Parts:
+        """What `of` takes."""
+        if self.turns is None:
+            return _Parts([self.r, self.E], _Kind(((3, 1), (3, 3)), Transform))
+        rotation = [ca.SX(x) for turn in self.turns for x in (turn.c, turn.s)]
+        axes = tuple(turn.axis for turn in self.turns)
+        shapes = ((3, 1), *[(1, 1)] * len(rotation))
+        return _Parts([self.r, *rotation], _Kind(shapes, Transform, axes))
+
     def rotate(self, v: SX) -> SX:
         """E v, 3 by any number."""
         if self.turns is None:
@@ -175,6 +241,7 @@ class Transform:
             A = turn.matrix_back(A, symmetric)
         return A
 
+    @inlined
     def __matmul__(self, V: SX) -> SX:
         """Motion vectors (6 by any number): X V."""
         w, v = V[:3, :], V[3:, :]
@@ -187,11 +254,13 @@ class Transform:
             turns = _joined(self.turns, after.turns)
         return Transform(ca.mtimes(after.E, self.E), self.r + ca.mtimes(self.E.T, after.r), turns)
 
+    @inlined
     def force_back(self, F: SX) -> SX:
         """A force vector from B back to A: Xᵀ F."""
         n, f = self.rotate_back(F[:3]), self.rotate_back(F[3:])
         return ca.vertcat(n + cross(self.r, f), f)
 
+    @inlined
     def inertia_back(self, inertia: Inertia) -> Inertia:
         """A (possibly articulated) inertia from B back to A: Xᵀ I X (Featherstone 2008, table 2.2)."""
         r = ca.skew(self.r)
@@ -217,6 +286,17 @@ class Inertia:
     H: SX
     M: SX
 
+    @staticmethod
+    def of(_: None, J: SX, H: SX, M: SX) -> Inertia:
+        """By its blocks."""
+        return Inertia(J, H, M)
+
+    @property
+    def parts(self) -> _Parts:
+        """What `of` takes."""
+        return _Parts([self.J, self.H, self.M], _Kind(((3, 3),) * 3, Inertia))
+
+    @inlined
     def __matmul__(self, V: SX) -> SX:
         """The force (momentum) vectors I V, 6 by any number."""
         w, v = V[:3, :], V[3:, :]
@@ -239,6 +319,7 @@ class Inertia:
             H[:, k] = 0
         return Inertia(J, H, M)
 
+    @inlined
     def minus_outer(self, U: SX, V: SX) -> Inertia:
         """I − U Vᵀ for 6 by n factors whose product is symmetric."""
         return Inertia(
@@ -248,6 +329,7 @@ class Inertia:
         )
 
 
+@inlined
 def gyroscopic_force(inertia: Inertia, V: SX) -> SX:
     """V ×* (I V) of a rigid body, without m v × v: zero, but for rounding that turns a fast satellite."""
     w, v = V[:3], V[3:]

@@ -90,7 +90,7 @@ class RunPiece(Piece):
     """Some runs of a setting: the values of their axes (N, axes)."""
 
     needs = (
-        "deltac.simulation.simulate",
+        "deltac.verbs",
         "deltac.simulation.ensemble.ensemble",
         "llvmlite.binding",
     )

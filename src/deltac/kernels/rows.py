@@ -84,12 +84,13 @@ def compiled() -> Iterator[None]:
 def at_rows(function: ca.Function, columns: Sequence[Array]) -> list[Array]:
     """Each output of a function of dense columns at T rows: arrays (T, size), entries stacked by columns.
 
+    Of sparse outputs the machine writes what they store: the zeros of forces by channel outnumber the rest.
     `columns` are arrays (T, m) or (T,), one an input. CasADi's machine reads and writes rows in place:
     arrays of its own would be copied number by number, which takes ten times as long.
     """
     count = len(columns[0])
     inputs = [np.asarray(c, dtype=np.float64).reshape(count, -1) for c in columns]
-    outputs = [np.empty((count, function.numel_out(k))) for k in range(function.n_out())]
+    outputs = [np.empty((count, function.nnz_out(k))) for k in range(function.n_out())]
     block = BLOCK if function.n_instructions() < LONG else 1
     whole = count - count % block
     for first, last, size in ((0, whole, block), (whole, count, count - whole)):
@@ -105,7 +106,17 @@ def at_rows(function: ca.Function, columns: Sequence[Array]) -> list[Array]:
             evaluate()
             for m, values in zip(outputs, written):
                 m[rows] = values
-    return outputs
+    return [whole_output(function, k, values) for k, values in enumerate(outputs)]
+
+
+def whole_output(function: ca.Function, k: int, stored: Array) -> Array:
+    """All entries (T, size) of an output, by those (T, nnz) that it stores."""
+    pattern = function.sparsity_out(k)
+    if pattern.is_dense():
+        return stored
+    entries = np.zeros((len(stored), pattern.numel()))
+    entries[:, pattern.find()] = stored
+    return entries
 
 
 BLOCK = 64

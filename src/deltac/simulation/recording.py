@@ -123,10 +123,10 @@ def recorded(
     q, u, udot, driving = (
         columns[name].reshape(rows, -1) for name in ("q", "u", "udot", "driving")
     )
-    if not (np.isfinite(udot).all() and np.isfinite(driving).all()):
+    if not np.isfinite(udot.sum() + driving.sum()):  # no sum hides what is not finite
         # The last state before a run broke down may have no acceleration.
         good = np.isfinite(udot).all(axis=1) & np.isfinite(driving).all(axis=1)
-        rows = int(np.argmin(good))
+        rows = rows if good.all() else int(np.argmin(good))
         if rows == 0:
             raise DeltacError(
                 f"the accelerations are not finite at the start; {provenance.message}"

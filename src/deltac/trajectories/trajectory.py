@@ -544,7 +544,10 @@ class Trajectory(Shown, Once):
 
 
 def as_numbers(label: str, values: Any) -> FloatArray:
-    """A read-only float64 copy of `values`; InputError when they are not real numbers."""
+    """A read-only float64 copy of `values`; InputError when they are not real numbers.
+
+    What nobody can write to, and is no view of what somebody can, is not copied.
+    """
     try:
         array = np.asarray(values)
     except ValueError as error:  # ragged rows
@@ -553,6 +556,9 @@ def as_numbers(label: str, values: Any) -> FloatArray:
         raise WrongType(
             f"{label}: found values of type {array.dtype}, expected real numbers (SI units)"
         )
+    whole = array.base is None and array.dtype == np.float64 and array.flags.c_contiguous
+    if whole and not array.flags.writeable:
+        return np.asarray(array)
     if array.dtype.itemsize <= 8:
         copy = np.array(array, dtype=np.float64, order="C")
     else:

@@ -250,7 +250,7 @@ def stale_rows(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     measured = trusted(run) and run.udot is not None and "udot" not in run.provenance.derived
     if not measured or not len(mechanism.free.u) or len(run) < 3:
         return []
-    return stale_stage(run, run_residual(Kane(mechanism), run))
+    return stale_stage(run_residual(Kane(mechanism), run))
 
 
 def _difference(

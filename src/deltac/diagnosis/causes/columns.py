@@ -90,12 +90,13 @@ class ColumnKernels:
 
     @cached_property
     def _function(self) -> ca.Function:
-        return ca.Function("columns", list(self.inputs), [ca.densify(self.expression)])
+        return ca.Function("columns", list(self.inputs), [self.expression])
 
     @property
     def cost(self) -> int:
-        """Instructions of all columns at one sample."""
-        return int(self._function.n_instructions())
+        """Instructions of all columns at one sample, and their zeros, which are written as well."""
+        f = self._function
+        return int(f.n_instructions() + f.numel_out(0) - f.nnz_out(0))
 
     def __call__(self, *samples: Array) -> Array:
         """F_r + F*_r and the columns (T, n, 1 + P)."""

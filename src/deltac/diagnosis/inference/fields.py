@@ -88,14 +88,19 @@ class _Derivatives:
         ahead, behind = self._ends(q, u, d)
         return np.asarray((ahead + behind - 2.0 * self.a) / d**2)
 
-    def of_dampers(self, u: Array) -> Array:
-        """What the change of the dampers' forces along u does to the accelerations."""
-        at, model = self.rows, self.model
-        if not model.damped:
+    def damping(self, u: Array) -> Array:
+        """The change of the dampers' forces along u."""
+        if not self.model.damped:
             return np.zeros_like(self.a)
-        d = _length(FIRST, u)
-        ends = (model.damping(at.t, at.q, at.u + s * d * u, at.F) for s in (1.0, -1.0))
-        return model.response(at.t, at.q, (next(ends) - next(ends)) / (2.0 * d))
+        at, d = self.rows, _length(FIRST, u)
+        ends = (self.model.damping(at.t, at.q, at.u + s * d * u, at.F) for s in (1.0, -1.0))
+        return np.asarray((next(ends) - next(ends)) / (2.0 * d))
+
+    def of_dampers(self, u: Array) -> Array:
+        """What that does to the accelerations."""
+        if not self.model.damped:
+            return np.zeros_like(self.a)
+        return self.model.response(self.rows.t, self.rows.q, self.damping(u))
 
 
 def _length(size: float, *directions: Array | None) -> Array:
@@ -107,21 +112,20 @@ def _stacked(columns: Sequence[tuple[Array, Array]]) -> Array:
     return np.stack([np.concatenate(pair, axis=1) for pair in columns], axis=2)
 
 
-def _first_order(model: Model, at: Rows, h: Array) -> Array:
-    D = _Derivatives(model, at)
+def _undamped(D: _Derivatives) -> list[tuple[Array, Array]]:
+    """Fields of first order over h, without that of the dampers, which comes last."""
     zero = np.zeros_like(D.a)
-    columns = [
-        (D.a, zero), (zero, D.along(at.u, None, in_time=True)), (zero, D.along(None, D.a)),
-        (zero, D.of_dampers(D.a)),
+    return [
+        (D.a, zero), (zero, D.along(D.rows.u, None, in_time=True)), (zero, D.along(None, D.a)),
     ]  # fmt: skip
-    return np.asarray(_stacked(columns) * h[:, :, None])
 
 
 def elementary_differentials(model: Model, at: Rows, h: Array) -> Array:
     """F_i h^p_i (N, 2n, fields) at states, h (N, 1) the integrator's step."""
-    D, first = _Derivatives(model, at), _first_order(model, at, h)
-    n, a, zero = model.n, D.a, np.zeros_like(D.a)
-    aq_u, au_a, da = (first[:, n:, k] / h for k in (1, 2, 3))
+    D = _Derivatives(model, at)
+    a, zero, da = D.a, np.zeros_like(D.a), D.of_dampers(D.a)
+    first = [*_undamped(D), (zero, da)]
+    aq_u, au_a = first[1][1], first[2][1]
     aqq, auu = D.twice(at.u, None), D.twice(None, a)
     mixed = 0.5 * (D.twice(at.u, a) - aqq - auu)
     second = [
@@ -129,18 +133,21 @@ def elementary_differentials(model: Model, at: Rows, h: Array) -> Array:
         (aq_u, zero), (au_a, zero), (zero, D.along(a, None)), (zero, D.along(None, aq_u)),
         (zero, D.along(None, au_a)), (zero, aqq), (zero, mixed), (zero, auu),
     ]  # fmt: skip
-    return np.concatenate([first, _stacked(second) * h[:, :, None] ** 2], axis=2)
+    size = h[:, :, None]
+    return np.concatenate([_stacked(first) * size, _stacked(second) * size**2], axis=2)
 
 
 def first_order_jacobian(model: Model, at: Rows, h: Array, c: Array) -> Array:
     """∂/∂x (N, 2n, 2n) of Σ c_i h F_i, of first order: what the integrator makes of errors of a row."""
-    n = model.n
+    n, J = model.n, np.empty((len(at.t), 2 * model.n, 2 * model.n))
 
-    def total(q: Array, u: Array) -> Array:
-        moved = Rows(at.t, q, u, at.F)
-        return np.asarray(_first_order(model, moved, h) @ c)
+    def fields(q: Array, u: Array) -> tuple[Array, Array]:
+        """Of all but the dampers, and by how much the dampers' forces change."""
+        D = _Derivatives(model, Rows(at.t, q, u, at.F))
+        return h * (_stacked(_undamped(D)) @ c[:-1]), c[-1] * h * D.damping(D.a)
 
-    here, columns = total(at.q, at.u), []
+    (here, force), forces = fields(at.q, at.u), list[Array]()
+    still = model.response(at.t, at.q, force) if model.damped else force
     for k in range(2 * n):
         e = np.zeros((1, n))
         e[0, k % n] = 1.0
@@ -149,8 +156,15 @@ def first_order_jacobian(model: Model, at: Rows, h: Array, c: Array) -> Array:
         )
         along = np.broadcast_to(e, at.u.shape)
         q = model.moved(at.q, along, np.full((len(at.t), 1), d)) if k < n else at.q
-        columns.append((total(q, at.u if k < n else at.u + d * e) - here) / d)
-    return np.stack(columns, axis=2)
+        moved, other = fields(q, at.u if k < n else at.u + d * e)
+        J[:, :, k] = (moved - here) / d
+        if k < n and model.damped:
+            J[:, n:, k] += (model.response(at.t, q, other) - still) / d
+        elif model.damped:
+            forces.append((other - force) / d)
+    if model.damped:  # along speeds the inertia is the same: it is solved once
+        J[:, n:, n:] += model.response(at.t, at.q, np.stack(forces, axis=2))
+    return J
 
 
 def next_order(J: Array, fields: Array, t: Array, h: Array) -> Array:

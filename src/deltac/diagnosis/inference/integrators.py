@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -231,7 +232,8 @@ def maps(
     """The maps of `methods`, or all; of those of low order alone where steps are `parts` of what is known."""
     if counts is None or counts.max() * parts > MOST_STEPS:
         return
-    counts = counts * parts
+    counts, at, end = counts * parts, intervals.start, intervals.end
+    J = cache(lambda: model.jacobian(end))
     for method in methods or INTEGRATORS:
         if parts > 1 and (method.step is None or method.order > 2):
             continue
@@ -240,20 +242,13 @@ def maps(
         if method in ON_GROUP and not model.quaternions:
             continue
         if method.defect is not None and counts.max() == 1:
-            at, end = intervals.start, intervals.end
             q, u = method.defect(model, at, end, intervals.h)
-            yield Map(
-                method, counts, _solved(model, method, end, Rows(end.t, q, u, end.F), intervals.h)
-            )
+            # One of Newton's steps, from the row and the right-hand side there.
+            gap = model.difference(end, Rows(end.t, q, u, end.F))[:, :, None]
+            step = _newton(method, J(), intervals.h, gap)[:, :, 0]
+            yield Map(method, counts, model.displaced(end, step))
         elif method.step is not None:
-            end = _repeated(model, method, intervals, force, counts)
-            yield Map(method, counts, end)
-
-
-def _solved(model: Model, method: Integrator, end: Rows, right: Rows, h: Array) -> Rows:
-    """The end of an implicit step by one of Newton's, from the row and the right-hand side there."""
-    gap = model.difference(end, right)[:, :, None]
-    return model.displaced(end, _newton(method, model.jacobian(end), h, gap)[:, :, 0])
+            yield Map(method, counts, _repeated(model, method, intervals, force, counts))
 
 
 def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween) -> Array | None:

@@ -181,7 +181,8 @@ class Model:
         self.of_q, self.of_u = np.asarray(free.q), np.asarray(free.u)
         free_q = {int(k): i for i, k in enumerate(free.q)}
         free_u = {int(k): i for i, k in enumerate(free.u)}
-        self.rates = [(free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u]
+        rates = [(free_q[i], free_u[j]) for i, j in names.rates if i in free_q and j in free_u]
+        self.rates = np.array(rates, dtype=np.intp).reshape(-1, 2)
         self.quaternions = [
             (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
         ]
@@ -304,9 +305,8 @@ class Model:
 
     def moved(self, q: Array, u: Array, h: Array) -> Array:
         """Coordinates moved along constant speeds for a time h (T, 1), on the group of rotations."""
-        end = np.array(q)
-        for i, j in self.rates:
-            end[:, i] += h[:, 0] * u[:, j]
+        end, (of_q, of_u) = np.array(q), self.rates.T
+        end[:, of_q] += h * u[:, of_u]
         for i, j in self.quaternions:
             turn = h * u[:, j : j + 3]
             angle = np.linalg.norm(turn, axis=1, keepdims=True)
@@ -324,8 +324,8 @@ class Model:
     def difference(self, start: Rows, end: Rows) -> Array:
         """The displacement (T, 2n) that takes `start` to `end`."""
         along = np.zeros_like(start.u)
-        for i, j in self.rates:
-            along[:, j] = end.q[:, i] - start.q[:, i]
+        of_q, of_u = self.rates.T
+        along[:, of_u] = end.q[:, of_q] - start.q[:, of_q]
         for i, j in self.quaternions:
             p, r = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (
                 start.q[:, i : i + 4], end.q[:, i : i + 4]))  # fmt: skip

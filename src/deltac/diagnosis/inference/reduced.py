@@ -51,7 +51,7 @@ class Reduced(Model):
         )
         self.of_q, self.of_u = model.of_q[self.own_q], model.of_u[self.own]
         self.n, self.rows_of_G = len(self.own), 0
-        self.rates = [(k, k) for k in range(self.n)]
+        self.rates = np.stack([np.arange(self.n)] * 2, axis=1)
         self._near = CubicSpline(run.t, run.q[:, model.of_q[self.others_q]], axis=0)
         bound, s = model.symbols.constrained, model.symbols.system
         assert bound is not None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,33 +39,41 @@ class RunResidual:
     """What is left of the equations at B rows of a run, for n (own) speeds and c constraint rows.
 
     Attributes:
-        rows: which rows of the run; `test` the equations there, with the forces of the run.
+        run: the run; `rows` of it; `test` the equations there, with the forces of the run.
         residual: F_r + F*_r (n, B), N or N·m; `rates`: ψ̇ = G u̇ + γ of the constraints (c, B).
         udot: the accelerations of the run (n, B).
         scale: typical size of the terms that are added up, for each speed (n,).
-        precision: residual (n,) that the run's number of digits, or rounding, explains; `rate_precision` (c,)
-            likewise of the constraints.
     """
 
+    run: Trajectory
     rows: NDArray[np.intp]
     test: EquationTest
     udot: Array
     residual: Array
     rates: Array
     scale: Array
-    precision: Array
-    rate_precision: Array
+
+    @cached_property
+    def precision(self) -> tuple[Array, Array]:
+        """Residual (n,) that the run's number of digits, or rounding, explains, and rates (c,) likewise."""
+        rounded, moved = _tested(self.test.kane, within_digits(self.run, self.rows))
+        return (
+            rms(rounded.residual(moved) - self.residual) + 4.0 * EPS * self.scale,
+            rms(rounded.violation(moved) - self.rates),
+        )
 
     @property
     def relative(self) -> Array:
         """Root mean square as a fraction of `scale` (n,); zero where digits or rounding explain it."""
         size = rms(self.residual)
         relative = size / self.scale
-        return np.where(
-            (size > CLEAR_OF_ROUNDING * self.precision) & (relative > LEAST_RESIDUAL), relative, 0.0
-        )
+        large = relative > LEAST_RESIDUAL
+        if large.any():  # else it is no matter what digits explain
+            large &= size > CLEAR_OF_ROUNDING * self.precision[0]
+        return np.where(large, relative, 0.0)
 
-    def constraints(self, run: Trajectory) -> dict[str, float]:
+    @property
+    def constraints(self) -> dict[str, float]:
         """ψ̇ of each constraint as a share of its terms; 0 where digits or a stabilisation explain it.
 
         Projections after each step mend what wrong equations do across the constraints: states and energies
@@ -77,20 +86,24 @@ class RunResidual:
             return {}
         G = np.abs(test.G)
         scale = rms(np.abs(test.gamma) + times(G, np.abs(self.udot)))
-        scale = scale + rms(times(G, np.abs(test.states.u))) / float(np.ptp(run.t))
+        scale = scale + rms(times(G, np.abs(test.states.u))) / float(np.ptp(self.run.t))
         # What a row has no terms of, such as the height of a ball on a table, has no size of its own.
         scale = np.maximum(scale, LEAST_RESIDUAL * scale.max())
-        decay = STIFFEST / (run.provenance.step or float(np.median(np.diff(run.t))))
+        decay = STIFFEST / (self.run.provenance.step or float(np.median(np.diff(self.run.t))))
         restoring = 2.0 * decay * np.abs(test.terms.psi) + decay**2 * np.abs(test.terms.phi)
         size = rms(self.rates)
-        explained = CLEAR_OF_ROUNDING * (self.rate_precision + 4.0 * EPS * scale) + rms(restoring)
-        shares = np.where((size > explained) & (size > LEAST_RESIDUAL * scale), size / scale, 0.0)
+        large = size > np.maximum(LEAST_RESIDUAL * scale, rms(restoring))
+        if large.any():
+            explained = CLEAR_OF_ROUNDING * (self.precision[1] + 4.0 * EPS * scale) + rms(restoring)
+            large &= size > explained
+        shares = np.where(large, size / scale, 0.0)
         names = test.kane.rows.names
         return {n: float(max(s for s, m in zip(shares, names) if m == n)) for n in names}
 
-    def largest(self, run: Trajectory) -> float:
+    @property
+    def largest(self) -> float:
         """The largest relative residual, of equations and constraints."""
-        return max(float(self.relative.max(initial=0.0)), *self.constraints(run).values(), 0.0)
+        return max(float(self.relative.max(initial=0.0)), *self.constraints.values(), 0.0)
 
 
 STIFFEST = 3.0
@@ -105,18 +118,7 @@ def run_residual(kane: Kane, run: Trajectory) -> RunResidual:
     rows = some_rows(run, MOST_ROWS)
     test, udot = _tested(kane, run.take(rows))
     residual, rates = test.residual(udot), test.violation(udot)
-    scale = test.typical(udot)
-    rounded, moved = _tested(kane, within_digits(run, rows))
-    return RunResidual(
-        rows,
-        test,
-        udot,
-        residual,
-        rates,
-        scale,
-        rms(rounded.residual(moved) - residual) + 4.0 * EPS * scale,
-        rms(rounded.violation(moved) - rates),
-    )
+    return RunResidual(run, rows, test, udot, residual, rates, test.typical(udot))
 
 
 def _tested(kane: Kane, run: Trajectory) -> tuple[EquationTest, Array]:
@@ -151,8 +153,9 @@ def within_digits(run: Trajectory, rows: NDArray[np.intp]) -> Trajectory:
     )
 
 
-def stale_stage(run: Trajectory, original: RunResidual) -> list[Finding]:
+def stale_stage(original: RunResidual) -> list[Finding]:
     """Forces or accelerations that belong to the row before: then shifting them closes the equations."""
+    run = original.run
     inner = original.rows < len(run) - 1
     rows = original.rows[inner]
     if not original.relative.any() or len(rows) < 4:

@@ -90,9 +90,12 @@ class EquationTest:
         if strict:
             self._check(motion_terms)
         Y, Yt = self.point.Y, self.point.Y.transpose(0, 2, 1)
-        self.M: Array = Yt @ motion_terms.M @ Y
+        self.M: Array = motion_terms.M if kane.own is None else Yt @ motion_terms.M @ Y
         self.bias: Array = times(Yt, motion_terms.bias + times(motion_terms.M, self.point.rest))
-        self.forces = {name: times(Yt, force) for name, force in motion_terms.forces.items()}
+        self.forces = {
+            name: force if kane.own is None else times(Yt, force)
+            for name, force in motion_terms.forces.items()
+        }
         self.G: Array = motion_terms.G @ Y
         self.gamma: Array = motion_terms.gamma + times(motion_terms.G, self.point.rest)
         size = np.abs(motion_terms.G).max(initial=0.0) * np.abs(Y).max(initial=0.0)

@@ -298,4 +298,4 @@ def any_coordinates(
 
 def times(A: Array, x: Array) -> Array:
     """A x at every state: matrices (B, m, n) by columns (n, B)."""
-    return np.asarray(np.einsum("bij,jb->ib", A, x))
+    return np.asarray((A @ x.T[:, :, None])[:, :, 0].T)

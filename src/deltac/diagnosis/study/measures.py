@@ -118,15 +118,15 @@ def residuals_of(
     finest, kane = measured[-1][1], Kane(mechanism)
     of_finest = run_residual(kane, finest)
     blamed = _in_own(mechanism, finest, of_finest, own)
-    worst = [of_finest.largest(finest)]
+    worst = [of_finest.largest]
     findings: list[Finding] = []
     if worst[0] > 0.0:
-        coarser = [run_residual(kane, run).largest(run) for _, run in measured[:-1]]
+        coarser = [run_residual(kane, run).largest for _, run in measured[:-1]]
         worst = [*coarser, worst[0]]
         if not trusted:
             from deltac.diagnosis.audit import conventions
 
-            findings += stale_stage(finest, of_finest)
+            findings += stale_stage(of_finest)
             if not findings and of_finest.relative.any():
                 findings = [f for f in [conventions.units(mechanism, finest)] if f is not None]
     else:
@@ -134,7 +134,7 @@ def residuals_of(
     order = 0.0
     if len(measured) > 1 and not trusted and min(worst) > 0.0:
         order = _falling(kane, measured[-2:], until)
-    constraints = of_finest.constraints(finest)
+    constraints = of_finest.constraints
     names, relative = blamed.test.speeds, blamed.relative
     return SampleResiduals(names, relative, constraints, tuple(worst), order, tuple(findings))
 
@@ -149,7 +149,7 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
     parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
     if min(len(part) for _, part in parts) < FEWEST:
         return math.nan
-    (h0, coarse), (h1, fine) = ((h, run_residual(kane, part).largest(part)) for h, part in parts)
+    (h0, coarse), (h1, fine) = ((h, run_residual(kane, part).largest) for h, part in parts)
     if not (coarse > 0.0 and fine > 0.0):
         return math.nan
     return order_of((h0, h1), coarse, fine)

@@ -146,7 +146,7 @@ class SteppingLoop:
             samples = slice(-first % grid.every, passed, grid.every)  # `every` divides the count
             times, x = grid.times(first, passed)[samples], states[samples]
             if len(times):
-                inputs = np.broadcast_to(self.rate.held, (len(times), *self.rate.held.shape))
+                inputs = np.repeat(self.rate.held[None], len(times), axis=0)
                 # The rows of a block are not held for the sake of a few.
                 self._kept.append((times, x if grid.every == 1 else x.copy(), inputs))
             self._k += passed

@@ -44,6 +44,19 @@ def derived_speeds(
     return speed_columns, {name: float(e) for name, e in zip(speeds, error, strict=True)}
 
 
+def with_speeds(run: Trajectory, names: MechanismNames) -> Trajectory:
+    """The run with those speeds derived anew that were derived from coordinates."""
+    columns = {"time": run.t} | {f"q.{n}": x for n, x in zip(run.coordinates, run.q.T, strict=True)}
+    speeds, errors = derived_speeds(columns, names)
+    own = run.provenance.derived["u"]
+    u = np.array(run.u)
+    for k, name in enumerate(run.speeds):
+        if name in own:
+            u[:, k] = speeds[f"u.{name}"]
+    derived = {**run.provenance.derived, "u": {name: errors[name] for name in own}}
+    return replace(run, u=u, provenance=replace(run.provenance, derived=derived))
+
+
 def with_accelerations(run: Trajectory) -> Trajectory:
     """The run with u̇ derived from u, marked in ``provenance.derived``; as it is if it has u̇.
 

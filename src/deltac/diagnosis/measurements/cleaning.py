@@ -23,8 +23,8 @@ from deltac.diagnosis.measurements.kinematics import (
 from deltac.diagnosis.verdict import Finding, percent
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-from deltac.trajectories.columns import RateNames
-from deltac.trajectories.rates import GAP
+from deltac.trajectories.columns import MechanismNames, RateNames
+from deltac.trajectories.rates import GAP, with_speeds
 
 FEW = 0.1
 """Share of the rows up to which slips are few: more copies or spikes are something else."""
@@ -60,12 +60,15 @@ class Cleaned:
 def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     """Test q against u, and undo what is safe to undo: copies of rows, turns of 2π, single spikes.
 
-    Runs whose speeds were derived from the coordinates are taken as they are; no row is taken out of runs
-    with integrals or events.
+    Of runs whose speeds were derived from the coordinates, angles are unwrapped alone; no row is taken out of
+    runs with integrals or events.
     """
-    if "u" in run.provenance.derived or len(run) < LEAST_ROWS:
+    if len(run) < LEAST_ROWS:
         return Cleaned(run, (), {})
     findings: list[Finding] = []
+    if "u" in run.provenance.derived:
+        run, findings = _unwrapped(mechanism, run)
+        return Cleaned(run, tuple(findings), {})
     for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
         run, more = step(mechanism, run)
         findings += more
@@ -194,10 +197,12 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
         return run, []
     turn = 2.0 * np.pi
     places, rates = (list(of) for of in zip(*pairs))
+    derived = [run.speeds[j] in run.provenance.derived.get("u", {}) for j in rates]
 
     def beyond(rows: slice) -> Array:
         """What coordinates change by from each row to the next beyond what their speeds say."""
         t, q, u = run.t[rows], run.q[rows][:, places], run.u[rows][:, rates]
+        u = np.where(derived, 0.0, u)  # splines of coordinates jump with them
         return np.asarray(np.diff(q, axis=0) - 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1]))
 
     few = max(1, AT_ONCE // len(pairs))
@@ -223,7 +228,10 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
                     element=run.coordinates[i],
                 )
             )
-    return (replace(run, q=q), findings) if findings else (run, findings)
+    if not findings:
+        return run, findings
+    run = replace(run, q=q)
+    return (with_speeds(run, MechanismNames.of(mechanism)) if any(derived) else run), findings
 
 
 def _without_spikes(

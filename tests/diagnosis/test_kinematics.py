@@ -15,6 +15,7 @@ from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.measurements.kinematics import (
     coordinates_against_speeds,
 )
+from deltac.trajectories.formats.schema import to_columns
 from tests.systems.cart_pole import SCHEMES, CartPole, log
 
 MECHANISM = CartPole().mechanism()
@@ -113,6 +114,35 @@ def test_a_wrapped_angle_is_made_continuous() -> None:
     assert [f.kind for f in made.findings] == ["wrapped-angle"]
     off = (made.run.q[:, 1] - spinning) / (2 * np.pi)
     assert np.abs(off - np.round(off[0])).max() < 1e-9
+
+
+def test_a_wrapped_angle_without_speeds_is_made_continuous() -> None:
+    """A pendulum that goes round, by its angle alone: the speeds are those of the unwrapped angle."""
+    pendulum = dc.Mechanism(
+        [dc.point_mass("bob", 1.0, (0, 0, -1))],
+        [dc.revolute("hinge", "ground", "bob", axis="y")],
+        gravity=(0, 0, -9.81),
+    )
+    run = dc.simulate(pendulum, pendulum.state(speeds=[8.0]), 3.0, 2e-3, "ode4")
+    wrapped = (run.q[:, 0] + np.pi) % (2 * np.pi) - np.pi
+    audit = dc.audit(pendulum, {"time": run.t, "q.hinge": wrapped})
+    assert "wrapped-angle" in [f.kind for f in audit.findings]
+    assert audit.verdict.kind == "consistent"
+    assert np.abs(audit.run.q - run.q).max() < 1e-9
+    assert np.abs(audit.run.u - run.u).max() < 1e-4  # splines of degree 5
+
+
+@pytest.mark.parametrize("gaps", [slice(7, None, 20), slice(1, None, 2)])
+def test_accelerations_with_gaps_are_left_out(gaps: slice) -> None:
+    """Rows with the names of the schema may lack what they need not have."""
+    run = log(CartPole(), duration=2.0)
+    table = dict(to_columns(run))
+    for n in run.speeds:
+        table[f"udot.{n}"] = np.array(table[f"udot.{n}"])
+        table[f"udot.{n}"][gaps] = np.nan
+    audit = dc.audit(MECHANISM, table)
+    assert audit.run.udot is None and len(audit.run) == len(run)
+    assert "left-out" in [f.kind for f in audit.findings]
 
 
 def test_the_comparison_of_a_scheme_is_that_of_splines(

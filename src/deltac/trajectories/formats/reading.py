@@ -213,12 +213,15 @@ class LogReading:
             _require_clock(readings, columns)
         notes = {BY_LAW: ", ".join(by_law)} if by_law else {}
         ignored = [one.column for one in self._unused()]
-        if not self.by_name:  # who writes the names of the schema writes no gaps
-            columns, left_out = _complete(columns)
-            notes |= left_out
+        # Who writes the names of the schema writes no gaps but in what need not be there.
+        known = set(columns)
+        columns, left_out = _complete(columns, rows=not self.by_name)
+        notes |= left_out
+        without = known - set(columns)
         if self.strict and self.by_name:  # from_columns refuses by name what it does not know
             like_ours = {n: x for n, x in raw.columns.items() if names is None or is_schema_name(n)}
-            columns = {name: columns.get(name, x) for name, x in like_ours.items()} | columns
+            kept = {n: columns.get(n, x) for n, x in like_ours.items() if n not in without}
+            columns = kept | columns
             ignored = [name for name in ignored if name not in columns]
         columns = in_schema_frames(columns, {r.meaning: r.frame for r in readings if r.frame})
         frames = {f"{r.meaning[:-1]}*": r.frame for r in readings if r.frame}
@@ -656,31 +659,31 @@ def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, Floa
 
 
 def _complete(
-    columns: dict[str, FloatArray],
+    columns: dict[str, FloatArray], rows: bool
 ) -> tuple[dict[str, FloatArray], dict[str, str]]:
-    """The columns without rows in which a value is missing, and a note that says which.
+    """The columns without `rows` in which a value is missing, and a note that says which.
 
     Accelerations in which values are missing are left out themselves: the rows tell more than they do. What
     is missing up to the end stays, and is refused: so ends a simulation that diverged.
     """
-    rows = len(next(iter(columns.values()), ()))
+    length = len(next(iter(columns.values()), ()))
     gaps = {n: int(np.isnan(x).sum()) for n, x in columns.items() if n.startswith("udot.")}
-    if any(0 < count < rows for count in gaps.values()) and not any(
+    if any(0 < count < length for count in gaps.values()) and not any(
         np.isnan(x).any() for n, x in columns.items() if n not in gaps
     ):
         worst = max(gaps, key=lambda name: gaps[name])
-        note = f"the accelerations: {gaps[worst]} of {rows} values of {worst!r} are missing"
+        note = f"the accelerations: {gaps[worst]} of {length} values of {worst!r} are missing"
         return {n: x for n, x in columns.items() if n not in gaps}, {LEFT_OUT: note}
-    complete: npt.NDArray[np.bool_] = np.ones(rows, dtype=np.bool_)
+    complete: npt.NDArray[np.bool_] = np.ones(length, dtype=np.bool_)
     for values in columns.values():
         complete &= ~np.isnan(values)
-    if complete.all() or not complete.any() or not complete[-1]:
+    if not rows or complete.all() or not complete.any() or not complete[-1]:
         return columns, {}
     first, count = int(np.argmin(complete)), int((~complete).sum())
-    if rows - count < FEWEST_ROWS:
+    if length - count < FEWEST_ROWS:
         worst = max(columns, key=lambda name: int(np.isnan(columns[name]).sum()))
         raise LogError(
-            f"of {rows} rows only {rows - count} have all values: column {worst!r} is empty in most. Log "
+            f"of {length} rows only {length - count} have all values: column {worst!r} is empty in most. Log "
             "all columns at the same times, or leave this one out"
         )
     remark = f"{count} of {len(complete)} rows, row {first} the first: a value is missing there"

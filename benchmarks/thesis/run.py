@@ -13,6 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+import thesis
 from deltac.cli.output import print_sections, progress_bar
 from deltac.errors import InputError
 from deltac.report.files import output_folder
@@ -36,8 +37,6 @@ def main() -> int:
     if options.only is not None:
         figures = [part.strip() for part in options.only.split(",") if part.strip()]
     try:
-        import thesis  # which draws: its figures are an extra
-
         output_folder(options.out)
         with progress_bar() as progress:
             study = thesis.reproduce(figures, progress)

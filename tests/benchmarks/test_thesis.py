@@ -555,16 +555,3 @@ def test_bad_input_is_status_2_before_anything_runs(tmp_path: Path) -> None:
     ):
         status, out, err = command(*arguments)
         assert (status, out) == (2, "") and said in err and "Traceback" not in err
-
-
-def test_without_the_extra_for_figures_the_command_says_so(tmp_path: Path) -> None:
-    script = str(Path(thesis.__file__).parent / "run.py")
-    lines = (
-        "import runpy, sys",
-        "sys.modules['matplotlib'] = None",
-        f"sys.argv = [{script!r}, '--out', {str(tmp_path)!r}]",
-        f"runpy.run_path({script!r}, run_name='__main__')",
-    )
-    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, text=True)
-    assert done.returncode == 2 and "deltac[figures]" in done.stderr
-    assert "Traceback" not in done.stderr

@@ -729,25 +729,34 @@ def _attributed(
         rest = delta_c - equations.curve - departures.log
         error = np.hypot(bar, equations.curve_error)
         whole = len(own.t) == len(t) - 1 and not departures.log.any()
-        if inference.methods and not inference.knows_stages and whole:
+        if inference.methods and whole:
             # A step's own works and those of the flow from its row differ where forces depend on the state.
             error = np.hypot(error, np.abs(rest - along(own.integrator.curve)))
         return Attribution(t, Share(rest, error), equations, Share(departures.log, bar))
     integrator = Share(along(own.integrator.curve), along(own.integrator.curve_error, True))
-    if len(own.t) < len(t) - 1 and "step" not in inference.forces:
+    driven = len(inference.model.mechanism.free.u) < len(inference.model.mechanism.speeds)
+    if len(own.t) < len(t) - 1 and "step" not in inference.forces and not driven:
         # Of the larger share a balance of all rows may tell more than the stretches that were looked at, if
-        # its works are of forces that act as they do in the flow.
+        # its works are of forces, and of drives, as in the flow.
         if integrator.error < equations.error and equations.curve.any():
             balance = Share(delta_c - integrator.curve, np.hypot(bar, integrator.curve_error))
-            equations = min(balance, equations, key=lambda share: share.error)
+            equations = _pooled(equations, balance)
         else:
             balance = Share(delta_c - equations.curve, np.hypot(bar, equations.curve_error))
-            integrator = min(balance, integrator, key=lambda share: share.error)
+            integrator = _pooled(integrator, balance)
     rest = delta_c - integrator.curve - equations.curve
     # Works of the ledger are quadratures of the rows, the flow's are not: each bounds the other's error.
     quadrature = np.abs(rest - along(own.log.curve))
     error = np.hypot(along(own.log.curve_error, True), quadrature)
     return Attribution(t, integrator, equations, Share(rest, error))
+
+
+def _pooled(share: Share, balance: Share) -> Share:
+    """The better known of two measurements of a share; where they contradict each other, neither is sure."""
+    gap = np.abs(share.curve - balance.curve)
+    if np.any(gap > NORMAL_95 * np.hypot(share.curve_error, balance.curve_error)):
+        return Share(share.curve, np.hypot(share.curve_error, gap))
+    return min(balance, share, key=lambda one: one.error)
 
 
 def _with_held_forces(reference: Reference, log: Log, inference: Inference | None) -> Log:

@@ -639,7 +639,7 @@ def _undecided(e: Judgement) -> Finding:
         return finding(
             "the forces that the log lacks may be all that is wrong", e.lacking.evidence, e.lacking.remedy
         )  # fmt: skip
-    if e.impacts is not None and (e.mistake[1] > 0.0 or e.integrator > 0.5):
+    if e.impacts is not None and max(e.mistake[1], e.integrator) > 1.0 - PROBABLE["medium"]:
         return finding("impacts may be all that is wrong", e.impacts.evidence, e.impacts.remedy)
     if e.mistake[1] > 0.5 and inference is not None and e.incomplete:
         return finding(

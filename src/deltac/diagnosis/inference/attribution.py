@@ -82,6 +82,8 @@ def joules(
     unknown = np.einsum("km,kmn,kn->k", gradient, Q, gradient)
     rest = log.running(jump) - integrator.curve - equations.curve
     error = np.hypot(rows, np.sqrt(np.cumsum(unknown) * tau))
-    unexplained = float(np.max(np.abs(rest - of_log) - UNEXPLAINED * error, initial=0.0))
+    # What nothing explains may be the integrator's.
+    unexplained = np.maximum(np.abs(rest - of_log) - UNEXPLAINED * error, 0.0)
+    integrator = Share(integrator.curve, np.hypot(integrator.curve_error, unexplained))
     parts = Attribution(log.intervals.end.t, integrator, equations, Share(rest, error))
-    return parts, max(unexplained, 0.0)
+    return parts, float(unexplained.max(initial=0.0))

@@ -51,21 +51,23 @@ def predict(
     force: ForceBetween,
     noise: Array,
     steps: int = 0,
-    parts: int = 1,
+    parts: NDArray[np.intp] | None = None,
 ) -> Prediction:
     """The flow of every interval, with as many steps as bring its error below the noise (N, 2n) of the rows.
 
-    Or with so many `steps`, where they are known. Forces may be held over equal `parts` of the intervals.
-    Those in which that is not enough, such as those in which a contact begins, are refined on their own; what
-    error remains is told.
+    Or with so many `steps`, where they are known. Forces may be held over equal `parts` (N,) of each. Those
+    in which that is not enough, such as those in which a contact begins, are refined on their own; what error
+    remains is told.
     """
     allowed = 0.03 * noise + 100.0 * EPS * _sizes(intervals)
+    parts = np.ones(len(intervals), dtype=np.intp) if parts is None else parts
     if not steps:
         probes = np.unique(np.linspace(0, len(intervals) - 1, PROBES).astype(np.intp))
         few, steps = intervals.take(probes), 2
-        coarse = _flow(model, few, restricted(force, probes), 1, 1, parts)[-1]
+        of_few = restricted(force, probes)
+        coarse = _flow(model, few, of_few, 1, 1, parts[probes])[-1]
         while True:
-            fine = _flow(model, few, restricted(force, probes), steps, 1, parts)[-1]
+            fine = _flow(model, few, of_few, steps, 1, parts[probes])[-1]
             # Refined on their own are few: nine tenths must be exact enough.
             gap = np.abs(model.difference(coarse, fine)) <= allowed[probes]
             if gap.all(axis=1).mean() >= 0.9 or steps >= 2**DOUBLINGS:
@@ -79,17 +81,22 @@ def predict(
         if not len(some) or len(some) > 0.5 * len(intervals):
             break
         each = 4**level
-        finer = _flow(model, intervals.take(some), restricted(force, some), steps, each, parts)
+        own = restricted(force, some)
+        finer = _flow(model, intervals.take(some), own, steps, each, parts[some])
         error[some] = np.abs(model.difference(nodes[-1].take(some), finer[-1]))
-        nodes = [_replaced(rows, some, own) for rows, own in zip(nodes, finer, strict=True)]
+        nodes = [_replaced(rows, some, other) for rows, other in zip(nodes, finer, strict=True)]
     return Prediction(tuple(nodes), error)
 
 
 def _replaced(rows: Rows, which: NDArray[np.intp], own: Rows) -> Rows:
-    columns = [np.array(x) for x in (rows.t, rows.q, rows.u, rows.F)]
-    for x, y in zip(columns, (own.t, own.q, own.u, own.F), strict=True):
+    columns = [np.array(x) for x in _columns(rows)]
+    for x, y in zip(columns, _columns(own), strict=True):
         x[which] = y
     return Rows(*columns)
+
+
+def _columns(rows: Rows) -> tuple[Array, Array, Array, Array]:
+    return rows.t, rows.q, rows.u, rows.F
 
 
 def _sizes(intervals: Intervals) -> Array:
@@ -134,12 +141,33 @@ def runge_kutta(
 
 
 def _flow(
-    model: Model, intervals: Intervals, force: ForceBetween, count: int, each: int, parts: int
+    model: Model,
+    intervals: Intervals,
+    force: ForceBetween,
+    count: int,
+    each: int,
+    parts: NDArray[np.intp],
 ) -> list[Rows]:
     """States at `count` equal fractions of each interval, by `each` steps of order 8; the starts first.
 
-    Steps are as many more as `parts`, over each of which forces are held, need.
+    Steps are as many more as the parts (N,) of an interval need over which forces are held.
     """
+    kinds = np.unique(parts)
+    if len(kinds) == 1:
+        return _flow_alike(model, intervals, force, count, each, int(kinds[0]))
+    nodes = [Rows(*map(np.empty_like, _columns(intervals.start))) for _ in range(count + 1)]
+    for kind in kinds:
+        some = np.flatnonzero(parts == kind)
+        own = restricted(force, some)
+        states = _flow_alike(model, intervals.take(some), own, count, each, int(kind))
+        nodes = [_replaced(rows, some, other) for rows, other in zip(nodes, states, strict=True)]
+    return nodes
+
+
+def _flow_alike(
+    model: Model, intervals: Intervals, force: ForceBetween, count: int, each: int, parts: int
+) -> list[Rows]:
+    """The same where all intervals have as many parts."""
     tableau = tableau_of("ode8")
     assert tableau is not None
     each *= parts // gcd(parts, count)

@@ -145,15 +145,15 @@ class Block:
         D = self.D.reshape(self.r.size, self.D.shape[-1])
         s = _inverse_sizes(np.diag(A)[n] + self.variance / self.prior**2)
         ridge = np.diag(np.sqrt(self.variance) / self.prior)
-        Q, R = np.linalg.qr(np.concatenate([D[:, n], ridge]) * s)
-        Q = Q[: len(D)]
+        basis, R = np.linalg.qr(np.concatenate([D[:, n], ridge]) * s)
+        Q = basis[: len(D)]
         of_r, of_c = Q.T @ self.r.ravel(), Q.T @ D[:, c]
         inverse = s[:, None] * np.linalg.pinv(R, rcond=1e-14)
         rss = max(rr - float(of_r @ of_r), CANCELLED * rr, 1e-300)
         left = A[np.ix_(c, c)] - of_c.T @ of_c
         return Projected(
             left, b[c] - of_c.T @ of_r, rss, origin, np.diag(A)[c], inverse @ of_r,
-            inverse @ inverse.T, inverse @ of_c, rr,
+            inverse @ inverse.T, inverse @ of_c, rr, basis,
         )  # fmt: skip
 
     @cached_property
@@ -172,9 +172,22 @@ class Block:
         # Fits are compared again and again; a known array stays alive, so that its place is its own.
         known = self._misfits.get(id(coefficients))
         if known is None:
-            known = coefficients, max(self.projected.left(coefficients), self.least)
+            left = self.projected.left(coefficients)
+            if left <= CANCELLED * self.projected.size(coefficients):
+                left = self.rest(coefficients)
+            known = coefficients, max(left, self.least)
             self._misfits[id(coefficients)] = known
         return known[1]
+
+    def rest(self, coefficients: Array) -> float:
+        """RSS with coefficients of causes, of the residual itself: Gram matrices lose half of its digits."""
+        Q, change = self.projected.basis, coefficients - self.projected.origin
+        acting = np.flatnonzero(change)
+        y = np.zeros(len(Q))
+        y[: self.r.size] = (self.r - self.D[:, :, self.causes[acting]] @ change[acting]).ravel()
+        for _ in range(2):  # what is left of large numbers is known to rounding then
+            y -= Q @ (Q.T @ y)
+        return float(y @ y)
 
     @cached_property
     def _misfits(self) -> dict[int, tuple[Array, float]]:
@@ -199,7 +212,10 @@ ALL_COLUMNS = slice(None)
 
 @dataclass(frozen=True, eq=False)
 class Projected:
-    """The causes' Gram matrix after the nuisance columns, with Dᵀr, RSS and nuisance numbers at an origin."""
+    """The causes' Gram matrix after the nuisance columns, with Dᵀr, RSS and nuisance numbers at an origin.
+
+    `basis` is orthonormal, of the nuisance columns and the rows of their prior.
+    """
 
     A: Array
     b: Array
@@ -210,6 +226,7 @@ class Projected:
     inverse: Array
     to: Array
     total: float
+    basis: Array
 
     def _change(self, coefficients: Array) -> tuple[NDArray[np.intp], Array]:
         """Places and sizes of what is other than at the origin: a few causes have few of many columns."""
@@ -222,6 +239,11 @@ class Projected:
         some, x = self._change(coefficients)
         gain = 2.0 * float(self.b[some] @ x) - float(x @ self.A[some[:, None], some] @ x)
         return max(self.rss - gain, CANCELLED * self.total)
+
+    def size(self, coefficients: Array) -> float:
+        """Sum of squares of which differences make what is left, about."""
+        some, x = self._change(coefficients)
+        return self.total + float(self.raw[some] @ x**2)
 
     def slope(self, coefficients: Array, columns: NDArray[np.intp] | slice = ALL_COLUMNS) -> Array:
         """Dᵀr of some columns with coefficients of causes: half the derivative of the RSS, negative."""

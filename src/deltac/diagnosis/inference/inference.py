@@ -66,7 +66,7 @@ from deltac.diagnosis.inference.integrators import (
     steps_between,
     transition,
 )
-from deltac.diagnosis.inference.methods import FAR, ROUNDED, Methods, alike, log_evidence
+from deltac.diagnosis.inference.methods import FAR, Methods, alike, log_evidence
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.observations import (
     Observations,
@@ -101,7 +101,7 @@ PRODUCT = 0.02
 FEW = 60
 """Rows that tell how well the numbers of causes are known where no cause can have odds."""
 
-MOST_ROWS, LEAST_ROWS = 4000, 150
+MOST_ROWS, LEAST_ROWS = 8000, 150
 
 MOST_COST = 100_000
 """Instructions of the columns at a row up to which the geometry is asked as well."""
@@ -128,7 +128,7 @@ SMOOTHINGS = 2
 ALIKE = 3
 """Methods of which the causes are looked for, where several close the rows alike beside all causes."""
 
-HALF = 0.5
+HALF = 0.6
 """Standard deviation of what forces do between rows that a method does not see, in units of the difference
 between held and ramped ones: the latter are those of one in four."""
 
@@ -391,10 +391,9 @@ class _Inferring:
         return bool(self.force.counts.max() > 1)
 
     @property
-    def _parts(self) -> int:
-        """Equal parts of all intervals over which forces are held."""
-        counts = self.force.counts
-        return int(counts[0]) if "step" in self.kinds and not np.ptp(counts) else 1
+    def _parts(self) -> NDArray[np.intp] | None:
+        """Equal parts (N,) of the intervals over which forces are held."""
+        return self.force.counts if "step" in self.kinds else None
 
     # --- the flow and its columns ---
 
@@ -830,22 +829,23 @@ class _Inferring:
 
         The fields of an unknown integrator explain much: by the squares alone it would be preferred.
         """
-        if self.promising is None or self.methods or self.refining:
-            return posterior
-        block = self._of_method(
-            self.promising, self.fields[0].shape[2] + np.arange(len(self.coefficients))
-        )
-        other = self._search(block)
-        if not other.best.chosen:
-            return posterior
         state = dict(self.__dict__)
-        try:
-            self._linearised_at(other.best.coefficients)
-            other = self._compare_once()
-            if self.methods:
+        rounded = self.of_rows.misfit(posterior.best.coefficients) <= self.of_rows.least
+        for _ in range(RELINEARISATIONS):
+            if self.promising is None or self.methods or self.refining:
+                break
+            places = self.fields[0].shape[2] + np.arange(len(self.coefficients))
+            other = self._search(self._of_method(self.promising, places))
+            if not other.best.chosen:
+                break
+            try:
+                self._linearised_at(other.best.coefficients)
+                other = self._compare_once()
+            except (FlowError, np.linalg.LinAlgError):
+                break
+            # What was fitted to rounding tells nothing of causes but where it is linearised at them.
+            if self.methods or (rounded and other.best.chosen):
                 return other
-        except (FlowError, np.linalg.LinAlgError):
-            pass
         self.__dict__.update(state)
         return posterior
 
@@ -859,23 +859,23 @@ class _Inferring:
 
         Phi = self.innovations.Phi
         w = self._errors(self.flow.end, Phi)
-        if self.methods:
-            return at(w - self.defects[0])
         # Each method has states of its own, at which it closes the rows or does not.
         own = [(of, self.log) for of in self._maps() if of.method is not EXACT]
         for _ in range(2 * SMOOTHINGS):
             own = [self._moved(of, at(self._errors(of.end, Phi, log))) for of, log in own]
             closest = self._closest(own)
             if closest is not None:
-                near, pairs = closest.floors <= FAR * closest.floor, own
+                digits = max(self.log.rounding * rows.r.size, closest.floor)
+                pairs, floors = own, closest.floors
+                near = floors <= FAR * digits
                 own = [pair for pair, close in zip(own, near, strict=True) if close]
         if closest is not None and closest.may_close(rows, best):
             # The last step that each took is of its own size: what is below the digits is alike.
-            digits = max(self.log.rounding * rows.r.size, ROUNDED * closest.floor)
-            order = np.argsort(closest.floors)
-            floors = [(pairs[k], closest.floors[k]) for k in order]
-            self.alike = [pair for pair, floor in floors if floor <= digits]
+            low = min(digits, FAR * closest.floor)
+            self.alike = [pair for pair, x in zip(pairs, floors, strict=True) if x <= low]
             return self.alike[0][1]
+        if self.methods:
+            return at(w - self.defects[0])
         return at(w - self.B[:, :, :ni] @ rows.projected.nuisance_at(best.coefficients)[:ni])
 
     def _moved(self, of: Map, log: Observations) -> tuple[Map, Observations]:
@@ -1366,11 +1366,6 @@ class _Inferring:
             work = [np.einsum("km,km->k", self.gradient, x) for x in self.defects]
             work += [np.einsum("km,km->k", self.gradient, x) for x in self._other_defects()]
             curves = log.running(np.stack(work, axis=1)).T
-            if log.unknown.any():
-                states = [(m, log) for m in self.methods]
-                states += [(of.method, other) for of, other in self._others]
-                shifts = [numbers_of(m)[0] * self._of_rates_of_q(at) for m, at in states]
-                curves = curves + np.stack(shifts)
             # Methods that close the rows alike do not make the same joules; nor do forces between rows of
             # which a method takes one alone.
             forces = [curves[0] + x for x in self._other_forces()]
@@ -1469,7 +1464,8 @@ class _Inferring:
             curve = integrator.curve + attribution.log.curve - of_log
             each = np.sqrt(2.0 * np.mean((work - blows) ** 2))
             of_blows = np.cumsum(np.abs(blows))
-            error = np.linalg.norm([attribution.log.curve_error, each + instead, of_blows], axis=0)
+            doubts = integrator.curve_error, attribution.log.curve_error, each + instead, of_blows
+            error = np.linalg.norm(doubts, axis=0)
             attribution = replace(
                 attribution,
                 integrator=Share(curve, error),
@@ -1545,21 +1541,34 @@ class _Inferring:
         return Share(curve, np.sqrt(spread))
 
     def _other_forces(self) -> Iterator[Array]:
-        """What forces that the closing method cannot tell from those assumed add to its joules, running."""
-        method, force = self.methods[0], self.force(self.kinds)
-        if method.later or method.order > 1 or not self.kinds or self.says_what_was_held:
+        """What forces that the closing method cannot tell from those assumed add to its joules, running.
+
+        By those it arrives at the same rows as far as their noise tells, and the flow does not. Who asks for
+        forces at several instants of a step takes them as functions of time.
+        """
+        method, h = self.methods[0], self.log.intervals.h
+        if method.order > 1 or not self.kinds or self.says_what_was_held:
             return
-        begin = 0.5 if self._several else 0.0  # of some step
-        for kind in ("step", "smooth") if self._several else ("start", "ramp"):
+        force, arrival = self.force(self.kinds), None
+        for kind in ("step", "smooth") if self._several else ("start", "ramp", "smooth"):
             other = self.force(tuple(own or kind for own in self.declared))
-            if np.array_equal(other(begin, begin), force(begin, begin)) and not np.array_equal(
-                other(1.0), force(1.0)
-            ):
-                change = np.stack([other(s) - force(s) for s in np.linspace(0.0, 1.0, 5)])
+            change = np.stack([other(s) - force(s) for s in np.linspace(0.0, 1.0, 5)])
+            if not change.any():
+                continue
+            if arrival is None:
+                arrival = self._arrival(method, force)
+            apart = self.model.difference(arrival, self._arrival(method, other))
+            if 0.5 * np.sum((apart / self.log.noise[1]) ** 2) < CERTAIN:
                 moved = np.zeros_like(self.w)
                 for k, response in enumerate(self._force_responses):
-                    moved += impulse(response, change[:, :, k], self.log.intervals.h)
+                    moved += impulse(response, change[:, :, k], h)
                 yield -HALF * self.log.running(np.einsum("km,km->k", self.gradient, moved))
+
+    def _arrival(self, method: Integrator, force: ForceBetween) -> Rows:
+        """The rows that a method makes of those before."""
+        start, end = self.log.intervals.start, self.log.intervals.end
+        own = Intervals(replace(start, F=force(0.0)), replace(end, F=force(1.0)))
+        return next(maps(self.plant, own, force, self.between, 1, [method])).end
 
     def _intermittent(self, rows: Block, best: Fit, left: Array) -> tuple[float, NDArray[np.bool_]]:
         """Log odds that something acts from time to time, and when; none where logged forces may be that.

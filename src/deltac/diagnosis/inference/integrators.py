@@ -83,6 +83,13 @@ def _kick_drift_kick(model: Model, at: Rows, h: Array, force: ForceInStep) -> tu
     return q, half + 0.5 * h * model.acceleration(at.t + h[:, 0], q, half, force(1.0))
 
 
+def _velocity_verlet(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+    a = model.acceleration(at.t, at.q, at.u, force(0.0))
+    q = model.moved(at.q, at.u + 0.5 * h * a, h)
+    after = model.acceleration(at.t + h[:, 0], q, at.u + h * a, force(1.0))
+    return q, at.u + 0.5 * h * (a + after)
+
+
 def _drift_kick_drift(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
     q = model.moved(at.q, at.u, 0.5 * h)
     u = at.u + h * model.acceleration(at.t + 0.5 * h[:, 0], q, at.u, force(0.5))
@@ -152,6 +159,8 @@ class Integrator:
 EXACT = Integrator("higher-order", 3, {})
 """All of order three and more whose error is smaller than the fields: their map is the flow."""
 
+VERLET = {"u: a_q a": 1 / 12, "u: a_qq u u": 1 / 12, "q: a_q u": -1 / 6}
+
 INTEGRATORS = (
     Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5), _explicit("ode1")),
     Integrator("semi-implicit-euler", 1, _first(0.5, -0.5, -0.5), _kick_first),
@@ -165,7 +174,7 @@ INTEGRATORS = (
     Integrator("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), _explicit(MIDPOINT)),
     Integrator("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), defect=_implicit_midpoint),
     Integrator("trapezoidal", 2, _second(1 / 12, 1 / 12), defect=_trapezoidal),
-    Integrator("verlet", 2, {"u: a_q a": 1 / 12, "u: a_qq u u": 1 / 12, "q: a_q u": -1 / 6}, None),
+    Integrator("verlet", 2, VERLET, _velocity_verlet),
     Integrator("leapfrog", 2, _first(0.0, 0.0, -0.25), _kick_drift_kick),
     Integrator("position-verlet", 2, _first(0.0, 0.0, -0.5), _drift_kick_drift),
     Integrator("bogacki-shampine", 3, {}, _explicit("ode3")),
@@ -175,8 +184,8 @@ INTEGRATORS = (
     Integrator("dormand-prince", 5, {}, _explicit("ode5")),
     EXACT,
 )
-"""Methods in use. "leapfrog" takes its last half step with the speeds of the middle; of order one with
-dampers."""
+"""Methods in use. "leapfrog" takes its last half step with the speeds of the middle, "verlet" with those of a
+step of Euler's; the former is of order one with dampers."""
 
 ON_GROUP = INTEGRATORS[-3:-2]
 """Methods that differ from others of their name by rotations alone."""

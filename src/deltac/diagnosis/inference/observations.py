@@ -217,7 +217,7 @@ def _evenly(edges: list[tuple[int, int]], most: int, total: int) -> list[tuple[i
     chosen = list[tuple[int, int]]()
     for a, b in edges:
         share = max(SHORTEST, int(most * (b - a) / total))
-        parts = max(1, min(STRETCHES // len(edges), (b - a) // max(share, 1)))
+        parts = max(1, min(STRETCHES // len(edges), share // SHORTEST))
         size = min(share // parts, b - a)
         chosen += [(int(s), int(s) + size) for s in np.linspace(a, b - size, parts).astype(int)]
     while sum(b - a for a, b in chosen) > 1.2 * most and len(chosen) > 1:

@@ -197,7 +197,7 @@ Method: TypeAlias = "FixedMethod | ImplicitMethod"
 class Compiled:
     """What runs that differ in numbers alone share.
 
-    `flow_in_motion` is the flow that the solver integrates: `flow`, with its branches held where they are events.
+    `flow_in_motion`: what the solver integrates, `flow` with its branches held where they are events.
     """
 
     flow: Flow

@@ -296,8 +296,8 @@ def _of_joints_and_tendons(model: Any, findings: Findings) -> None:
             findings.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))
         if model.jnt_limited[j]:
             low, high = model.jnt_range[j] + (model.jnt_margin[j], -model.jnt_margin[j])
-            beyond = (float(low), float(high)) if len(dofs) == 1 else None
-            findings.ignored.append(Remark.logged(name, "limits", f"limit {name}", beyond))
+            limits = (float(low), float(high)) if len(dofs) == 1 else None
+            findings.ignored.append(Remark.logged(name, "limits", f"limit {name}", limits))
     for k, name in enumerate(tendon_names(model)):
         if model.tendon_frictionloss[k]:
             findings.ignored.append(Remark.logged(name, "dry friction", f"friction {name}"))

@@ -13,21 +13,21 @@ from deltac.results import SHOWN
 class Remark:
     """One thing about one element: what it is, and what that means for an audit.
 
-    `beyond`: least and largest coordinate of a joint beyond which its force acts.
+    `limits`: least and largest coordinate of a joint beyond which its force acts.
     """
 
     element: str
     what: str
     consequence: str = ""
-    beyond: tuple[float, float] | None = None
+    limits: tuple[float, float] | None = None
 
     @staticmethod
     def logged(
-        element: str, what: str, channel: str, beyond: tuple[float, float] | None = None
+        element: str, what: str, channel: str, limits: tuple[float, float] | None = None
     ) -> Remark:
         """Of a force that has no counterpart here: the channel that a log supplies it in."""
-        told = f"its force must come from the log: channel '{channel}'"
-        return Remark(element, what, told, beyond)
+        remedy = f"its force must come from the log: channel '{channel}'"
+        return Remark(element, what, remedy, limits)
 
     def __str__(self) -> str:
         text = f"{self.element}: {self.what}"

@@ -99,7 +99,7 @@ def simulate(
     steps = whole_steps(duration, step, every) if scheme.takes_steps else 0
     check_start(mechanism, state, scheme, step)
     rows = constraint_start(mechanism, state, scheme, policy)
-    made = _compiled(
+    code = _compiled(
         mechanism,
         scheme,
         recording,
@@ -110,7 +110,7 @@ def simulate(
         watching=watching,
         switches=options.switches,
     )
-    flow = made.flow
+    flow = code.flow
     check_derivatives(flow, scheme, controller)
     p = np.array([mechanism.parameters[name] for name in vary])
     if flow.split is not None and flow.bound is not None:
@@ -123,20 +123,22 @@ def simulate(
         grid: StepGrid | None = StepGrid(state.t, h, steps, state.t + steps * h, every)
     else:
         grid = sample_grid(state.t, duration, step, scheme, watching=watching)
-    ready, flow_in_motion = made.events, made.moving
+    eventful, flow_in_motion = code.events, code.flow_in_motion
     rate = StageRate(flow_in_motion, controller, p)
     events = None
-    if ready is not None:
+    if eventful is not None:
         from deltac.simulation.events.run import EventRun, check_apart
 
-        events = EventRun(ready.watch, ready.collider, rate, p)  # gives the rate sides of its laws
+        events = EventRun(
+            eventful.watch, eventful.collider, rate, p
+        )  # gives the rate sides of its laws
         rate.hold(state.t, x0)
         check_apart(events, state.t, x0)
         p_run = events.p
     else:
         p_run = p
     compiled = flow.traced and controller is None
-    stepper = _stepper(made, options, rate, p_run, state.t, x0, duration, compiled=compiled)
+    stepper = _stepper(code, options, rate, p_run, state.t, x0, duration, compiled=compiled)
     careful = None
     if scheme.passes_singular and compiled and flow.bound is not None and equations is None:
         from deltac.simulation.constraints.singular import CarefulStep
@@ -158,7 +160,7 @@ def simulate(
     motion = loop.run()
     if scheme.family == "fixed":
         motion = explained(flow, scheme, duration / steps, p, x0, motion)
-    columns = observed(flow, made.observe, motion, p)
+    columns = observed(flow, code.observe, motion, p)
     motion = while_assembled(flow, motion, columns)
     error = energy_error(flow, columns, motion) if flow.testing else None
     provenance = Provenance(
@@ -182,7 +184,7 @@ def simulate(
     run = recorded(mechanism, flow, columns, motion, p, provenance, guarded=careful is not None)
     if events is None:
         return run
-    return with_occurrences(flow_in_motion, made.observe_events, events.happened, run)
+    return with_occurrences(flow_in_motion, code.observe_events, events.happened, run)
 
 
 # --- compiled parts, kept between calls ----------------------------------------------------------
@@ -195,11 +197,11 @@ Method: TypeAlias = "FixedMethod | ImplicitMethod"
 class Compiled:
     """What runs that differ in numbers alone share.
 
-    `moving` is the flow that the solver integrates: `flow`, with its branches held where they are events.
+    `flow_in_motion`: what the solver integrates, `flow` with its branches held where they are events.
     """
 
     flow: Flow
-    moving: Flow
+    flow_in_motion: Flow
     method: Method | None
     events: Eventful | None
     observe: Kernel
@@ -274,7 +276,7 @@ def _method(flow: Flow, solver: Solver) -> Method | None:
 
 
 def _stepper(
-    made: Compiled,
+    code: Compiled,
     options: Options,
     rate: StageRate,
     p: Array,
@@ -285,7 +287,7 @@ def _stepper(
     compiled: bool,
 ) -> Stepper:
     """What takes the steps of one run from (t, x)."""
-    flow, method = made.moving, made.method
+    flow, method = code.flow_in_motion, code.method
     if isinstance(method, FixedMethod):
         return FixedSteps(method, rate, p, compiled=compiled)
     if method is not None:
@@ -324,7 +326,7 @@ def _circumstances(
     events: EventRun | None,
     coordinates: CoordinateMap | str | None,
 ) -> dict[str, Any]:
-    """What is said in the provenance of how the run was made."""
+    """What is said in the provenance of how the run was code."""
     own = own_coordinates(mechanism, coordinates)
     channels: tuple[ChannelName, ...] | None = None
     if controller is not None and controller.hold:

@@ -46,7 +46,7 @@ def assumed_zero(run: Trajectory, import_report: ImportReport | None) -> list[st
 def limits_reached(run: Trajectory, import_report: ImportReport | None) -> list[str]:
     """Channels of limits of joints that the rows reach."""
     ranges = (
-        {r.element: r.beyond for r in import_report.ignored if r.beyond} if import_report else {}
+        {r.element: r.limits for r in import_report.ignored if r.limits} if import_report else {}
     )
     return [
         f"limit {name}"

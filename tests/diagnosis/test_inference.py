@@ -19,11 +19,12 @@ from deltac.diagnosis.audit.verdict import Judgement
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.inference.fields import FIELDS, elementary_differentials
-from deltac.diagnosis.inference.flow import predict, transitions, transported
+from deltac.diagnosis.inference.flow import composed, predict, transitions, transported
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.hypotheses import Block, _ordered, fitted
-from deltac.diagnosis.inference.inference import _Inferring, infer
+from deltac.diagnosis.inference.inference import infer, inferred, likeliest
 from deltac.diagnosis.inference.integrators import INTEGRATORS, numbers_of
+from deltac.diagnosis.inference.linearisation import start
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.whitening import Innovations
@@ -142,7 +143,8 @@ def test_the_variational_equation_is_that_of_reruns() -> None:
         ]  # of a damper of one N·m·s at the second joint
         response = model.response(at.t, at.q, force)
         damper.append(np.concatenate([np.zeros_like(response), response], axis=1)[:, :, None])
-    Phi, B = transported(intervals.h, transitions(intervals.h, J), damper)
+    steps = transitions(intervals.h, J)
+    Phi, B = composed(steps), transported(intervals.h, steps, damper)
     for k in (0, 20, 39):
         q, u, d = run.q[k], run.u[k], 1e-5
         for i, e in enumerate(np.eye(4)):
@@ -648,9 +650,8 @@ def test_what_a_sample_tells_of_a_log_that_closes_is_what_all_rows_tell() -> Non
     equations, model = LogEquations(MECHANISM, run), Model(MECHANISM, run)
     observed = observations(model, run, 4000)
     assert closed is not None and closed.closes and observed is not None
-    whole = _Inferring(model, run, observed, equations, 0.0)
-    whole.add(column_kernels(equations))
-    result = whole.result()
+    point = start(model, run, observed).with_candidates(equations, column_kernels(equations))
+    result = inferred(likeliest(point))
     assert closed.posterior.best.chosen == result.posterior.best.chosen == ()
     energies = [x.attribution.integrator.energy for x in (closed, result)]
     assert energies[0] == pytest.approx(energies[1], abs=3.0 * result.attribution.integrator.error)
@@ -706,12 +707,12 @@ def test_causes_move_the_rows_as_the_integrator_does(step: Step) -> None:
         evaluator = LogEquations(MECHANISM, run)
         rows = observations(model, run, 1000)
         assert rows is not None
-        inferring = _Inferring(model, run, rows, evaluator, 1.0)
-        inferring.add(column_kernels(evaluator))
-        inferring.result()
-        damper = next(c for c in inferring.candidates if (c.kind, c.element) == ("damping", "j2"))
+        point = start(model, run, rows, 1.0)
+        point = point.with_candidates(evaluator, column_kernels(evaluator))
+        at = likeliest(point).at
+        damper = next(c for c in point.candidates if (c.kind, c.element) == ("damping", "j2"))
         own = numbers_of(next(m for m in INTEGRATORS if m.name == step.__name__.replace("_", "-")))
-        column = inferring._moved_by(own, rows.intervals.h)[:, :, list(damper.columns)]
+        column = at.moved_by(own, rows.intervals.h)[:, :, list(damper.columns)]
         column = (column @ damper.linear)[:, :, 0]
         gaps, sizes = [], []
         for k in range(0, len(column), len(column) // 10):

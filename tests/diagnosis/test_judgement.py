@@ -249,7 +249,7 @@ def test_confidence_does_not_depend_on_the_container() -> None:
 
 
 def test_a_part_of_a_long_log_is_said_to_be_one() -> None:
-    run = dc.simulate(PENDULUM, START, 6.0, 0.001, "ode4")
+    run = dc.simulate(PENDULUM, START, 9.0, 0.001, "ode4")
     audit = dc.audit(PENDULUM, run)
     assert audit.inference is not None and len(audit.inference.w) < len(run) - 1
     assert any(

@@ -19,7 +19,7 @@ from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.diagnosis.audit.audit import NORMAL_95, Audit, audit
-from deltac.diagnosis.inference.flow import predict, transitions, transported
+from deltac.diagnosis.inference.flow import composed, predict, transitions
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inputs.logs import LogLike
@@ -216,9 +216,7 @@ def _error(model: Model, rows: Rows, forces: tuple[str, ...], noise: Array) -> t
         flow = predict(model, intervals, force, accepted)
         defect = model.difference(flow.end, intervals.end)
         nodes = [flow.nodes[k] for k in (0, len(flow.nodes) // 2, -1)]
-        none = [np.zeros((last, 2 * model.n, 0))] * 3
-        steps = transitions(intervals.h, [model.jacobian(node) for node in nodes])
-        Phi, _ = transported(intervals.h, steps, none)
+        Phi = composed(transitions(intervals.h, [model.jacobian(node) for node in nodes]))
         error = np.zeros((last + 1, 2 * model.n))
         doubt = np.zeros_like(error)
         doubt[0], covariance = noise, np.diag(noise**2)

@@ -20,11 +20,10 @@ from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
 from deltac.diagnosis.explain.result import Cause, Explanation
-from deltac.diagnosis.inference.attribution import Attribution, Share
 from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import infer
 from deltac.diagnosis.inference.integrators import IntegratorEstimate
-from deltac.diagnosis.inference.result import Inference
+from deltac.diagnosis.inference.result import Attribution, Inference, Share
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs import omissions
 from deltac.diagnosis.inputs.logs import Log, LogLike, in_model_order, read_log, read_run

@@ -18,10 +18,15 @@ from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.causes import PREFERENCE, Candidate
 from deltac.diagnosis.explain.explain import explanation_of
 from deltac.diagnosis.explain.result import Explanation, Outcome
-from deltac.diagnosis.inference.attribution import Attribution, Share
 from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.hypotheses import CERTAIN
-from deltac.diagnosis.inference.result import OF_THE_LOG, SLIGHT, Inference
+from deltac.diagnosis.inference.result import (
+    OF_THE_LOG,
+    SLIGHT,
+    Attribution,
+    Inference,
+    Share,
+)
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 from deltac.energy import Ledger
 from deltac.results import HEADINGS

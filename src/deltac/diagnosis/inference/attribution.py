@@ -6,84 +6,382 @@ make of ΔC is of the log: noise and digits of its rows, and what forces did bet
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.diagnosis.causes.causes import Candidate
+from deltac.diagnosis.inference.comparison import Comparison
+from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER
+from deltac.diagnosis.inference.forces import InterpolatedForces, impulse
+from deltac.diagnosis.inference.hypotheses import (
+    CERTAIN,
+    SIGNIFICANT,
+    Block,
+    Fit,
+    beyond_causes,
+    deviation,
+    intermittent,
+)
+from deltac.diagnosis.inference.integrators import (
+    EXACT,
+    INTEGRATORS,
+    IntegratorEstimate,
+    Map,
+    estimate,
+    identified,
+    maps,
+    numbers_of,
+)
+from deltac.diagnosis.inference.linearisation import Point
+from deltac.diagnosis.inference.methods import FAR
+from deltac.diagnosis.inference.model import Intervals, Rows
 from deltac.diagnosis.inference.observations import Observations
+from deltac.diagnosis.inference.regression import NEGLIGIBLE
+from deltac.diagnosis.inference.result import OF_THE_LOG, Attribution, Generic, Share
+
+HALF = 0.6
+"""Standard deviation of what forces do between rows that a method does not see, in units of the difference
+between held and ramped ones: the latter are those of one in four."""
+
+SAME = 1e-5
+"""Share of what a mistake does to the rows that the integrator's fields leave where they do the same."""
 
 
-@dataclass(frozen=True, eq=False)
-class Share:
-    """A part of ΔC, J: `energy` at the end with its standard `error`; `curve`s along the rows."""
-
-    curve: Array
-    curve_error: Array
-
-    @property
-    def energy(self) -> float:
-        """At the end, J."""
-        return float(self.curve[-1])
-
-    @property
-    def error(self) -> float:
-        """Standard error at the end, J."""
-        return float(self.curve_error[-1])
-
-    @property
-    def largest(self) -> tuple[float, float]:
-        """The largest |curve| with its standard error, J."""
-        k = int(np.argmax(np.abs(self.curve)))
-        return float(abs(self.curve[k])), float(self.curve_error[k])
+def integrator_estimate(comparison: Comparison) -> IntegratorEstimate:
+    """The integrator, by methods whose maps close the rows, or by its numbers."""
+    log = comparison.point.log
+    if comparison.maps:
+        step = float(np.median(log.intervals.h[:, 0] / comparison.counts))
+        others = (of.method for of, _ in _other_states(comparison))
+        return identified((*comparison.methods, *others), step)
+    c, covariance = comparison.numbers
+    some = slice(0, len(FIELDS))
+    return estimate(c[some], covariance[some, some], comparison.point.flow.plant.damped, log.step)
 
 
-@dataclass(frozen=True, eq=False)
-class Attribution:
-    """ΔC in joules of the integrator, of mistakes in the equations, and of the log.
+def integrator_share(comparison: Comparison, disputed: Array) -> tuple[Share, Array, float]:
+    """The integrator's share of ΔC, what neither it nor the causes do to the rows (N, 2n), and an error.
 
-    Their sum is ΔC of the rows. `t` (T,) are the times of the curves.
+    The latter is that of the share by forces between the rows. `disputed` joules (N,) may be a mistake's.
     """
+    at, log, flow = comparison.at, comparison.point.log, comparison.point.flow
+    share, residual, between = (_of_methods if comparison.maps else _of_series)(comparison)
+    defects = flow.w - residual - comparison.effects
+    share = _on_path(comparison, share, defects, residual)
+    gaps = log.in_gaps(at.work(defects))
+    # Of two flows of order 8 the finer is off by 2⁻⁸ of their difference.
+    error = np.einsum("km,km->k", np.abs(at.gradient), flow.prediction.error)
+    each = np.stack([share.curve_error, gaps, 2.0**-8 * np.cumsum(error), disputed])
+    return Share(share.curve, np.linalg.norm(each, axis=0)), residual, between
 
-    t: Array
-    integrator: Share
-    equations: Share
-    log: Share
+
+def _of_methods(comparison: Comparison) -> tuple[Share, Array, float]:
+    """The share of methods whose maps close the rows."""
+    at, point = comparison.at, comparison.point
+    log, defects, methods = point.log, comparison.defects, comparison.methods
+    others, flow = _other_states(comparison), point.flow
+    defects = [*defects, *(flow.plant.difference(flow.at(own).end, of.end) for of, own in others)]
+    curves = log.running(np.stack([at.work(x) for x in defects], axis=1)).T
+    # Methods that close the rows alike do not make the same joules; nor do forces between rows of which a
+    # method takes one alone.
+    forces = [curves[0] + x for x in _other_forces(comparison)]
+    between = float(np.abs(forces - curves[0]).max(initial=0.0)) if forces else 0.0
+    spread = np.abs(np.stack([*curves, *forces]) - curves[0]).max(axis=0)
+    residual = flow.w - defects[0] - comparison.effects
+    # Where they leave more than the rows' noise, the rest may be the integrator's, or lost forces'.
+    known = np.where(log.unknown | (comparison.counts > 1)[:, None], 0.0, at.gradient)
+    # Noise of rows does not add up: what the one adds the next takes away.
+    rest = np.maximum.accumulate(np.abs(np.cumsum(np.einsum("km,km->k", known, residual))))
+    beyond = np.sqrt(max(1.0 - 1.0 / max(comparison.excess, 1.0), 0.0)) * rest
+    if methods[0] is EXACT:
+        # Errors that are not seen may be of any size that the fields of an integrator may have.
+        some = slice(0, len(FIELDS))
+        C = comparison.series.numbers(comparison.posterior.best)[1][some, some]
+        T = log.running(at.power[:, some])
+        beyond = np.hypot(beyond, np.sqrt(np.einsum("ki,ij,kj->k", T, C, T)))
+    return Share(curves[0], np.hypot(spread, beyond)), residual, between
 
 
-UNEXPLAINED = 4.0
-"""Standard errors beyond which joules are more than the noise of two rows."""
+def _of_series(comparison: Comparison) -> tuple[Share, Array, float]:
+    """The share of an unknown integrator by its fields, and by what their series leaves out."""
+    at, point, fields = comparison.at, comparison.point, comparison.at.fields
+    log, unknown, beyond = point.log, point.noise, point.noise.beyond
+    c, covariance = comparison.numbers
+    residual = point.flow.w - at.B[:, :, :fields] @ c - comparison.effects
+    # What the series leaves out is the integrator's too: as much of what is left as is likely.
+    noise = log.noise[0] ** 2 + log.noise[1] ** 2
+    noise += np.einsum("kii->ki", unknown.own + unknown.doubt)
+    own = beyond**2 / (beyond**2 + noise + 1e-300) / max(comparison.excess, 1.0)
+    if log.unknown.any():
+        own = np.zeros_like(own)
+    partly = at.gradient * (1.0 - own)
+    curves = log.running(np.einsum("km,kmp->kp", partly, at.B[:, :, :fields]))
+    late = at.work(own * residual)
+    curve = log.running(at.power[:, :fields]) @ c + log.running(late)
+    # Or it is of something else that the series hides.
+    either = np.cumsum(np.abs(late))
+    if log.unknown.any():
+        rate = _of_rates_of_q(point, log)
+        curves[:, 0] += rate
+        curve += rate * c[0]
+    spread = np.maximum(np.einsum("ki,ij,kj->k", curves, covariance, curves), 0.0)
+    # The order beyond the series is no noise: its joules grow with the motion, hidden in noise.
+    most = np.cumsum(np.einsum("km,km->k", np.abs(at.gradient), np.sqrt(noise)))
+    order = np.minimum(at.remainder(comparison.rows) * np.linspace(0.0, 1.0, len(most)), most)
+    rest = np.cumsum(np.einsum("km,km->k", partly**2, beyond**2))
+    error = np.sqrt(spread + order**2 + rest * comparison.tau + either**2)
+    return Share(curve, error), (1.0 - own) * residual, 0.0
 
 
-def joules(
-    log: Observations,
-    Q: Array,
-    gradient: Array,
-    jump: Array,
-    integrator: Share,
-    equations: Share,
-    of_log: Array,
-    tau: float,
+def disputed_joules(
+    comparison: Comparison, integrator: IntegratorEstimate, unseen: dict[str, float]
+) -> Array:
+    """Joules (N,) of the integrator's fields that a mistake which does the same to the rows may have made.
+
+    Where numbers are of no method: by what is beside the nearest one.
+    """
+    at, first, p = comparison.at, slice(0, FIRST_ORDER), comparison.rows.projected
+    if comparison.maps:
+        return np.zeros(len(at.B))
+
+    def same(c: Candidate) -> bool:
+        L, some = c.linear[:, 0], list(c.columns)
+        return bool(L @ p.A[np.ix_(some, some)] @ L < SAME * float(L**2 @ p.raw[some]))
+
+    most = [unseen.get(_name(c), 0.0) for c in comparison.point.candidates if same(c)]
+    c = comparison.numbers[0]
+    near = [numbers_of(m)[first] for m in INTEGRATORS if m.name in integrator.names]
+    rest = min((c[first] - own for own in near), key=np.linalg.norm, default=c[first])
+    joules = comparison.point.log.running(at.power[:, first]) @ rest
+    return np.minimum(np.abs(joules), max(most, default=0.0))
+
+
+def equations_share(comparison: Comparison, residual: Array, unseen: dict[str, float]) -> Share:
+    """The share of mistakes in the equations."""
+    at, point, posterior = comparison.at, comparison.point, comparison.posterior
+    moved = comparison.effects + point.model.difference(point.nominal.end, point.flow.end)
+    mistake = _on_path(comparison, _of_causes(comparison, posterior.best), moved, residual)
+    # Sets of causes that explain as much do other joules, and one that is not seen may do some.
+    sets = [_of_causes(comparison, fit).curve for fit in posterior.alternatives]
+    spread = np.abs([x - mistake.curve for x in (mistake.curve, *sets)]).max(axis=0)
+    sizes = np.minimum(list(unseen.values()), point.energy)
+    hidden = float(np.sqrt(np.mean(sizes**2))) if len(sizes) else 0.0
+    grown = np.linspace(0.0, hidden, len(spread))
+    gaps = point.log.in_gaps(at.work(moved))
+    error = np.sqrt(mistake.curve_error**2 + spread**2 + grown**2 + gaps**2)
+    return Share(mistake.curve, error)
+
+
+def attributed(
+    comparison: Comparison, integrator: Share, equations: Share
 ) -> tuple[Attribution, float]:
-    """The attribution, and the joules that nothing explains.
-
-    Args:
-        log: the rows.
-        Q: covariance (N, 2n, 2n) of what the flow does not know.
-        gradient: ∂E/∂x (N, 2n) at the ends of the intervals.
-        jump: energy (N,) of each row beyond that of its prediction, J.
-        integrator: its share.
-        equations: theirs.
-        of_log: joules (N,) of delays and zeros of the log.
-        tau: autocorrelation time of that, intervals.
-    """
-    of_rows = np.einsum("km,km->k", gradient**2, log.noise[1] ** 2)
+    """ΔC of the rows in three shares, the log's being the rest; and the joules that nothing explains."""
+    at, point = comparison.at, comparison.point
+    log, model, noise = point.log, point.model, point.noise
+    ends = point.as_logged.end, log.intervals.end
+    slope = 0.5 * sum(map(model.energy_gradient, ends))
+    # The energy of each row beyond that of its prediction.
+    jump = np.einsum("km,km->k", slope - at.weights[1], point.w)
+    of_rows = np.einsum("km,km->k", at.gradient**2, log.noise[1] ** 2)
     rows = np.sqrt(of_rows + of_rows[0])
-    unknown = np.einsum("km,kmn,kn->k", gradient, Q, gradient)
+    Q = noise.own * max(comparison.excess, 1.0) + noise.doubt
+    unknown = np.einsum("km,kmn,kn->k", at.gradient, Q, at.gradient)
     rest = log.running(jump) - integrator.curve - equations.curve
-    error = np.hypot(rows, np.sqrt(np.cumsum(unknown) * tau))
+    error = np.hypot(rows, np.sqrt(np.cumsum(unknown) * comparison.tau))
+    of_log = _of_causes(comparison, comparison.posterior.best, of_log=True).curve
     # What nothing explains may be the integrator's.
-    unexplained = np.maximum(np.abs(rest - of_log) - UNEXPLAINED * error, 0.0)
+    unexplained = np.maximum(np.abs(rest - of_log) - SIGNIFICANT * error, 0.0)
     integrator = Share(integrator.curve, np.hypot(integrator.curve_error, unexplained))
     parts = Attribution(log.intervals.end.t, integrator, equations, Share(rest, error))
     return parts, float(unexplained.max(initial=0.0))
+
+
+def of_scattered_steps(
+    comparison: Comparison, parts: Attribution, residual: Array, disputed: Array, agreed: bool
+) -> tuple[Attribution, Array]:
+    """The attribution where what is left is of steps of many sizes, but for blows (N,), J.
+
+    The joules of blows, if there are any, may be of something that the model lacks; unless accelerations
+    `agreed` with it.
+    """
+    work = comparison.at.work(residual)
+    large = (work**2 > FAR * np.median(work**2)) & (not agreed)
+    blows = np.where(large, work, 0.0)
+    best = comparison.posterior.best
+    of_log = _of_causes(comparison, best, of_log=True).curve + np.cumsum(blows)
+    each = np.sqrt(2.0 * np.mean((work - blows) ** 2))
+    integrator, log = parts.integrator, parts.log
+    bars = [integrator.curve_error, log.curve_error, each + disputed, np.cumsum(np.abs(blows))]
+    integrator = Share(integrator.curve + log.curve - of_log, np.linalg.norm(bars, axis=0))
+    return replace(parts, integrator=integrator, log=replace(parts.log, curve=of_log)), blows
+
+
+def _of_causes(comparison: Comparison, fit: Fit, of_log: bool = False) -> Share:
+    """ΔC's share of the causes that are of the equations, or of the log: delays and zeros."""
+    at, point = comparison.at, comparison.point
+    power, chosen, log = at.power[:, at.fields :], fit.chosen, point.log
+    own = [(c.kind in OF_THE_LOG) == of_log for c in chosen]
+    if not any(own) and not (of_log and point.forces.filter is not None):
+        return Share(np.zeros(len(power)), np.zeros(len(power)))
+    some = np.repeat(own, [c.size for c in chosen]).astype(bool)
+    T = log.running(power @ fit.tangent)[:, some]
+    C = fit.covariance[np.ix_(some, some)] * comparison.tau
+    spread = np.maximum(np.einsum("ki,ij,kj->k", T, C, T), 0.0)
+    coefficients = np.zeros_like(fit.coefficients)
+    for k, c in enumerate(chosen):
+        if own[k]:
+            np.add.at(coefficients, list(c.columns), fit.of(k))
+    known = np.where(point.of_equations != of_log, point.coefficients, 0.0)
+    nominal, flow = point.nominal.end, point.flow.end
+    ends = (point.as_logged.end, nominal) if of_log else (nominal, flow)
+    # What the causes do that the flow has is known however large it is, the rest to first order.
+    moved = point.model.difference(*ends)
+    curve = log.running(power @ (coefficients - known) + at.work(moved))
+    return Share(curve, np.sqrt(spread))
+
+
+def _on_path(comparison: Comparison, share: Share, defects: Array, residual: Array) -> Share:
+    """A share with the errors of its weights, and of the path.
+
+    As much of the share as of the motion is not known: a defect on another path is another one.
+    """
+    at, log = comparison.at, comparison.point.log
+    motion = comparison.point.model.difference(log.intervals.start, log.intervals.end)
+    unknown, known = (np.sum(np.abs(at.gradient * x)) for x in (residual, motion))
+    doubt = min(float(unknown / max(known, 1e-300)), 1.0)
+    slack = log.running(np.einsum("km,km->k", at.weights[1], defects))
+    error = np.sqrt(share.curve_error**2 + (doubt * share.curve) ** 2 + slack**2)
+    return Share(share.curve, error)
+
+
+# --- what else the same rows may be of ---
+
+
+def _other_forces(comparison: Comparison) -> Iterator[Array]:
+    """What forces that the closing method cannot tell from those assumed add to its joules (N,), running.
+
+    By those it arrives at the same rows as far as their noise tells, and the flow does not. Who asks for
+    forces at several instants of a step takes them as functions of time.
+    """
+    at, point, method = comparison.at, comparison.point, comparison.methods[0]
+    forces, log, plant = point.forces, point.log, point.flow.plant
+    if method.order > 1 or not forces.kinds or point.run.provenance.held is not None:
+        return
+
+    @cache
+    def arrival(by: InterpolatedForces) -> Rows:
+        """The rows that the method makes of those before."""
+        force, (start, end) = by.between, (log.intervals.start, log.intervals.end)
+        own = Intervals(replace(start, F=force(0.0)), replace(end, F=force(1.0)))
+        return next(maps(plant, own, force, comparison.counts, 1, [method])).end
+
+    for kind in ("step", "smooth") if forces.several else ("start", "ramp", "smooth"):
+        other = forces.alike(kind)
+        nodes = np.linspace(0.0, 1.0, 5)
+        change = np.stack([other.between(s) - forces.between(s) for s in nodes])
+        if not change.any():
+            continue
+        apart = point.model.difference(arrival(forces), arrival(other))
+        if 0.5 * np.sum((apart / log.noise[1]) ** 2) < CERTAIN:
+            moved = np.zeros_like(at.gradient)
+            for k, response in enumerate(point.flow.force_responses):
+                moved += impulse(response, change[:, :, k], log.intervals.h)
+            yield -HALF * log.running(at.work(moved))
+
+
+def _other_states(comparison: Comparison) -> tuple[tuple[Map, Observations], ...]:
+    """Methods that close coordinates alone as well as the one found, each with speeds of its own."""
+    states = comparison.point.states
+    found = bool(states) and states[0][0].method in comparison.methods
+    return states[1:] if found else ()
+
+
+def _of_rates_of_q(point: Point, log: Observations) -> Array:
+    """What a unit of the field (a, 0) of first order adds to ΔC of the rates of the coordinates (N,), J.
+
+    Methods that are one method of the coordinates alone have speeds of other instants. Where the log has
+    none, the energy is that of the coordinates' own rates, q̇ = u + c h a: it is the same for all of them.
+    """
+    n, h, (first, _) = point.model.n, point.log.steps, log.pieces[0]
+
+    def shift(at: Rows, h: Array) -> Array:
+        gradient = point.model.energy_gradient(at)[:, n:]
+        return np.asarray(np.einsum("km,km->k", gradient, h * point.flow.plant.at(at)))
+
+    begin = log.intervals.start.take(np.array([first]))
+    return shift(log.intervals.end, h) - shift(begin, h[first : first + 1])
+
+
+def unseen_joules(
+    point: Point, block: Block, best: Fit, tau: float, curves: Array
+) -> dict[str, float]:
+    """Energy (J) that a mistake of one number may add to ΔC at one standard error, by its name.
+
+    `curves` (N, P) are what a unit of each column adds to ΔC.
+    """
+    joules = dict[str, float]()
+    for c in point.candidates:
+        linear = c.size == 1 and c.quadratic is None and c.kind not in OF_THE_LOG
+        if not linear or any(c is x or c.excludes(x) for x in best.chosen):
+            continue
+        sigma = deviation((block,), c, best, tau)
+        most = float(np.abs(curves[:, list(c.columns)] @ c.linear[:, 0]).max())
+        if most > 0.0 and np.isfinite(sigma):  # else it is one of those found
+            joules[_name(c)] = max(joules.get(_name(c), 0.0), sigma * most)
+    return joules
+
+
+def generic_equations(comparison: Comparison) -> Generic:
+    """All columns of causes together against the best set, with the joules of what they explain beyond it."""
+    at, point, best = comparison.at, comparison.point, comparison.posterior.best
+    odds, explained, further = beyond_causes(comparison.blocks[0], best)
+    joules = float(np.abs(at.gradient * (at.of_causes @ further)).sum() * point.log.whole)
+    if joules < max(NEGLIGIBLE * point.energy, at.bias, at.omitted):
+        odds = -np.inf
+    shift = 0.0
+    if not comparison.maps:
+        p = comparison.rows.projected
+        other = p.nuisance_at(best.coefficients + further)[: at.fields]
+        change = at.power[:, : at.fields] @ (other - comparison.numbers[0])
+        shift = float(np.abs(point.log.running(change)).max())
+    return Generic(odds, joules, explained, shift)
+
+
+def _name(c: Candidate) -> str:
+    return f"{c.kind} {c.element}".strip()
+
+
+def intermittent_force(comparison: Comparison, residual: Array) -> tuple[float, NDArray[np.bool_]]:
+    """Log odds that something acts from time to time, and when; none where logged forces may be that.
+
+    Forces that were not declared to be held may do otherwise between two rows, as those of contacts at
+    the stages of a step: by as much as they change, at most. Where steps are lost, those that come and go
+    may have been anything.
+    """
+    at, point = comparison.at, comparison.point
+    thinned, forces = point.lost, point.forces
+    odds, active = intermittent(comparison.rows, comparison.posterior.best, thinned)
+    if odds <= CERTAIN:
+        return odds, active
+    h, speeds = point.log.intervals.h, at.gradient[:, point.model.n :]
+    possible, lost, acts = np.zeros(len(residual)), list[Array](), forces.logged.first != 0.0
+    comes_and_goes = acts.any(axis=0) & ~acts.all(axis=0)
+    for k, response in enumerate(point.flow.force_responses):
+        free = thinned | (not forces.declared[k])
+        moved = response * h * forces.logged.change[:, k : k + 1]
+        possible += free * np.abs(speeds * moved).sum(axis=1)
+        if comes_and_goes[k]:
+            unit = response * thinned[:, None]
+            none = np.zeros_like(unit)
+            lost += [np.hstack([none, unit]), np.hstack([unit, none])]
+    if lost:
+        # What these forces cannot make of it.
+        columns = np.stack(lost, axis=2)
+        residual = residual - (columns @ (np.linalg.pinv(columns) @ residual[:, :, None]))[:, :, 0]
+    made = possible[active].sum() > np.abs(at.gradient * residual)[active].sum()
+    return (-np.inf if made else odds), active

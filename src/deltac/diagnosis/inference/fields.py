@@ -141,25 +141,18 @@ def first_order_jacobian(model: Model, at: Rows, h: Array, c: Array) -> Array:
     """∂/∂x (N, 2n, 2n) of Σ c_i h F_i, of first order: what the integrator makes of errors of a row."""
     n, J = model.n, np.empty((len(at.t), 2 * model.n, 2 * model.n))
 
-    def fields(q: Array, u: Array) -> tuple[Array, Array]:
+    def fields(rows: Rows) -> tuple[Array, Array]:
         """Of all but the dampers, and by how much the dampers' forces change."""
-        D = _Derivatives(model, Rows(at.t, q, u, at.F))
+        D = _Derivatives(model, rows)
         return h * (_stacked(_undamped(D)) @ c[:-1]), c[-1] * h * D.damping(D.a)
 
-    (here, force), forces = fields(at.q, at.u), list[Array]()
+    (here, force), forces = fields(at), list[Array]()
     still = model.response(at.t, at.q, force) if model.damped else force
-    for k in range(2 * n):
-        e = np.zeros((1, n))
-        e[0, k % n] = 1.0
-        d = FIRST * (
-            1.0 + (0.0 if k < n else float(np.nanmax(np.abs(at.u[:, k - n]), initial=0.0)))
-        )
-        along = np.broadcast_to(e, at.u.shape)
-        q = model.moved(at.q, along, np.full((len(at.t), 1), d)) if k < n else at.q
-        moved, other = fields(q, at.u if k < n else at.u + d * e)
+    for k, (rows, d) in enumerate(zip(*model.neighbours(at, FIRST), strict=True)):
+        moved, other = fields(rows)
         J[:, :, k] = (moved - here) / d
         if k < n and model.damped:
-            J[:, n:, k] += (model.response(at.t, q, other) - still) / d
+            J[:, n:, k] += (model.response(at.t, rows.q, other) - still) / d
         elif model.damped:
             forces.append((other - force) / d)
     if model.damped:  # along speeds the inertia is the same: it is solved once

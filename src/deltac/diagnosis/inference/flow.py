@@ -84,19 +84,8 @@ def predict(
         own = restricted(force, some)
         finer = _flow(model, intervals.take(some), own, steps, each, parts[some])
         error[some] = np.abs(model.difference(nodes[-1].take(some), finer[-1]))
-        nodes = [_replaced(rows, some, other) for rows, other in zip(nodes, finer, strict=True)]
+        nodes = [rows.replaced(some, other) for rows, other in zip(nodes, finer, strict=True)]
     return Prediction(tuple(nodes), error)
-
-
-def _replaced(rows: Rows, which: NDArray[np.intp], own: Rows) -> Rows:
-    columns = [np.array(x) for x in _columns(rows)]
-    for x, y in zip(columns, _columns(own), strict=True):
-        x[which] = y
-    return Rows(*columns)
-
-
-def _columns(rows: Rows) -> tuple[Array, Array, Array, Array]:
-    return rows.t, rows.q, rows.u, rows.F
 
 
 def _sizes(intervals: Intervals) -> Array:
@@ -155,12 +144,12 @@ def _flow(
     kinds = np.unique(parts)
     if len(kinds) == 1:
         return _flow_alike(model, intervals, force, count, each, int(kinds[0]))
-    nodes = [Rows(*map(np.empty_like, _columns(intervals.start))) for _ in range(count + 1)]
+    nodes = [intervals.start] * (count + 1)
     for kind in kinds:
         some = np.flatnonzero(parts == kind)
         own = restricted(force, some)
         states = _flow_alike(model, intervals.take(some), own, count, each, int(kind))
-        nodes = [_replaced(rows, some, other) for rows, other in zip(nodes, states, strict=True)]
+        nodes = [rows.replaced(some, other) for rows, other in zip(nodes, states, strict=True)]
     return nodes
 
 
@@ -206,16 +195,22 @@ def transitions(h: Array, J: list[Array]) -> list[Array]:
     return [over(*ends) for ends in zip(J, J[1:], strict=False)]
 
 
-def transported(h: Array, steps: list[Array], F: list[Array]) -> tuple[Array, Array]:
-    """Φ (N, 2n, 2n) and B (N, 2n, p) over intervals of length h (N, 1), by `transitions` and F at the nodes.
+def composed(steps: list[Array]) -> Array:
+    """Φ (N, 2n, 2n) over whole intervals, by `transitions`."""
+    Phi = np.eye(steps[0].shape[1])
+    for first, second in zip(steps[::2], steps[1::2], strict=True):
+        Phi = second @ first @ Phi
+    return Phi
 
-    B = ∫Φ F dt by Simpson's rule over two steps each.
+
+def transported(h: Array, steps: list[Array], F: list[Array]) -> Array:
+    """B = ∫Φ F dt (N, 2n, p) over intervals of length h (N, 1), by `transitions` and F at the nodes.
+
+    By Simpson's rule over two steps each.
     """
-    weight = (h / len(steps) / 3.0)[:, :, None]
-    Phi, B = np.eye(steps[0].shape[1]), np.zeros_like(F[0])
+    weight, B = (h / len(steps) / 3.0)[:, :, None], np.zeros_like(F[0])
     for k in range(0, len(steps), 2):
         first, second = steps[k], steps[k + 1]
         B = second @ (first @ (B + weight * F[k]) + 4.0 * weight * F[k + 1])
         B += weight * F[k + 2]
-        Phi = second @ first @ Phi
-    return Phi, B
+    return B

@@ -1,4 +1,4 @@
-"""Logged forces between rows: held, straight or smooth, and by which of these laws the rows go.
+"""Logged forces between rows: held, straight or smooth, as they were logged or through a filter.
 
 A force acts from row to row in a way that a log does not say. Where several steps lie between two rows it may
 have been held over each of them: a stair, which on average is its line half a step later.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -17,7 +17,6 @@ from scipy.integrate import simpson
 from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.inference.hypotheses import CERTAIN
 from deltac.diagnosis.inference.model import Intervals
 
 
@@ -167,6 +166,63 @@ class LoggedForce:
         return LoggedForce(first, change, bends, doubt, gap, counts)
 
 
+@dataclass(frozen=True, eq=False)
+class InterpolatedForces:
+    """Logged forces as they act between the rows.
+
+    logged      those of the rows
+    kinds       how each column acts, see `FORCES`
+    declared    the same as far as the log says it, else ""
+    filter      delay and deviation (s) of a filter of the states, that forces went through as well
+    unfiltered  the forces before it
+    """
+
+    logged: LoggedForce
+    kinds: tuple[str, ...]
+    declared: tuple[str, ...]
+    filter: tuple[float, float] | None = None
+    unfiltered: InterpolatedForces | None = None
+
+    @cached_property
+    def between(self) -> ForceBetween:
+        """The forces at fractions of each interval."""
+        return self.logged(self.kinds)
+
+    @property
+    def parts(self) -> NDArray[np.intp] | None:
+        """Equal parts (N,) of the intervals over which forces are held."""
+        return self.logged.counts if "step" in self.kinds else None
+
+    @property
+    def several(self) -> bool:
+        """Whether forces may be held several times between some rows."""
+        return bool(self.logged.counts.max() > 1)
+
+    def of(self, kinds: Sequence[str]) -> InterpolatedForces:
+        """The same where columns act like this as far as the log does not say how."""
+        own = zip(self.declared, kinds, strict=True)
+        return replace(self, kinds=tuple(declared or kind for declared, kind in own))
+
+    def alike(self, kind: str) -> InterpolatedForces:
+        """The same where all columns act alike as far as the log does not say how."""
+        return self.of([kind] * len(self.kinds))
+
+    def held(self, counts: NDArray[np.intp]) -> InterpolatedForces:
+        """The same where they may be held so many times (N,) in each interval."""
+        return replace(self, logged=replace(self.logged, counts=counts))
+
+    def filtered(
+        self, intervals: Intervals, pieces: list[tuple[int, int]], delay: float, spread: float
+    ) -> tuple[InterpolatedForces, Intervals]:
+        """The forces as a filter of the states makes them, and the intervals with these."""
+        unfiltered = self.unfiltered or self
+        late = LoggedForce.filtered(intervals, pieces, unfiltered.between, delay, spread)
+        smooth = ("smooth",) * len(self.kinds)
+        logged = LoggedForce.of(late, pieces)
+        forces = InterpolatedForces(logged, smooth, self.declared, (delay, spread), unfiltered)
+        return forces, late
+
+
 def restricted(force: ForceBetween, which: NDArray[np.intp]) -> ForceBetween:
     """The forces in some of the intervals."""
     return lambda s, begin=None: np.asarray(force(s, begin)[which])
@@ -178,49 +234,3 @@ def impulse(response: Array, force: Array, h: Array) -> Array:
     mean = simpson(force, x=nodes, axis=0)[:, None]
     moment = simpson((1.0 - nodes)[:, None] * force, x=nodes, axis=0)[:, None]
     return np.concatenate([response * h**2 * moment, response * h * mean], axis=1)
-
-
-def likeliest(
-    gram: Array, rows: float, declared: Sequence[int], current: Array, laws: Array, shared: int
-) -> list[int]:
-    """Which law each logged force follows between rows, by the Gram matrix of innovations and force columns.
-
-    All the same one, which the likelihood chooses; one another where that has odds of its own. The laws from
-    `shared` on hold for all or none: they are stairs, each of another delay. A `declared` law of −1 is not
-    known, and stays what it is if nothing tells.
-    """
-
-    def left(which: Sequence[int]) -> float:
-        x = np.concatenate([[1.0], (current - laws[list(which)]).ravel()])
-        return max(float(x @ gram @ x), 1e-14 * float(gram[0, 0]) + 1e-300)
-
-    def alike(law: int) -> list[int]:
-        return [law if d < 0 else d for d in declared]
-
-    before = [int(np.argmin(np.abs(laws - own).sum(axis=1))) for own in current]
-    best = min(map(alike, range(len(laws))), key=left)
-    if max(best, default=0) >= shared:
-        # A delay beyond that of two steps is of the log, as that of a filter is.
-        x = np.concatenate([[1.0], (current - laws[best]).ravel()])
-        delay = np.zeros_like(laws[best])
-        delay[:, 3] = np.array(declared) < 0
-        y = gram @ np.concatenate([[0.0], delay.ravel()])
-        further = float(x @ y) / max(float(y[1:] @ delay.ravel()), 1e-300)
-        if laws[max(best), 3] + further > BEYOND * laws[shared:, 3].max():
-            best = min(map(alike, range(shared)), key=left)
-    if 0.5 * rows * np.log(left(before) / left(best)) < CERTAIN:
-        best = before
-    for k in range(len(declared) if len(declared) <= SINGLY else 0):
-        if declared[k] < 0:
-            other = min(([*best[:k], law, *best[k + 1 :]] for law in range(shared)), key=left)
-            price = CERTAIN + np.log(len(laws) * len(declared))
-            if 0.5 * rows * np.log(left(best) / left(other)) > price:
-                best = other
-    return best
-
-
-BEYOND = 1.5
-"""Delay, in that of a force that is held twice in each interval, beyond which it is the log's."""
-
-SINGLY = 12
-"""Columns of logged forces up to which each is asked on its own."""

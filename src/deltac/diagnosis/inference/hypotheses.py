@@ -120,6 +120,12 @@ class Block:
         likelihood = -0.5 * rows * float(np.log(self.misfit(fit.coefficients)))
         return likelihood - volume - 0.5 * numbers * float(np.log(max(rows, 2.0)))
 
+    def numbers(self, fit: Fit) -> tuple[Array, Array]:
+        """Numbers of the nuisance columns beside the causes of a fit, and their covariance."""
+        p, variance = self.projected, self.misfit(fit.coefficients) / self.count
+        tau = autocorrelation_time(self.residual(fit.coefficients))
+        return p.nuisance_at(fit.coefficients), p.inverse * variance * tau
+
     @property
     def rank(self) -> int:
         """Directions of all causes that the log tells from the nuisance."""
@@ -320,7 +326,7 @@ class Fit:
         """Whether it is another set in more numbers, of which those that the other lacks are none."""
         gap = np.abs(self.coefficients - other.coefficients)
         deviation = np.sqrt(np.einsum("ij,jk,ik->i", self.tangent, self.covariance, self.tangent))
-        return bool(np.all(gap <= ALIKE * deviation + SINGULAR * np.abs(other.coefficients)))
+        return bool(np.all(gap <= SIGNIFICANT * deviation + SINGULAR * np.abs(other.coefficients)))
 
     def deviation(self, place: int) -> Array:
         """Standard errors of the numbers of a cause."""
@@ -480,8 +486,8 @@ CERTAIN = float(np.log(99.0))
 EQUAL = float(np.log(100.0))
 """Log odds within which causes are not told apart."""
 
-ALIKE = 4.0
-"""Standard errors within which coefficients are the same."""
+SIGNIFICANT = 4.0
+"""Standard errors beyond which a number is another one."""
 
 SHORTLIST = 12
 """Causes of which the correlation of what they leave is looked at."""
@@ -724,3 +730,72 @@ def _without(blocks: Sequence[Block], fit: Fit, k: int) -> Fit:
     rest = [*fit.chosen[:k], *fit.chosen[k + 1 :]]
     other = fitted(blocks, rest, [*fit.theta[:k], *fit.theta[k + 1 :]]) if rest else None
     return other or nothing(len(blocks[0].causes))
+
+
+def deviation(blocks: Sequence[Block], c: Candidate, best: Fit, tau: float) -> float:
+    """Standard error of the number of a cause of one, beside those of a fit."""
+    columns, L = list(c.columns), c.linear[:, 0]
+    information = 0.0
+    for b in blocks:
+        p = b.projected
+        variance = p.left(best.coefficients) / b.count
+        information += float(L @ p.A[np.ix_(columns, columns)] @ L) / variance
+    return float(np.sqrt(tau / information)) if information > 0.0 else np.inf
+
+
+def beyond_causes(block: Block, best: Fit) -> tuple[float, float, Array]:
+    """Log odds and share of what all columns explain beyond the best set, and their coefficients so far."""
+    coefficients = block.optimum
+    rows = block.count / autocorrelation_time(block.residual(coefficients))
+    before, after = block.misfit(best.coefficients), block.misfit(coefficients)
+    odds = 0.5 * rows * float(np.log(before / after))
+    price = 0.5 * block.rank * float(np.log(max(rows, 2.0)))
+    return odds - price, 1.0 - after / before, coefficients - best.coefficients
+
+
+def intermittent(
+    block: Block, best: Fit, thinned: NDArray[np.bool_]
+) -> tuple[float, NDArray[np.bool_]]:
+    """Log odds that what is left comes in intervals of their own, and these intervals (N,).
+
+    Two variances, of quiet and of active intervals, against the one of the best causes; each spell of
+    activity costs its two ends. What logged forces did in intervals of which steps are lost is not known:
+    beside others that are whole, these tell nothing.
+    """
+    none = np.zeros(len(block.r), dtype=np.bool_)
+    whole = np.flatnonzero(~thinned) if not thinned.all() else np.arange(len(block.r))
+    r = block.residual(np.zeros(len(block.causes)))[whole]
+    n, d = r.shape
+    size = np.mean(r**2, axis=1) + 1e-300
+    ordered = np.sort(size)
+    quiet = float(np.median(ordered[: max(4, n // 2)])) + 1e-300
+    active = size > ACTIVE * quiet
+    if not 2 < active.sum() < 0.7 * n:
+        return -np.inf, none
+    # What acts begins and ends from one interval to the next: a remainder of the series comes and goes
+    # smoothly.
+    edges = np.flatnonzero(np.diff(active.astype(int)))
+    ratio = np.abs(np.log(size[edges + 1] / size[edges]))
+    if not np.median(ratio) > np.log(ACTIVE):
+        return -np.inf, none
+    if len(block.nuisance):
+        # Nuisance columns of quiet intervals alone: what acts now and then must not bend them.
+        D, y = block.D[whole][:, :, block.nuisance], block.r[whole]
+        ridge = np.diag(np.sqrt(block.floor) / block.prior)
+        A = np.concatenate([D[~active].reshape(-1, D.shape[2]), ridge])
+        b = np.concatenate([y[~active].ravel(), np.zeros(len(ridge))])
+        r = y - D @ np.linalg.lstsq(A, b, rcond=1e-13)[0]
+    low, high = float(np.mean(r[~active] ** 2)), float(np.mean(r[active] ** 2))
+    share = active.mean()
+    one = float(np.mean(block.residual(best.coefficients)[whole] ** 2))
+    tau = autocorrelation_time(r[~active])
+    spells = int(np.count_nonzero(np.diff(active.astype(int)) == 1)) + 1
+    two = (1 - share) * np.log(low + 1e-300) + share * np.log(high + 1e-300)
+    odds = 0.5 * n * d / tau * (np.log(one + 1e-300) - two)
+    none[whole] = active
+    return float(odds - 2.0 * spells * np.log(n)), none
+
+
+ACTIVE = 100.0
+"""Variance of an interval beside that of quiet ones from which on something acts in it that does not in
+those."""

@@ -264,15 +264,8 @@ def transition(model: Model, of: Map, intervals: Intervals, force: ForceBetween)
     """Derivatives (N, 2n, 2n) of a method's map by differences; None for an implicit one, or many speeds."""
     if of.method.step is None or model.n > MOST_SPEEDS:
         return None
-    at, starts, sizes = intervals.start, list[Rows](), list[float]()
-    for k in range(2 * model.n):
-        e = np.zeros((1, model.n))
-        e[0, k % model.n] = 1.0
-        d = 1e-6 * (1.0 + (0.0 if k < model.n else float(np.abs(at.u[:, k - model.n]).max())))
-        along, u = np.broadcast_to(e, at.u.shape), at.u
-        q = model.moved(at.q, along, np.full((len(u), 1), d)) if k < model.n else at.q
-        starts.append(Rows(at.t, q, u if k < model.n else u + d * e, at.F))
-        sizes.append(d)
+    at = intervals.start
+    starts, sizes = model.neighbours(at, 1e-6)
     Phi, each = np.empty((len(at.t), 2 * model.n, 2 * model.n)), max(1, AT_ONCE // len(at.t))
     for first in range(0, len(starts), each):
         some = starts[first : first + each]
@@ -383,15 +376,15 @@ def _repeated(
     """The states after `counts` (N,) steps in each interval."""
     if not np.ptp(counts):
         return _stepped(model, method, intervals, force, int(counts[0]))
-    at = intervals.start
-    intervals = replace(intervals, stages=())  # which are those of single steps
-    ends = [np.array(x) for x in (at.t, at.q, at.u, at.F)]
+    rows, intervals = (
+        intervals.start,
+        replace(intervals, stages=()),
+    )  # which are those of single steps
     for count in np.unique(counts).tolist():
         some = np.flatnonzero(counts == count)
-        rows = _stepped(model, method, intervals.take(some), restricted(force, some), count)
-        for end, x in zip(ends, (rows.t, rows.q, rows.u, rows.F), strict=True):
-            end[some] = x
-    return Rows(*ends)
+        own = _stepped(model, method, intervals.take(some), restricted(force, some), count)
+        rows = rows.replaced(some, own)
+    return rows
 
 
 def _stepped(
@@ -477,27 +470,24 @@ def estimate(c: Array, covariance: Array, damped: bool, step: float) -> Integrat
     first = [k for k, f in enumerate(FIELDS) if f.order == 1]
     seen = bool(np.any(np.abs(c[first]) > NEAR * sigma[first] + CLOSE[1]))
     order = min(orders) if orders else (1 if seen else 2)
-    fields = [f.name for f in FIELDS]
-    return IntegratorEstimate(
-        tuple(dict.fromkeys(names)),
-        dict(zip(fields, c.tolist(), strict=True)),
-        dict(zip(fields, sigma.tolist(), strict=True)),
-        order,
-        step,
-    )
+    return _estimate(names, c, sigma, order, step)
 
 
 def identified(methods: tuple[Integrator, ...], step: float) -> IntegratorEstimate:
     """The estimate of a log that is closed by methods' own maps."""
-    own = numbers_of(methods[0])
-    fields = [f.name for f in FIELDS]
-    return IntegratorEstimate(
-        tuple(dict.fromkeys(m.name for m in methods)),
-        dict(zip(fields, own.tolist(), strict=True)),
-        dict.fromkeys(fields, 0.0),
+    names, order, c = (
+        [m.name for m in methods],
         min(m.order for m in methods),
-        step,
+        numbers_of(methods[0]),
     )
+    return _estimate(names, c, np.zeros_like(c), order, step)
+
+
+def _estimate(
+    names: list[str], c: Array, sigma: Array, order: int, step: float
+) -> IntegratorEstimate:
+    numbers, errors = (dict(zip(PLACES, x.tolist(), strict=True)) for x in (c, sigma))
+    return IntegratorEstimate(tuple(dict.fromkeys(names)), numbers, errors, order, step)
 
 
 def parted(

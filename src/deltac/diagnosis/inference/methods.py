@@ -2,58 +2,61 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
+from deltac.diagnosis.inference.fields import FIELDS
 from deltac.diagnosis.inference.hypotheses import (
+    CERTAIN,
     EQUAL,
     Block,
     Fit,
+    Posterior,
     autocorrelation_time,
+    fitted,
     least_squares,
 )
-from deltac.diagnosis.inference.integrators import Map
+from deltac.diagnosis.inference.integrators import MOST_SPEEDS, Map, maps, parted
+from deltac.diagnosis.inference.observations import Observations
+from deltac.diagnosis.inference.regression import Regression, searched
+from deltac.diagnosis.inference.result import KNOWN, SLIGHT
 
 FAR = 1e4
 """Ratio of sums of squares beyond which a method at its likeliest states is not tried any further, and an
 interval is none of those of an integrator's errors."""
 
 
+PARTS = (2, 3, 4, 5, 8, 10)
+"""Steps between neighbouring rows of a log that does not say its step."""
+
+ALIKE = 3
+"""Methods of which the causes are looked for, where several close the rows alike beside all causes."""
+
+SQUARES = 1e-4
+"""Share of what a method leaves that causes leave of it where that may be their squares: of a per cent."""
+
+SOME = 0.1
+"""Share of it up to which it may be that causes do otherwise in a method's own steps."""
+
+
 @dataclass(frozen=True, eq=False)
 class Methods:
-    """Methods whose own maps close the rows best and alike, the best first; `others` next to them."""
+    """Methods whose own maps close the rows best.
+
+    ends    their maps that do so alike, the best first; `others` are next to them
+    floor   least sum of squares that all causes leave beside one; `floors` of each that was compared
+    alone   what that leaves without causes
+    """
 
     ends: list[Map]
     others: list[Map]
     floor: float
     floors: Array
     alone: float
-
-    @staticmethod
-    def of(ends: list[Map], r: Array, D: Array, rounding: float) -> Methods | None:
-        """The best by what all causes leave of their prediction errors r (N, m, methods), whitened."""
-        finite = [k for k in range(len(ends)) if np.isfinite(r[:, :, k]).all()]
-        every = np.full(len(ends), np.inf)
-        if not finite:
-            return None
-        y = r[:, :, finite].reshape(-1, len(finite))
-        X = D.reshape(len(y), D.shape[2])
-        x = least_squares(X.T @ X, X.T @ y)
-        residual = y - X @ x
-        floors = np.maximum((residual**2).sum(axis=0), 1e-300)
-        every[finite] = floors
-        best = int(np.argmin(floors))
-        first = alike(residual.reshape(*r.shape[:2], -1), best, rounding)
-        # Those that need no causes come first.
-        first = first[np.argsort((y[:, first] ** 2).sum(axis=0), kind="stable")]
-        order = [finite[k] for k in first]
-        alone = float((y[:, best] ** 2).sum())
-        near = [k for k in np.argsort(floors) if k not in first and floors[k] <= FAR * floors[best]]
-        others = [ends[finite[k]] for k in near]
-        return Methods([ends[k] for k in order], others, float(floors[best]), every, alone)
 
     def may_close(self, series: Block, best: Fit) -> bool:
         """Whether the best method with all causes leaves about as little as the series with its best ones."""
@@ -66,12 +69,9 @@ def alike(r: Array, best: int, rounding: float) -> NDArray[np.intp]:
     count = r.shape[0] * r.shape[1]
     odds = 0.5 * count / autocorrelation_time(r[:, :, best]) * np.log(floors / floors[best])
     # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
-    low = min(rounding * count, ROUNDED * floors[best])
+    low = min(rounding * count, KNOWN * floors[best])
     return np.flatnonzero((odds < EQUAL) | (floors <= low))
 
-
-ROUNDED = 4.0
-"""Ratio of sums of squares of rounding up to which they are alike."""
 
 SERIES = 4.0
 """Ratio of sums of squares from which on a method's map is not compared any more with the series."""
@@ -83,3 +83,98 @@ def log_evidence(a: Block, fit_a: Fit, b: Block, fit_b: Fit) -> float:
         autocorrelation_time(x.residual(fit.coefficients)) for x, fit in ((a, fit_a), (b, fit_b))
     )
     return a.evidence(fit_a, tau) - b.evidence(fit_b, tau)
+
+
+def closest(at: Regression, pairs: Sequence[tuple[Map, Observations]]) -> Methods | None:
+    """Those by which rows follow most closely beside all causes, each at states of its own."""
+    Phi = at.innovations.Phi
+    errors = [at.point.errors(of.end, Phi, log) for of, log in pairs]
+    finite = [k for k, w in enumerate(errors) if np.isfinite(w).all()]
+    if not finite:
+        return None
+    ends = [pairs[k][0] for k in finite]
+    r, _ = at.innovations(np.stack([errors[k] for k in finite], axis=2))
+    y = r.reshape(-1, len(finite))
+    X = at.D.reshape(len(y), at.D.shape[2])
+    residual = y - X @ least_squares(X.T @ X, X.T @ y)
+    floors = np.maximum((residual**2).sum(axis=0), 1e-300)
+    every = np.full(len(pairs), np.inf)
+    every[finite] = floors
+    best = int(np.argmin(floors))
+    first = alike(residual.reshape(r.shape), best, pairs[0][1].rounding)
+    # Those that need no causes come first.
+    first = first[np.argsort((y[:, first] ** 2).sum(axis=0), kind="stable")]
+    near = [k for k in np.argsort(floors) if k not in first and floors[k] <= FAR * floors[best]]
+    alone = float((y[:, best] ** 2).sum())
+    ends, others = ([ends[k] for k in some] for some in (first, near))
+    return Methods(ends, others, float(floors[best]), every, alone)
+
+
+def maps_by_parts(at: Regression, series: Block, best: Fit) -> Iterator[Map]:
+    """Maps where several steps of unknown length lie between rows, as the series' numbers say."""
+    point, flow = at.point, at.point.flow
+    if point.run.provenance.step is not None or flow.plant.n > MOST_SPEEDS:
+        return
+    (c, covariance), some = series.numbers(best), slice(0, len(FIELDS))
+    for method, k in parted(c[some], covariance[some, some], PARTS, flow.plant.damped):
+        intervals, force = point.log.intervals, point.forces.between
+        yield from maps(flow.plant, intervals, force, flow.counts, k, [method])
+
+
+def by_own_steps(at: Regression, methods: Methods) -> Methods:
+    """The methods, with the floor that causes leave in their own steps where the series' leave some."""
+    low, high = SQUARES * methods.alone, SOME * methods.alone
+    if not len(at.point.coefficients) or not low < methods.floor < high:
+        return methods
+    blocks = [at.beside(of) for of in [*methods.ends, *methods.others][:ALIKE]]
+    return replace(methods, floor=min(block.floor * block.count for block in blocks))
+
+
+def best_of(
+    at: Regression, methods: Methods, before: Posterior | None, measured: Posterior | None
+) -> tuple[list[Map], Block, Posterior]:
+    """The best of methods that are alike beside all causes, and those that are so beside its own.
+
+    All causes together imitate a method that is near the right one, few do not: where none explains what
+    all do, those near are tried as well. Causes are those `measured` by accelerations, if there are any.
+    """
+    trials, ends = list[tuple[Block, Posterior]](), methods.ends
+    for of in [*ends, *methods.others][:ALIKE]:
+        block = at.beside(of)
+        trials.append((block, measured or searched(at, block, before)))
+        misfit = block.misfit(trials[-1][1].best.coefficients)
+        explained = misfit <= max(FAR * methods.floor, block.least)
+        if explained and (len(trials) >= len(ends) or not trials[-1][1].best.chosen):
+            break
+    ends = [*ends, *methods.others][: max(len(ends), len(trials))]
+    k = _likeliest(at, trials)
+    best, own = trials[k]
+    point, Phi = at.point, at.innovations.Phi
+    change = own.best.coefficients - point.coefficients
+    moved = at.moved_by(at.numbers, point.log.steps) @ change
+    white, _ = at.innovations(np.stack([point.errors(of.end, Phi) - moved for of in ends], axis=2))
+    likely = alike(white, k, point.log.rounding)
+    return [ends[k], *(ends[i] for i in likely if i != k)], best, own
+
+
+def _likeliest(at: Regression, trials: Sequence[tuple[Block, Posterior]]) -> int:
+    """Which of several methods, each with the causes beside it, is the likeliest.
+
+    Odds of a cause are those against all methods without it. What another method makes of it as likely,
+    and much smaller, is what that does otherwise.
+    """
+    k = 0
+    for i, (block, posterior) in enumerate(trials):
+        best, own = trials[k]
+        more = np.sign(len(posterior.best.chosen) - len(own.best.chosen))
+        if log_evidence(block, posterior.best, best, own.best) > more * CERTAIN:
+            k = i
+    best, own = trials[k]
+    energy = at.exchanged(own.best)[0].max(initial=0.0)
+    for i, (block, _) in enumerate(trials):
+        fit = fitted((block,), own.best.chosen) if i != k and own.best.chosen else None
+        if fit is None or log_evidence(block, fit, best, own.best) < -CERTAIN:
+            continue
+        if at.exchanged(fit)[0].max() < SLIGHT * energy:
+            return i
+    return k

@@ -35,6 +35,13 @@ class Rows:
         """Some of them."""
         return Rows(self.t[rows], self.q[rows], self.u[rows], self.F[rows])
 
+    def replaced(self, rows: NDArray[np.intp], own: Rows) -> Rows:
+        """The same with others in the place of some of them."""
+        columns = [np.array(x) for x in (self.t, self.q, self.u, self.F)]
+        for x, y in zip(columns, (own.t, own.q, own.u, own.F), strict=True):
+            x[rows] = y
+        return Rows(*columns)
+
     @staticmethod
     def join(parts: Sequence[Rows]) -> Rows:
         """Rows of several, one after the other."""
@@ -343,17 +350,22 @@ class Model:
             w = at.u[:, j : j + 3]
             J[:, j + 1, j + 2], J[:, j + 2, j], J[:, j, j + 1] = w[:, 0], w[:, 1], w[:, 2]
             J[:, j + 2, j + 1], J[:, j, j + 2], J[:, j + 1, j] = -w[:, 0], -w[:, 1], -w[:, 2]
-        moved, sizes, one = [at], list[float](), np.ones((count, 1))
-        for k, e in enumerate(np.eye(n)[:, None]):
-            d = JACOBIAN_DIFFERENCE
-            speed = d * (1.0 + float(np.nanmax(np.abs(at.u[:, k]), initial=0.0)))
-            q = self.moved(at.q, np.broadcast_to(e, at.u.shape), d * one)
-            moved += [Rows(at.t, q, at.u, at.F), Rows(at.t, at.q, at.u + speed * e, at.F)]
-            sizes += [d, speed]
-        here, *ends = self.at_each(moved)
+        states, sizes = self.neighbours(at, JACOBIAN_DIFFERENCE)
+        here, *ends = self.at_each([at, *states])
         for k, (end, d) in enumerate(zip(ends, sizes, strict=True)):
-            J[:, n:, k // 2 + n * (k % 2)] = (end - here) / d
+            J[:, n:, k] = (end - here) / d
         return J
+
+    def neighbours(self, at: Rows, size: float) -> tuple[list[Rows], list[float]]:
+        """States displaced along each component, and by how much; by `size` at states of unit size."""
+        states, sizes = list[Rows](), [size] * self.n
+        for e in np.eye(self.n)[:, None]:
+            q = self.moved(at.q, np.broadcast_to(e, at.u.shape), np.full((len(at.t), 1), size))
+            states.append(Rows(at.t, q, at.u, at.F))
+        for k, e in enumerate(np.eye(self.n)[:, None]):
+            sizes.append(size * (1.0 + float(np.nanmax(np.abs(at.u[:, k]), initial=0.0))))
+            states.append(Rows(at.t, at.q, at.u + sizes[-1] * e, at.F))
+        return states, sizes
 
 
 def _constrained(M: Array, G: Array, force: Array) -> Array:

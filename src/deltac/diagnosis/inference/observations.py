@@ -1,17 +1,15 @@
-"""A log as observations: stretches of consecutive rows, the noise of each number, forces between rows."""
+"""A log as observations: stretches of consecutive rows, the noise of each number, the steps between rows."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, Array
-from deltac.diagnosis.inference.flow import Prediction
-from deltac.diagnosis.inference.forces import FORCES, LoggedForce
+from deltac.diagnosis.inference.integrators import WHOLE, step_of, steps_between
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.digits import digits_of, white_noise
@@ -29,6 +27,9 @@ class Observations:
     force_noise  of the forces (N, m)
     unknown      components of the state that the log does not have: speeds made of coordinates (2n,)
     beyond       the rows less the states at the starts and ends of the intervals, (N, 2n): none at first
+    duration     of the whole log, s
+    step         of the integrator, s
+    counts       its steps (N,) in each interval; None where these are not whole
     """
 
     intervals: Intervals
@@ -39,10 +40,37 @@ class Observations:
     force_noise: Array
     unknown: NDArray[np.bool_]
     beyond: tuple[Array, Array]
+    duration: float
+    step: float
+    counts: NDArray[np.intp] | None
 
-    def shift(self, Phi: Array) -> Array:
-        """What the rows beyond the states at which the flow is taken add to prediction errors (N, 2n)."""
-        return np.asarray(self.beyond[1] - np.einsum("kij,kj->ki", Phi, self.beyond[0]))
+    @property
+    def whole(self) -> float:
+        """Time of the whole log over that of the intervals."""
+        return self.duration / float(self.intervals.h.sum())
+
+    @property
+    def thinned(self) -> NDArray[np.bool_]:
+        """Intervals (N,) that are longer than a step."""
+        return np.asarray(self.intervals.h[:, 0] > EVERY_STEP * self.step)
+
+    @property
+    def steps(self) -> Array:
+        """The integrator's step (N, 1) in each interval, s."""
+        h = self.intervals.h
+        if self.counts is None or np.ptp(h) <= WHOLE * self.step:
+            return np.asarray(np.minimum(self.step, h))
+        return np.asarray(h / self.counts[:, None])
+
+    def errors(self, model: Model, end: Rows, Phi: Array) -> Array:
+        """Prediction errors (N, 2n) by the ends of a flow, or of a method's map, with its derivatives Φ.
+
+        What the rows are beyond the states at which the flow is taken adds to them.
+        """
+        w = model.difference(end, self.intervals.end)
+        if not self.unknown.any():
+            return w
+        return np.asarray(w + (self.beyond[1] - np.einsum("kij,kj->ki", Phi, self.beyond[0])))
 
     def innovations(self, Phi: Array, Q: Array) -> Innovations:
         """The whitener of prediction errors with these transition matrices and process noise."""
@@ -74,10 +102,17 @@ class Observations:
         noise, digits, beyond = (
             (x[0][kept], x[1][kept]) for x in (self.noise, self.digits, self.beyond)
         )
-        return Observations(
-            self.intervals.take(kept), pieces, edges, noise, digits, self.force_noise[kept],
-            self.unknown, beyond,
-        )  # fmt: skip
+        return replace(
+            self,
+            intervals=self.intervals.take(kept),
+            pieces=pieces,
+            rows=edges,
+            noise=noise,
+            digits=digits,
+            force_noise=self.force_noise[kept],
+            beyond=beyond,
+            counts=None if self.counts is None else self.counts[kept],
+        )
 
     def running(self, x: Array) -> Array:
         """Running sums (N, …) of what each interval adds, x; gaps add by the mean rates on both sides."""
@@ -127,6 +162,9 @@ class Observations:
         return replace(self, noise=tuple(np.maximum(d, noise) for d in self.digits))
 
 
+EVERY_STEP = 1.01
+"""Rows further apart than so many steps of the integrator are not all of its steps."""
+
 FINEST = 1e-6
 """Least noise of a column as a share of its prediction errors: what is finer is not needed, and covariances
 keep their digits."""
@@ -170,17 +208,23 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
     ]
     ends = np.cumsum([0, *(b - a - 1 for a, b in edges)]).tolist()
     both = noise[starts], noise[starts + 1]
+    intervals = Intervals(
+        all_rows.take(starts), all_rows.take(starts + 1), model.stages(run, chosen[starts])
+    )
+    declared = run.provenance.step
+    step = min(declared or step_of(intervals.h), float(np.median(intervals.h)))
     return Observations(
-        Intervals(
-            all_rows.take(starts), all_rows.take(starts + 1), model.stages(run, chosen[starts])
-        ),
-        list(zip(ends, ends[1:], strict=False)),
-        edges,
-        both,
-        both,
-        np.concatenate(of_F, axis=1)[starts],
-        np.repeat([False, derived], model.n),
-        (np.zeros_like(both[0]), np.zeros_like(both[0])),
+        intervals=intervals,
+        pieces=list(zip(ends, ends[1:], strict=False)),
+        rows=edges,
+        noise=both,
+        digits=both,
+        force_noise=np.concatenate(of_F, axis=1)[starts],
+        unknown=np.repeat([False, derived], model.n),
+        beyond=(np.zeros_like(both[0]), np.zeros_like(both[0])),
+        duration=float(run.t[-1] - run.t[0]),
+        step=step,
+        counts=steps_between(intervals.h, declared and step),
     )
 
 
@@ -229,94 +273,3 @@ def _unknown_speeds(run: Trajectory, which: NDArray[np.intp]) -> Array:
     """Standard deviations (T, n) of speeds that were made of the coordinates: the change over a row."""
     rate = np.gradient(run.u[:, which], axis=0)
     return np.broadcast_to(np.sqrt(np.mean(rate**2, axis=0)) + EPS, rate.shape)
-
-
-# --- forces between rows -------------------------------------------------------------------------
-
-
-def unit_responses(model: Model, at: Rows) -> Iterator[Array]:
-    """What a unit of each logged force adds to the accelerations (N, n)."""
-    base = model.at(at)
-    for k in range(at.F.shape[1]):
-        d = 1e-3 * (1.0 + np.abs(at.F[:, k]).max())
-        F = at.F.copy()
-        F[:, k] += d
-        yield (model.acceleration(at.t, at.q, at.u, F) - base) / d
-
-
-def unknown(
-    model: Model,
-    log: Observations,
-    flow: Prediction,
-    force: LoggedForce,
-    kinds: Sequence[str],
-    w: Array,
-    thinned: NDArray[np.bool_],
-) -> tuple[Array, Array, Array]:
-    """Covariances (N, 2n, 2n) of what the flow does not know: own, between rows, across constraints.
-
-    Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep
-    them. In intervals of which a step is lost (`thinned`, N) a force may have taken any way from one row to
-    the next: by its change, uniformly. In others, one that is smooth (`kinds`) may differ from its spline.
-    """
-    n, h, at = model.n, log.intervals.h, flow.nodes[0]
-    Q = np.zeros((len(h), 2 * n, 2 * n))
-    diagonal = np.arange(2 * n)
-    Q[:, diagonal, diagonal] = flow.error**2
-    coarse = np.any(log.force_noise > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
-    smooth = np.array([FORCES[kind][2] > 0.0 for kind in kinds], dtype=bool)
-    doubt = np.where(smooth, force.doubt, 0.0)
-    some = coarse.any() or thinned.any() or doubt.any()
-    own, moves = list[Array](), list[Array]()
-    for k, response in enumerate(unit_responses(model, at) if some else ()):
-        du = response * h * log.force_noise[:, k : k + 1]
-        own.append(np.concatenate([0.5 * h * du, du], axis=1))
-        bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
-        lost = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
-        size = np.where(thinned, lost, doubt[:, k])
-        if size.any():
-            du = response * (h[:, 0] * size)[:, None]
-            moves.append(np.concatenate([0.5 * h * du, du], axis=1))
-            moves.append(np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1))
-    Q, between = Q + _outer(own, Q), _outer(moves, Q)
-    across = np.zeros_like(Q)
-    if model.rows_of_G:
-        M, G = model.matrices(at.t, at.q)
-        directions, _ = np.linalg.qr(np.linalg.solve(M, G.transpose(0, 2, 1)))
-        size = ACROSS * np.sqrt(np.mean(w**2, axis=0) + np.mean(log.noise[0] ** 2, axis=0)).max()
-        across[:, :n, :n] = across[:, n:, n:] = size**2 * directions @ directions.transpose(0, 2, 1)
-    return Q, between, across
-
-
-def _outer(columns: Sequence[Array], like: Array) -> Array:
-    """Σ x xᵀ (N, 2n, 2n) of columns x (N, 2n)."""
-    if not columns:
-        return np.zeros_like(like)
-    X = np.stack(columns, axis=2)
-    return np.asarray(X @ X.transpose(0, 2, 1))
-
-
-def rates(J: Array) -> Array:
-    """About the spectral radii (N, 1) of ∂f/∂x."""
-    J2 = J @ J
-    return np.asarray(np.linalg.norm(J2 @ J2, axis=(1, 2))[:, None] ** 0.25)
-
-
-def remainder(J: Array, first: Array, h: Array, step: Array) -> Array:
-    """Standard deviations (N, 2n) of what the series in the step leaves out, interval by interval.
-
-    Along a field of first order, (N, 2n, k), terms beyond third order are to it as those of e^ρ − 1 are to ρ,
-    ρ the step times the spectral radius of ∂f/∂x, and at most as large: an onset of friction or contact tells
-    little.
-    """
-    rho = np.minimum(step * rates(J), STIFF)
-    beyond = sum(rho**k / factorial(k + 1) for k in range(3, 12))
-    return np.asarray(np.minimum(beyond, 1.0) * h * np.abs(first).max(axis=2))
-
-
-STIFF = 3.0
-"""A step times the spectral radius from which on the series says nothing."""
-
-ACROSS = 1e3
-"""How much more than the prediction errors a solver may do across the constraints: nothing is told by
-these."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -12,8 +11,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.causes.columns import ColumnKernels
-from deltac.diagnosis.inference.attribution import Attribution
-from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Fit, Posterior
+from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Posterior, deviation
 from deltac.diagnosis.inference.integrators import Integrator, IntegratorEstimate
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.observations import Observations
@@ -30,6 +28,43 @@ COLOURED = 0.1
 
 OF_THE_LOG = ("actuator-delay", "late-forces", "late-laws", "zero-offset")
 """Causes that leave the equations as they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Share:
+    """A part of ΔC, J: `energy` at the end with its standard `error`; `curve`s along the rows."""
+
+    curve: Array
+    curve_error: Array
+
+    @property
+    def energy(self) -> float:
+        """At the end, J."""
+        return float(self.curve[-1])
+
+    @property
+    def error(self) -> float:
+        """Standard error at the end, J."""
+        return float(self.curve_error[-1])
+
+    @property
+    def largest(self) -> tuple[float, float]:
+        """The largest |curve| with its standard error, J."""
+        k = int(np.argmax(np.abs(self.curve)))
+        return float(abs(self.curve[k])), float(self.curve_error[k])
+
+
+@dataclass(frozen=True, eq=False)
+class Attribution:
+    """ΔC in joules of the integrator, of mistakes in the equations, and of the log.
+
+    Their sum is ΔC of the rows. `t` (T,) are the times of the curves.
+    """
+
+    t: Array
+    integrator: Share
+    equations: Share
+    log: Share
 
 
 @dataclass(frozen=True)
@@ -189,14 +224,3 @@ class Inference:
     def deviation(self, c: Candidate) -> float:
         """Standard error of the number of a cause of one, beside the best causes."""
         return deviation(self.blocks, c, self.posterior.best, self.tau)
-
-
-def deviation(blocks: Sequence[Block], c: Candidate, best: Fit, tau: float) -> float:
-    """Standard error of the number of a cause of one, beside those of a fit."""
-    columns, L = list(c.columns), c.linear[:, 0]
-    information = 0.0
-    for b in blocks:
-        p = b.projected
-        variance = p.left(best.coefficients) / b.count
-        information += float(L @ p.A[np.ix_(columns, columns)] @ L) / variance
-    return float(np.sqrt(tau / information)) if information > 0.0 else np.inf

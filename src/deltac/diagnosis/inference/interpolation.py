@@ -1,0 +1,220 @@
+"""How logged forces act between the rows, by likelihood: held, ramped or smooth, or through a filter.
+
+What a force does otherwise between two rows is a column beside the integrator's fields and the best causes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.inference.comparison import LESS, Comparison, compared
+from deltac.diagnosis.inference.forces import FORCES, HELD, InterpolatedForces, impulse
+from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, Fit, autocorrelation_time, nothing
+from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, Point
+from deltac.diagnosis.inference.methods import PARTS
+
+DELAYS, SPREADS = (-8, -4, -2, 0, 2, 4, 8), (0.5, 1, 2, 4)
+"""Delays and deviations, in rows, of filters of forces that are compared: enough to linearise at."""
+
+WITHIN_A_ROW = 1.0
+"""Delays and deviations, in rows, up to which forces are held or ramped from row to row."""
+
+BEYOND = 1.5
+"""Delay, in that of a force that is held twice in each interval, beyond which it is the log's."""
+
+SINGLY = 12
+"""Columns of logged forces up to which each is asked on its own."""
+
+
+def with_likeliest_forces(point: Point, best: Fit | None = None) -> Point:
+    """The point at which forces act as is likeliest beside causes, or beside none; itself if they do so."""
+    if point.forces.filter is not None or point.forces_known:
+        return point
+    best = best or nothing(len(point.coefficients))
+    for _ in range(RELINEARISATIONS):
+        forces = _likeliest_forces(point, best)
+        same = forces.kinds == point.forces.kinds
+        if same and np.array_equal(forces.logged.counts, point.forces.logged.counts):
+            break
+        # What forces do otherwise between rows looked like noise of the rows.
+        point = point.with_flow(forces=forces).with_noise_of_rows().with_process_noise()
+    return point
+
+
+def with_filter(point: Point, best: Fit) -> Point:
+    """The point at which forces go through a filter that has odds beside causes; itself if none has.
+
+    States that were filtered move as if the forces were.
+    """
+    if point.forces.filter is not None or point.forces_known:
+        return point
+    likeliest = _likeliest_filter(point, best)
+    if likeliest is None:
+        return point
+    return point.filtered(*likeliest).with_columns().with_process_noise()
+
+
+def closed_by_other_forces(comparison: Comparison) -> Comparison:
+    """The comparison with forces that are held, or straight between rows, if a method closes the rows then.
+
+    With a mistake in the rows the likelihood without its cause does not tell how forces act: what it does
+    is smooth, and kinks of forces are noise.
+    """
+    point, likeliest = comparison.point, comparison
+    if point.forces.filter is not None or point.forces_known:
+        return comparison
+    for kind in ("start", "ramp"):
+        forces = point.forces.alike(kind)
+        if forces.kinds == point.forces.kinds:
+            continue
+        moved = point.with_flow(forces=forces).with_noise_of_rows()
+        if np.any(LESS * moved.log.noise[1] < point.log.noise[1]):
+            other = compared(moved.with_process_noise())
+            if other.closing and other.evidence > likeliest.evidence:
+                likeliest = other
+    return likeliest
+
+
+def held_as_in(comparison: Comparison) -> Point:
+    """The point at which forces are held if the method takes those of each row alone; itself if they are.
+
+    Between rows they are not seen then; whoever computes them once a step holds them. Who takes those of the
+    next row does not: they are functions of time.
+    """
+    point, later, counts = comparison.point, comparison.methods[0].later, comparison.counts
+    held = "step" if counts.max() > 1 else "start"
+
+    def acting(kind: str) -> str:
+        if later:
+            return "ramp" if kind == "end" else kind
+        return held if FORCES[kind][0] == 0.0 and kind not in HELD else kind
+
+    forces = point.forces.of([acting(kind) for kind in point.forces.kinds])
+    if forces.kinds == point.forces.kinds or forces.filter is not None:
+        return point
+    return point.with_flow(forces=forces if "step" in point.forces.kinds else forces.held(counts))
+
+
+def _likeliest_forces(point: Point, best: Fit) -> InterpolatedForces:
+    """How each logged force acts between two rows, by the likelihood beside the best causes."""
+    held, forces = _times_held(point), point.forces
+    stairs = forces.held(held[0]) if held and "step" not in forces.kinds else forces
+    kinds = [kind for kind in FORCES if kind != "step"]
+    parts = [stairs.logged.parts(s) for s in np.linspace(0.0, 1.0, 5)]
+    columns = [
+        impulse(response, np.array([part[which][:, k] for part in parts]), point.log.intervals.h)
+        for k, response in enumerate(point.flow.force_responses)
+        for which in range(4)
+    ]
+    trial = _beside(point, best, columns)
+    p = trial.projected
+    gram = np.block([[np.array([[p.rss]]), p.b[None]], [p.b[:, None], p.A]])
+    tau = autocorrelation_time(trial.residual(np.linalg.pinv(p.A, rcond=1e-10) @ p.b))
+    current = np.array([FORCES[kind] for kind in forces.kinds])
+    laws = [FORCES[kind] for kind in kinds]
+    laws += [(0.0, 1.0, 1.0, float(np.mean(stairs.logged.counts / counts))) for counts in held]
+    own = [kinds.index(kind) if kind else -1 for kind in forces.declared]
+    chosen = _likeliest_laws(gram, trial.count / tau, own, current, np.array(laws), len(kinds))
+    steps = [k - len(kinds) for k in chosen if k >= len(kinds)]
+    if steps:
+        forces = forces.held(held[steps[0]])
+    return replace(forces, kinds=tuple("step" if k >= len(kinds) else kinds[k] for k in chosen))
+
+
+def _times_held(point: Point) -> list[NDArray[np.intp]]:
+    """How often (N,) forces may have been held in each interval, where rows are not all steps.
+
+    A controller may be asked in every step, or in every few.
+    """
+    counts = point.log.counts
+    ones = np.ones(len(point.log.intervals), dtype=np.intp)
+    if counts is not None and counts.max() > 1:
+        n = int(counts[0])
+        return [counts] + [
+            n // k * ones for k in PARTS if np.all(counts == n) and not n % k and n > k
+        ]
+    return [k * ones for k in PARTS] if point.run.provenance.step is None else []
+
+
+def _likeliest_filter(point: Point, best: Fit) -> tuple[float, float] | None:
+    """Delay and deviation (s) of a filter of all forces that has odds; None for none."""
+    if not any(c.kind == "late-forces" for c in point.candidates):
+        return None
+    log, forces = point.log, point.forces
+    h, nodes = float(np.median(log.intervals.h)), np.linspace(0.0, 1.0, 5)
+    now = np.stack([forces.between(s) for s in nodes])
+    filters = [(d * h, s * h) for d in DELAYS for s in SPREADS if max(abs(d), s) > WITHIN_A_ROW]
+    columns = [np.zeros_like(log.noise[0]) for _ in filters]
+    for column, filter_ in zip(columns, filters, strict=True):
+        other, _ = forces.filtered(log.intervals, log.pieces, *filter_)
+        change = np.stack([other.between(s) for s in nodes]) - now
+        for k, response in enumerate(point.flow.force_responses):
+            column += impulse(response, change[:, :, k], log.intervals.h)
+    trial = _beside(point, best, columns)
+    p = trial.projected
+    rss = np.maximum(p.rss - 2.0 * p.b + np.diag(p.A), 1e-300)
+    k = int(np.argmin(rss))
+    tau = autocorrelation_time(trial.residual(np.eye(len(rss))[k]))
+    odds = 0.5 * trial.count / tau * np.log(p.rss / rss[k]) - np.log(len(rss))
+    return filters[k] if odds > CERTAIN else None
+
+
+def _beside(point: Point, best: Fit, columns: list[Array]) -> Block:
+    """Whitened prediction errors with columns (N, 2n), beside the integrator's fields and causes."""
+    tangent, prior = point.tangent, point.tangent.prior
+    along = np.column_stack([best.tangent, point.coefficients])
+    own = zip(tangent.fields, point.columns, strict=True)
+    B = tangent.transported([np.concatenate([a, b @ along], axis=2) for a, b in own])
+    w = point.errors(point.flow.end, tangent.Phi)[:, :, None]
+    w, B = w + B[:, :, -1:], B[:, :, :-1]
+    everything = [w, B, np.stack(columns, axis=2)]
+    innovations = point.log.innovations(tangent.Phi, point.noise.total)
+    white, _ = innovations(np.concatenate(everything, axis=2))
+    count = B.shape[2]
+    prior = np.concatenate([prior, np.full(count - len(prior), 1e6)])
+    places = count + np.arange(len(columns))
+    return Block(white[:, :, 0], white[:, :, 1:], np.arange(count), prior, places)
+
+
+def _likeliest_laws(
+    gram: Array, rows: float, declared: Sequence[int], current: Array, laws: Array, shared: int
+) -> list[int]:
+    """Which law each logged force follows between rows, by the Gram matrix of innovations and force columns.
+
+    All the same one, which the likelihood chooses; one another where that has odds of its own. The laws from
+    `shared` on hold for all or none: they are stairs, each of another delay. A `declared` law of −1 is not
+    known, and stays what it is if nothing tells.
+    """
+
+    def rss(which: Sequence[int]) -> float:
+        x = np.concatenate([[1.0], (current - laws[list(which)]).ravel()])
+        return max(float(x @ gram @ x), 1e-14 * float(gram[0, 0]) + 1e-300)
+
+    def alike(law: int) -> list[int]:
+        return [law if d < 0 else d for d in declared]
+
+    before = [int(np.argmin(np.abs(laws - own).sum(axis=1))) for own in current]
+    best = min(map(alike, range(len(laws))), key=rss)
+    if max(best, default=0) >= shared:
+        # A delay beyond that of two steps is of the log, as that of a filter is.
+        x = np.concatenate([[1.0], (current - laws[best]).ravel()])
+        delay = np.zeros_like(laws[best])
+        delay[:, 3] = np.array(declared) < 0
+        y = gram @ np.concatenate([[0.0], delay.ravel()])
+        further = float(x @ y) / max(float(y[1:] @ delay.ravel()), 1e-300)
+        if laws[max(best), 3] + further > BEYOND * laws[shared:, 3].max():
+            best = min(map(alike, range(shared)), key=rss)
+    if 0.5 * rows * np.log(rss(before) / rss(best)) < CERTAIN:
+        best = before
+    for k in range(len(declared) if len(declared) <= SINGLY else 0):
+        if declared[k] < 0:
+            other = min(([*best[:k], law, *best[k + 1 :]] for law in range(shared)), key=rss)
+            price = CERTAIN + np.log(len(laws) * len(declared))
+            if 0.5 * rows * np.log(rss(best) / rss(other)) > price:
+                best = other
+    return best

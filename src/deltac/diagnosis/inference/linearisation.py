@@ -1,0 +1,561 @@
+"""A log linearised at a point: a flow between its rows, and what errors, integrators and causes do along it.
+
+Fields and causes are columns at the nodes of the flow; the variational equation takes them to the end of each
+interval. What the flow does not know is process noise: its own error, digits and noise of logged forces, what
+these do between the rows, what a solver does across constraints, and what a series in the step leaves out.
+
+A point is a value. Other states or noise of the rows, forces that act otherwise between them, and causes in
+the equations give another one. What these hardly change it shares with the one before, such as the tangent
+where only forces between the rows are others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import factorial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.causes.causes import Candidate, candidates
+from deltac.diagnosis.causes.columns import Column, ColumnKernels, LogEquations
+from deltac.diagnosis.inference.fields import (
+    FIELDS,
+    FIRST_ORDER,
+    PRIOR,
+    elementary_differentials,
+    next_order,
+)
+from deltac.diagnosis.inference.flow import Prediction, composed, predict, transitions, transported
+from deltac.diagnosis.inference.forces import FORCES, InterpolatedForces, LoggedForce
+from deltac.diagnosis.inference.hypotheses import ACTIVE, Block, Posterior
+from deltac.diagnosis.inference.integrators import EXACT, Integrator, Map, maps
+from deltac.diagnosis.inference.model import Intervals, Model, Rows
+from deltac.diagnosis.inference.observations import Observations
+from deltac.diagnosis.measurements.kinematics import trusted
+from deltac.trajectories import Trajectory
+
+SHARES = (0.0, 0.01, 0.1, 1.0)
+"""Shares of what forces may have done between the rows of a thinned log that are compared by likelihood."""
+
+STIFF = 3.0
+"""A step times the spectral radius from which on the series says nothing."""
+
+ACROSS = 1e3
+"""How much more than the prediction errors a solver may do across the constraints: nothing is told by
+these."""
+
+RELINEARISATIONS = 3
+"""Times at most that a log is linearised anew: by forces that are likelier between the rows, and with causes
+in the equations (Gauss–Newton)."""
+
+LOST = 0.3
+"""Share of the intervals that may be lost where the model has no finite motion."""
+
+COLUMNS_OF_THE_LOG = ("delay", "law", "offset")
+"""Columns of causes that leave the equations as they are."""
+
+
+class FlowError(ArithmeticError):
+    """The equations of motion have no finite solution from some rows of a log on."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """How each row follows from the one before: by the exact flow, and by the maps of methods.
+
+    plant      the model, perhaps with causes in its equations
+    intervals  between the rows, or between the states at these
+    forces     logged ones between them
+    noise      standard deviations (N, 2n) of the rows at the ends: the flow is more exact than that
+    counts     steps (N,) of the integrator in each interval; None where these are not whole
+    steps      of the flow in each interval; 0: as many as it needs
+    methods    whose maps are compared; all where empty
+    """
+
+    plant: Model
+    intervals: Intervals
+    forces: InterpolatedForces
+    noise: Array
+    counts: NDArray[np.intp] | None
+    steps: int = 0
+    methods: tuple[Integrator, ...] = ()
+
+    @cached_property
+    def prediction(self) -> Prediction:
+        """The exact flow of the plant."""
+        forces = self.forces
+        return predict(
+            self.plant, self.intervals, forces.between, self.noise, self.steps, forces.parts
+        )
+
+    @property
+    def nodes(self) -> tuple[Rows, ...]:
+        """States at equal fractions of each interval."""
+        return self.prediction.nodes
+
+    @property
+    def end(self) -> Rows:
+        """The predictions of the next rows."""
+        return self.prediction.end
+
+    @cached_property
+    def w(self) -> Array:
+        """What the next rows, or the states at these, are beyond the predictions (N, 2n)."""
+        return self.plant.difference(self.end, self.intervals.end)
+
+    @cached_property
+    def maps(self) -> list[Map]:
+        """Maps of methods by which the rows may follow from each other; the last is that of the flow."""
+        own = maps(self.plant, self.intervals, self.forces.between, self.counts, 1, self.methods)
+        return [*own, Map(EXACT, np.ones(len(self.intervals), dtype=np.intp), self.end)]
+
+    def at(self, log: Observations, **changes: Any) -> Flow:
+        """The flow between the states of a log, in as many steps; of another plant, or by other forces."""
+        return replace(
+            self,
+            intervals=log.intervals,
+            noise=log.noise[1],
+            counts=log.counts,
+            steps=self.steps or len(self.nodes) - 1,
+            **changes,
+        )
+
+    @cached_property
+    def force_responses(self) -> list[Array]:
+        """What a unit of each logged force adds to the accelerations at the rows (N, n)."""
+        at, first = self.intervals.start, self.forces.logged.first
+        here, responses = self.plant.acceleration(at.t, at.q, at.u, first), list[Array]()
+        for k in range(first.shape[1]):
+            d = 1e-3 * (1.0 + np.abs(first[:, k]).max())
+            F = first + d * (np.arange(first.shape[1]) == k)
+            responses.append((self.plant.acceleration(at.t, at.q, at.u, F) - here) / d)
+        return responses
+
+
+@dataclass(frozen=True, eq=False)
+class Tangent:
+    """What small errors and the fields of an integrator do along a flow.
+
+    h            lengths (N, 1) of the intervals, s
+    J            ∂f/∂x (N, 2n, 2n) at each node
+    fields       the integrator's (N, 2n, fields) at each node, times their powers of the step
+    transitions  Φ (N, 2n, 2n) from each node to the next
+    """
+
+    h: Array
+    J: list[Array]
+    fields: list[Array]
+    transitions: list[Array]
+
+    @staticmethod
+    def of(flow: Flow, log: Observations) -> Tangent:
+        """The tangent at the nodes of a flow."""
+        plant, pieces, step = flow.plant, log.pieces, log.steps
+        J, fields = list[Array](), list[Array]()
+        for at in flow.nodes[:-1]:
+            J.append(plant.jacobian(at))
+            own = elementary_differentials(plant, at, step)
+            further = [next_order(J[-1][a:b], own[a:b], at.t[a:b], step[a:b]) for a, b in pieces]
+            fields.append(np.concatenate([own, np.concatenate(further)], axis=2))
+        last = _last(pieces)
+        ends = flow.end.take(last)
+        own = elementary_differentials(plant, ends, step[last])
+        end = np.concatenate([own, fields[0][last][:, :, own.shape[2] :]], axis=2)
+        J = _at_nodes(pieces, J, plant.jacobian(ends))
+        h = log.intervals.h
+        return Tangent(h, J, _at_nodes(pieces, fields, end), transitions(h, J))
+
+    @cached_property
+    def Phi(self) -> Array:
+        """Φ (N, 2n, 2n) over whole intervals."""
+        return composed(self.transitions)
+
+    @cached_property
+    def rates(self) -> Array:
+        """About the spectral radii (N, 1) of ∂f/∂x at the starts of the intervals, 1/s."""
+        J2 = self.J[0] @ self.J[0]
+        return np.asarray(np.linalg.norm(J2 @ J2, axis=(1, 2))[:, None] ** 0.25)
+
+    def transported(self, columns: list[Array]) -> Array:
+        """What columns at the nodes add to the ends of the intervals (N, 2n, p)."""
+        return transported(self.h, self.transitions, columns)
+
+    @property
+    def count(self) -> int:
+        """Fields of the integrator."""
+        return int(self.fields[0].shape[2])
+
+    @property
+    def prior(self) -> Array:
+        """Standard deviations of the numbers of the fields before the log is seen."""
+        orders = [f.order for f in FIELDS] + [3] * (self.count - len(FIELDS))
+        return np.array([PRIOR[order] for order in orders])
+
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        """Intervals (N,) in which all of this is finite."""
+        each = [np.isfinite(x).reshape(len(x), -1).all(axis=1) for x in (*self.J, *self.fields)]
+        return np.asarray(np.all(each, axis=0))
+
+
+# --- causes ---
+
+
+def cause_columns(flow: Flow, log: Observations, kernels: Sequence[ColumnKernels]) -> list[Array]:
+    """What a unit of each cause adds to ẋ, G_j = (0, M⁻¹x_j) (N, 2n, P), at the nodes of a flow."""
+    intervals, pieces, plant = log.intervals, log.pieces, flow.plant
+    rate = (intervals.end.F - intervals.start.F) / intervals.h
+    curve = np.zeros_like(rate)
+    for a, b in pieces:
+        if b - a > 2:
+            curve[a:b] = np.gradient(rate[a:b], intervals.start.t[a:b], axis=0)
+
+    def columns(at: Rows, rate: Array, curve: Array) -> Array:
+        u = cause_responses(plant, kernels, at, plant.every(at), rate, curve)
+        return np.concatenate([np.zeros_like(u), u], axis=1)
+
+    last = _last(pieces)
+    own = [columns(at, rate, curve) for at in flow.nodes[:-1]]
+    return _at_nodes(pieces, own, columns(flow.end.take(last), rate[last], curve[last]))
+
+
+def cause_responses(
+    model: Model, kernels: Sequence[ColumnKernels], at: Rows, a: Array, rate: Array, curve: Array
+) -> Array:
+    """What a unit of each cause adds to the accelerations (N, n, P), by force or by geometry.
+
+    `a` are those of all free speeds, `rate` and `curve` derivatives of the logged forces.
+    """
+    if not kernels:
+        return np.zeros((len(a), model.n, 0))
+    full = model.completed(at)
+    samples = (full.t, full.q, full.u, a, full.F, rate, curve)
+    forces, *geometry = (columns(*samples)[:, :, 1:] for columns in kernels)
+    parts = [model.response(at.t, at.q, forces)]
+    parts += [model.of_geometry(at.t, at.q, x) for x in geometry]
+    return np.concatenate(parts, axis=2)
+
+
+def _last(pieces: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
+    """The last intervals of the pieces."""
+    return np.array([b - 1 for _, b in pieces], dtype=np.intp)
+
+
+def _at_nodes(pieces: Sequence[tuple[int, int]], columns: list[Array], last: Array) -> list[Array]:
+    """Columns at all nodes: those at the end of an interval are those of the next one's start."""
+    shifted = np.empty_like(columns[0])
+    for (a, b), end in zip(pieces, last, strict=True):
+        shifted[a : b - 1], shifted[b - 1] = columns[0][a + 1 : b], end
+    return [*columns, shifted]
+
+
+# --- what the flow does not know ---
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessNoise:
+    """Covariances (N, 2n, 2n) of what the flow adds to prediction errors that it does not know.
+
+    total   all of it
+    own     its own error, with that of logged forces, and what these did in intervals of which steps are lost
+    doubt   what forces that are smooth do otherwise than a spline
+    beyond  standard deviations (N, 2n) of what the series in the step leaves out
+    """
+
+    total: Array
+    own: Array
+    doubt: Array
+    beyond: Array
+
+
+def process_noise(
+    log: Observations, flow: Flow, tangent: Tangent, lost: NDArray[np.bool_]
+) -> ProcessNoise:
+    """The process noise, of forces in intervals in which they are `lost` (N,) by likelihood."""
+    Q, between, across = _unknown(log, flow, lost)
+    beyond = _beyond_series(tangent, log.steps)
+    if between.any():
+        Phi, B = tangent.Phi, tangent.transported(tangent.fields)
+        w = log.errors(flow.plant, flow.end, Phi)
+        columns = np.concatenate([w[:, :, None], B], axis=2)
+
+        def likelihood(share: float) -> float:
+            innovations = log.innovations(Phi, Q + share**2 * between + across)
+            white, spread = innovations(columns)
+            r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, B.shape[2])
+            r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
+            return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
+
+        between = max(SHARES, key=likelihood) ** 2 * between
+    diagonal = np.arange(beyond.shape[1])
+    whole = Q + between
+    across[:, diagonal, diagonal] += beyond**2
+    # What is left tells how large the own is; splines of forces have a doubt of their own.
+    in_lost = lost[:, None, None]
+    own, doubt = Q + np.where(in_lost, between, 0.0), np.where(in_lost, 0.0, between)
+    return ProcessNoise(whole + across, own, doubt, beyond)
+
+
+def _unknown(log: Observations, flow: Flow, lost: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
+    """Covariances (N, 2n, 2n) of the flow's own error, of forces between rows, and across constraints.
+
+    Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep
+    them. In intervals of which a step is `lost` a force may have taken any way from one row to the next: by
+    its change, uniformly. In others, one that is smooth may differ from its spline.
+    """
+    model, h, at = flow.plant, log.intervals.h, flow.nodes[0]
+    n, force, kinds = model.n, flow.forces.logged, flow.forces.kinds
+    Q = np.zeros((len(h), 2 * n, 2 * n))
+    diagonal = np.arange(2 * n)
+    Q[:, diagonal, diagonal] = flow.prediction.error**2
+    coarse = np.any(log.force_noise > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
+    smooth = np.array([FORCES[kind][2] > 0.0 for kind in kinds], dtype=bool)
+    doubt = np.where(smooth, force.doubt, 0.0)
+    some = coarse.any() or lost.any() or doubt.any()
+    own, moves = list[Array](), list[Array]()
+    for k, response in enumerate(flow.force_responses if some else ()):
+        du = response * h * log.force_noise[:, k : k + 1]
+        own.append(np.concatenate([0.5 * h * du, du], axis=1))
+        bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
+        anything = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
+        size = np.where(lost, anything, doubt[:, k])
+        if size.any():
+            du = response * (h[:, 0] * size)[:, None]
+            moves.append(np.concatenate([0.5 * h * du, du], axis=1))
+            moves.append(np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1))
+    Q, between = Q + _outer(own, Q), _outer(moves, Q)
+    across = np.zeros_like(Q)
+    if model.rows_of_G:
+        M, G = model.matrices(at.t, at.q)
+        directions, _ = np.linalg.qr(np.linalg.solve(M, G.transpose(0, 2, 1)))
+        size = (
+            ACROSS * np.sqrt(np.mean(flow.w**2, axis=0) + np.mean(log.noise[0] ** 2, axis=0)).max()
+        )
+        across[:, :n, :n] = across[:, n:, n:] = size**2 * directions @ directions.transpose(0, 2, 1)
+    return Q, between, across
+
+
+def _outer(columns: Sequence[Array], like: Array) -> Array:
+    """Σ x xᵀ (N, 2n, 2n) of columns x (N, 2n)."""
+    if not columns:
+        return np.zeros_like(like)
+    X = np.stack(columns, axis=2)
+    return np.asarray(X @ X.transpose(0, 2, 1))
+
+
+def _beyond_series(tangent: Tangent, step: Array) -> Array:
+    """Standard deviations (N, 2n) of what the series in the step leaves out, interval by interval.
+
+    Along a field of first order terms beyond third order are to it as those of e^ρ − 1 are to ρ, ρ the step
+    times the spectral radius of ∂f/∂x, and at most as large: an onset of friction or contact tells little.
+    """
+    rho, first = np.minimum(step * tangent.rates, STIFF), tangent.fields[0][:, :, :FIRST_ORDER]
+    beyond = sum(rho**k / factorial(k + 1) for k in range(3, 12))
+    return np.asarray(np.minimum(beyond, 1.0) * tangent.h * np.abs(first).max(axis=2))
+
+
+# --- all of it ---
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A log linearised about the flow of a model between its rows.
+
+    model         as it is given; `flow.plant` has causes in its equations
+    run           the log, of which `log` has some stretches
+    energy        that the run exchanges, J
+    model_noise   of the rows at the starts and ends as the flow of the model shows it
+    tangent       perhaps at a flow by other forces between the rows
+    noise         what the flow does not know
+    kernels       of the columns of causes, `candidates` the causes themselves
+    columns       what a unit of each column adds to ẋ (N, 2n, P), at the nodes
+    coefficients  of the columns (P,) that are in the equations, or in a filter of the forces
+    accelerations equations by known accelerations and their posterior, if these were compared
+    states        methods that close coordinates alone alike, each with the log at its own states
+    """
+
+    model: Model
+    run: Trajectory
+    energy: float
+    log: Observations
+    model_noise: tuple[Array, Array]
+    flow: Flow
+    tangent: Tangent
+    noise: ProcessNoise
+    columns: list[Array]
+    coefficients: Array
+    kernels: tuple[ColumnKernels, ...] = ()
+    candidates: tuple[Candidate, ...] = ()
+    accelerations: tuple[Block, Posterior] | None = None
+    states: tuple[tuple[Map, Observations], ...] = ()
+
+    # --- what it consists of ---
+
+    @property
+    def forces(self) -> InterpolatedForces:
+        """Logged forces between the rows."""
+        return self.flow.forces
+
+    @cached_property
+    def nominal(self) -> Flow:
+        """The flow of the model without causes."""
+        plain = self.flow.plant is self.model
+        return self.flow if plain else replace(self.flow, plant=self.model)
+
+    @cached_property
+    def as_logged(self) -> Prediction:
+        """The same by forces as they were logged, whatever filtered them."""
+        unfiltered = self.forces.unfiltered
+        flow = self.nominal if unfiltered is None else replace(self.nominal, forces=unfiltered)
+        return flow.prediction
+
+    @cached_property
+    def w(self) -> Array:
+        """Prediction errors of the model itself, by forces as they were logged (N, 2n)."""
+        return self.model.difference(self.as_logged.end, self.log.intervals.end)
+
+    @property
+    def lost(self) -> NDArray[np.bool_]:
+        """Intervals (N,) in which forces did what no row tells."""
+        # The kernel is not that of the filter: what it lacks is unknown.
+        return self.log.thinned | (self.forces.filter is not None)
+
+    @property
+    def forces_known(self) -> bool:
+        """Whether the log says how its forces act between the rows, or has none."""
+        return all(self.forces.declared) or bool(self.log.intervals.stages)
+
+    @property
+    def accelerations_known(self) -> bool:
+        """Whether the log has accelerations of its own that belong to its rows."""
+        run, free = self.run, self.model.mechanism.free.u
+        derived = "udot" in run.provenance.derived or self.model.n < len(free)
+        return trusted(run) and run.udot is not None and not derived
+
+    @cached_property
+    def whats(self) -> tuple[Column, ...]:
+        """What the columns of causes are of."""
+        return tuple(column for kernels in self.kernels for column in kernels.columns)
+
+    @property
+    def of_equations(self) -> NDArray[np.bool_]:
+        """Columns (P,) that are of the equations, not of the log."""
+        return np.array([c.what not in COLUMNS_OF_THE_LOG for c in self.whats], dtype=np.bool_)
+
+    def errors(self, end: Rows, Phi: Array, log: Observations | None = None) -> Array:
+        """Prediction errors (N, 2n), of the flow or of a method's map with its derivatives."""
+        return (log or self.log).errors(self.model, end, Phi)
+
+    # --- others ---
+
+    def with_flow(self, **changes: Any) -> Point:
+        """The same with the flow between the states of the log, of another plant or by other forces."""
+        return replace(self, flow=self.flow.at(self.log, **changes))
+
+    def with_noise_of_rows(self) -> Point:
+        """With the noise of the rows that the flow shows: what it knows better was no noise."""
+        w = self.errors(self.flow.end, self.tangent.Phi)
+        return replace(self, log=self.log.with_noise(w))
+
+    def with_process_noise(self) -> Point:
+        """With what the flow does not know, as its prediction errors tell."""
+        noise = process_noise(self.log, self.flow, self.tangent, self.lost)
+        return replace(self, noise=noise)
+
+    def with_columns(self) -> Point:
+        """With the columns of causes at the flow."""
+        return replace(self, columns=cause_columns(self.flow, self.log, self.kernels))
+
+    def with_tangent(self) -> Point:
+        """With the tangent at the flow."""
+        return replace(self, tangent=Tangent.of(self.flow, self.log))
+
+    def filtered(self, delay: float, spread: float) -> Point:
+        """The same by forces that went through a filter as late and as wide as that, s."""
+        forces, intervals = self.forces.filtered(self.log.intervals, self.log.pieces, delay, spread)
+        moved = replace(self, log=replace(self.log, intervals=intervals)).with_flow(forces=forces)
+        return replace(moved, coefficients=moved._of_filter(self.coefficients))
+
+    def with_causes(self, coefficients: Array, methods: tuple[Integrator, ...] = ()) -> Point:
+        """Linearised at the model with causes of these coefficients in its equations.
+
+        Raises:
+            FlowError: it has no finite motion between the rows.
+        """
+        own = np.where(self.of_equations, coefficients, 0.0)
+        plant = self.model.changed(self.kernels, own)
+        moved = replace(self, coefficients=self._of_filter(own))
+        moved = moved.with_flow(plant=plant, methods=methods).with_tangent()
+        if not (np.isfinite(moved.flow.w).all() and moved.tangent.finite.all()):
+            raise FlowError("the flow of the model with the causes found leaves all bounds")
+        return moved.with_columns()
+
+    def with_candidates(self, equations: LogEquations, kernels: ColumnKernels) -> Point:
+        """With further columns, and the causes that they allow.
+
+        All is compared anew, from the model itself and the noise that its flow shows.
+        """
+        start, end = (
+            np.where(self.log.unknown, now, first)
+            for now, first in zip(self.log.noise, self.model_noise, strict=True)
+        )
+        moved = replace(self, log=replace(self.log, noise=(start, end)))
+        if self.flow.plant is not self.model:
+            moved = moved.with_flow(plant=self.model).with_tangent()
+        every = (*self.kernels, kernels)
+        columns = tuple(column for one in every for column in one.columns)
+        moved = replace(moved, kernels=every, candidates=candidates(equations, columns))
+        return replace(moved, coefficients=moved._of_filter(np.zeros(len(columns))))
+
+    def _of_filter(self, coefficients: Array) -> Array:
+        """Coefficients with those of the delays that the forces were filtered by."""
+        delay, spread = self.forces.filter or (0.0, 0.0)
+        numbers = (delay, delay**2 + spread**2)
+        own = [numbers[c.index] if c.what == "delay" else None for c in self.whats]
+        return np.array([c if x is None else x for c, x in zip(coefficients, own, strict=True)])
+
+
+def start(model: Model, run: Trajectory, log: Observations, energy: float = 0.0) -> Point:
+    """The point at the rows of a log and the model itself, without columns of causes.
+
+    Intervals in which the flow leaves all bounds, as in singular positions, are left out.
+
+    Raises:
+        FlowError: these are too many.
+    """
+    intervals = log.intervals
+    logged = LoggedForce.of(intervals, log.pieces, log.counts)
+    # Forces that were held over each of several steps between rows are not those of the rows.
+    several = bool(logged.counts.max() > 1)
+    held = set() if several else set(map(str, run.provenance.held or ()))
+    names = [str(n) for n, at in model.log.columns.items() for _ in range(at.start, at.stop)]
+    declared = tuple("start" if name in held else "" for name in names)
+    kinds = tuple(kind or "smooth" for kind in declared)
+    flow = Flow(
+        model, intervals, InterpolatedForces(logged, kinds, declared), log.noise[1], log.counts
+    )
+    tangent = Tangent.of(flow, log)
+    lost = ~(np.isfinite(flow.w).all(axis=1) & tangent.finite)
+    if any(event.impulsive for event in model.mechanism.events) and not run.events:
+        lost |= _jumps(flow.w)
+    if lost.any():
+        if lost.mean() > LOST:
+            raise FlowError("the flow of the model leaves all bounds between many rows")
+        log = log.without(lost)
+        logged = LoggedForce.of(log.intervals, log.pieces, log.counts)
+        flow = flow.at(log, forces=replace(flow.forces, logged=logged))
+        tangent = Tangent.of(flow, log)
+    log = log.with_noise(flow.w)
+    noise = process_noise(log, flow, tangent, log.thinned)
+    return Point(model, run, energy, log, log.noise, flow, tangent, noise, [], np.zeros(0))
+
+
+def _jumps(w: Array) -> NDArray[np.bool_]:
+    """Intervals (N,) in which a state jumps by far more than in most, as in impacts that a log leaves out."""
+    size = np.mean((w / (np.median(np.abs(w), axis=0) + 1e-300)) ** 2, axis=1)
+    return np.asarray(size > ACTIVE * np.median(size))

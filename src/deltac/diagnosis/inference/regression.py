@@ -1,0 +1,326 @@
+"""Prediction errors at a point, whitened, on the fields of an integrator and the columns of all causes.
+
+Beside an unknown integrator they are those of the flow; beside a method, those of its own map.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from deltac.arrays import Array
+from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER, first_order_jacobian
+from deltac.diagnosis.inference.hypotheses import (
+    BESIDE,
+    MANY,
+    TOGETHER,
+    Block,
+    Fit,
+    Posterior,
+    refitted,
+    search,
+)
+from deltac.diagnosis.inference.integrators import Map, by_causes, numbers_of, transition
+from deltac.diagnosis.inference.linearisation import Point, cause_responses
+from deltac.diagnosis.inference.observations import Observations
+from deltac.diagnosis.inference.whitening import Innovations, robust_weights
+from deltac.diagnosis.measurements.digits import digits_of
+
+NEGLIGIBLE = 1e-5
+"""Share of the energy exchanged below which a cause is told only if it is all that is left of the rows:
+iterations of constraint solvers stop there."""
+
+ENOUGH = 300
+"""Intervals of which the energy that a cause exchanges is summed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """Prediction errors at a point and what may have made them.
+
+    point        at which they are taken
+    B            what the integrator's fields, then the columns of causes do to its end (N, 2n, p)
+    bent         the same of forces that are otherwise between the rows (N, 2n, k)
+    numbers      of the integrator's fields of first order, beside no cause
+    innovations  the whitener
+    series       whitened equations beside an unknown integrator
+    D            whitened columns of causes and of forces between rows (N, d, P + k)
+    """
+
+    point: Point
+    B: Array
+    bent: Array
+    numbers: Array
+    innovations: Innovations
+    series: Block
+    D: Array
+
+    @property
+    def fields(self) -> int:
+        """Columns of the integrator: they come first."""
+        return self.point.tangent.count
+
+    @property
+    def of_causes(self) -> Array:
+        """What the columns of causes do to the flow (N, 2n, P)."""
+        return self.B[:, :, self.fields :]
+
+    def beside(self, of: Map) -> Block:
+        """Whitened equations beside a method."""
+        if of not in self._beside:
+            self._beside[of] = self.beside_noise(of, self.point.log)
+        return self._beside[of]
+
+    @cached_property
+    def _beside(self) -> dict[Map, Block]:
+        return {}
+
+    def beside_noise(self, of: Map, log: Observations) -> Block:
+        """The same where rows have the noise of another log."""
+        point, plant = self.point, self.point.flow.plant
+        own = transition(plant, of, log.intervals, point.forces.between)
+        Phi = point.tangent.Phi if own is None else own
+        errors = point.errors(of.end, Phi)[:, :, None]
+        columns = np.concatenate([errors, self.B, self.bent], axis=2)
+        columns[:, :, 1 + _places(point)] = self.moved_in(of)
+        white, spread = log.innovations(Phi, point.noise.total)(columns)
+        return _block(point, white, 0, _places(point), spread, log.rounding)
+
+    def moved_in(self, of: Map) -> Array:
+        """What causes do to the rows (N, 2n, P) by the steps of a method, or else by its numbers."""
+        point = self.point
+        intervals, n = point.log.intervals, point.model.n
+        own = by_causes(of, point.tangent.J, [x[:, n:] for x in point.columns], intervals)
+        step = intervals.h / of.counts[:, None]
+        return self.moved_by(numbers_of(of.method), step) if own is None else own
+
+    def moved_by(self, c: Array, step: Array) -> Array:
+        """What causes do to the rows (N, 2n, P) by an integrator of numbers c of first order, step (N, 1)."""
+        return _moved_by(self.point, self.of_causes, c, step)
+
+    # --- joules ---
+
+    @cached_property
+    def weights(self) -> tuple[Array, Array]:
+        """What a defect of an interval adds to ΔC, (N, 2n): ∂E/∂x at its end and, by the flow, at its start.
+
+        Weighed at either end alone the sum is off by a share of the step. The second array is half of the
+        difference. Where the motion is stiff, what is at the end no longer tells of the start.
+        """
+        point, gradient = self.point, self.point.model.energy_gradient
+        intervals = point.log.intervals
+        mild = (point.tangent.rates * intervals.h)[:, 0] < 1.0
+        end = gradient(point.flow.end)
+        start = np.array(end)
+        transposed = point.tangent.Phi[mild].transpose(0, 2, 1)
+        before = gradient(intervals.start)[mild][:, :, None]
+        start[mild] = np.linalg.solve(transposed, before)[:, :, 0]
+        # The mean of the gradients at prediction and row makes of a quadratic energy what it changes by. It
+        # is of both weights: noise squared adds nothing to their difference.
+        half = 0.5 * (gradient(intervals.end) - end)
+        return 0.5 * (start + end) + half, 0.5 * (end - start)
+
+    @property
+    def gradient(self) -> Array:
+        """∂E/∂x (N, 2n), the mean of those weights."""
+        return self.weights[0]
+
+    @cached_property
+    def power(self) -> Array:
+        """What a unit of each column adds to ΔC in each interval (N, p), J."""
+        return np.asarray(np.einsum("km,kmp->kp", self.gradient, self.B))
+
+    def work(self, x: Array) -> Array:
+        """What changes x of the ends of the intervals (N, 2n) add to ΔC (N,), J."""
+        return np.asarray(np.einsum("km,km->k", self.gradient, x))
+
+    @cached_property
+    def works(self) -> Array:
+        """What a unit of each cause works on average (P, …), in the directions of some of the intervals."""
+        every = max(1, len(self.B) // ENOUGH)
+        B = self.of_causes[::every]
+        works = self.gradient[::every, :, None] * B / len(B)
+        return np.ascontiguousarray(np.concatenate(works).T)
+
+    def exchanged(self, fit: Fit) -> tuple[Array, Array, Array]:
+        """Energy (J) that each cause of a fit exchanges, its standard error, and what it adds to ΔC.
+
+        Of some of the intervals: these are sums that need two digits.
+        """
+        scale, exchanged, errors, energies = self.point.log.whole * len(self.B), [], [], []
+        for k, (c, theta) in enumerate(zip(fit.chosen, fit.theta, strict=True)):
+            work = (fit.of(k) @ self.works[list(c.columns)]) * scale
+            exchanged.append(float(np.abs(work).sum()))
+            energies.append(float(work.sum()))
+            relative = fit.deviation(k) / np.maximum(np.abs(theta), 1e-300)
+            errors.append(exchanged[-1] * min(float(relative.min()), 1.0))
+        return np.array(exchanged), np.array(errors), np.array(energies)
+
+    @cached_property
+    def bias(self) -> float:
+        """Joules by which noise in the columns themselves may bias a cause.
+
+        Columns are evaluated at the rows, and share their noise with the prediction errors. The bias of
+        errors in variables is the ratio of the variances of noise and motion (Fuller, Measurement Error
+        Models, 1987, §1.1), here of the energies that flow by either.
+        """
+        model, log = self.point.model, self.point.log
+        displacement = model.difference(log.intervals.start, log.intervals.end)
+        motion = np.concatenate(
+            [np.cumsum(displacement[a:b], axis=0) for a, b in log.pieces], axis=0
+        )
+        noise = np.mean(log.noise[1] ** 2, axis=0)
+        ratio = np.minimum(noise / np.maximum(np.var(motion, axis=0), 1e-300), 1.0)
+        return log.whole * float((ratio * np.abs(self.gradient * displacement)).sum())
+
+    @cached_property
+    def omitted(self) -> float:
+        """Joules that the first order beyond the series may exchange: `remainder` beside no cause."""
+        return self.remainder(self.series)
+
+    def remainder(self, block: Block) -> float:
+        """Joules that the first order beyond the series may exchange, with the numbers of a block.
+
+        A term of the next order is ρ times as large, ρ the step times the spectral radius of ∂f/∂x. What is
+        below this is no evidence of a mistake.
+        """
+        log, J = self.point.log, self.point.tangent.J[0]
+        some = np.unique(np.linspace(0, len(J) - 1, 32).astype(np.intp))
+        radius = np.abs(np.linalg.eigvals(J[some])).max(axis=1)
+        rho = log.step * float(np.median(radius))
+        x, size = block.projected.nuisance, np.abs(self.gradient)
+        parts = [
+            log.whole * float((size * np.abs(self.B[:, :, k] @ x[k])).sum())
+            for k in ([i for i, f in enumerate(FIELDS) if f.order == order] for order in (1, 2))
+        ]
+        return max(parts[0] * rho**3, parts[1] * rho**2)
+
+
+def regression(point: Point) -> Regression:
+    """The regression at a point."""
+    log, tangent, Q = point.log, point.tangent, point.noise.total
+    ni, places = tangent.count, _places(point)
+    both = zip(tangent.fields, point.columns, strict=True)
+    Phi, B = tangent.Phi, tangent.transported([np.concatenate(x, axis=2) for x in both])
+    w, bent = point.errors(point.flow.end, Phi), _between_rows(point)
+    columns = np.concatenate([w[:, :, None], B, bent], axis=2)
+    # The integrator moves the noise of a row and what causes do otherwise than the flow does, by its
+    # fields of first order.
+    white, _ = log.innovations(Phi, Q)(columns[:, :, : 1 + ni])
+    alone = _block(point, white, ni, places[:0], 0.0, log.rounding)
+    c = np.clip(alone.projected.nuisance[:FIRST_ORDER], -1.0, 1.0)
+    columns[:, :, 1 + places] = _moved_by(point, B[:, :, ni:], c, log.steps)
+    moved = Phi
+    if log.rounding < 1.0:
+        change = first_order_jacobian(point.flow.plant, log.intervals.start, log.steps, c)
+        moved = Phi + log.intervals.h[:, :, None] * change @ Phi
+        columns[:, :, 0] = point.errors(point.flow.end, moved)
+    innovations = log.innovations(moved, Q)
+    white, spread = innovations(columns)
+    series = _block(point, white, ni, places, spread, log.rounding)
+    D = np.ascontiguousarray(white[:, :, 1 + ni :])
+    return Regression(point, B, bent, c, innovations, series, D)
+
+
+def _places(point: Point) -> NDArray[np.intp]:
+    """Places of the columns of causes, after those of the integrator."""
+    return point.tangent.count + np.arange(len(point.coefficients))
+
+
+def _block(
+    point: Point,
+    white: Array,
+    nuisance: int,
+    places: NDArray[np.intp],
+    spread: float,
+    rounding: float,
+) -> Block:
+    """Whitened errors with their columns; so many of these, and those of forces, are beside every cause."""
+    r, D = white[:, :, 0], white[:, :, 1:]
+    weight = np.sqrt(robust_weights(r))[:, None]
+    bent = np.arange(point.tangent.count + len(places), D.shape[2])
+    return Block(
+        r * weight,
+        D * weight[:, :, None],
+        np.append(np.arange(nuisance), bent),
+        np.concatenate([point.tangent.prior[:nuisance], np.ones(len(bent))]),
+        places,
+        rounding,
+        spread,
+        origin=point.coefficients[: len(places)],
+    )
+
+
+def _between_rows(point: Point) -> Array:
+    """What forces do that are otherwise between rows, by a unit of that (N, 2n, k).
+
+    Splines of two orders differ by what the lower one lacks, and that by what the higher one lacks; it
+    goes with the motion, as what a cause does.
+    """
+    forces, h = point.forces, point.log.intervals.h
+    logged = forces.logged
+    other = {"ramp": (logged.bends[0] - logged.bends[1]) / 12.0}
+    other |= {"smooth": logged.gap, "step": logged.gap}
+    columns = [np.zeros((len(h), 2 * point.model.n, 0))]
+    each = list(zip(forces.kinds, forces.declared, strict=True))
+    doubted = [k for k, (kind, declared) in enumerate(each) if kind in other and not declared]
+    for k, response in enumerate(point.flow.force_responses if doubted else ()):
+        if k in doubted and np.any(size := other[forces.kinds[k]][:, k : k + 1]):
+            du = response * h * size
+            columns.append(np.concatenate([0.5 * h * du, du], axis=1)[:, :, None])
+    return np.concatenate(columns, axis=2)
+
+
+def _moved_by(point: Point, B: Array, c: Array, step: Array) -> Array:
+    """What causes do to the rows (N, 2n, P), B by the flow, by an integrator of numbers c of first order.
+
+    Its fields are those of the field with the causes in it: (G, 0), (0, G_q u) and (0, G_u a + a_u G).
+    """
+    n, h = point.model.n, point.log.intervals.h
+    moves = B.copy()
+    first, last = point.columns[0][:, n:], point.columns[-1][:, n:]
+    mean, size = 0.5 * (first + last), step[:, :, None]
+    moves[:, :n] += c[0] * size * h[:, :, None] * mean
+    moves[:, n:] += 0.5 * (c[1] + c[2]) * size * (last - first)
+    moves[:, n:] += c[2] * size * h[:, :, None] * (point.tangent.J[0][:, n:, n:] @ mean)
+    return moves
+
+
+def searched(at: Regression, block: Block, before: Posterior | None = None) -> Posterior:
+    """The posterior of causes by a block of equations; or that of causes found before, fitted anew."""
+    point = at.point
+    if before is not None:
+        return refitted((block,), before, point.candidates)
+    # Known accelerations are linear in almost all causes: small ones beside large ones are real.
+    many = (MANY, 0.0, True) if point.accelerations_known else (TOGETHER, BESIDE)
+    # What the series leaves out is no matter of known accelerations, nor of a method's own map.
+    series = len(block.nuisance) > at.bent.shape[2]
+    least = max(at.bias, at.omitted if series else 0.0)
+    negligible = NEGLIGIBLE * point.energy
+    return search(
+        (block,), point.candidates, lambda fit: at.exchanged(fit)[0], least, negligible, *many
+    )
+
+
+def by_accelerations(point: Point, some: NDArray[np.intp]) -> tuple[Block, Array]:
+    """The equations at the starts of some intervals, by accelerations that are known to be theirs.
+
+    Nothing is integrated. The second value is what a unit of each column adds to the accelerations.
+    """
+    run, model, log = point.run, point.model, point.log
+    assert run.udot is not None
+    rows = np.concatenate([np.arange(a, b - 1) for a, b in log.rows])[some]
+    free, at = model.mechanism.free.u, log.intervals.start.take(some)
+    udot, half = run.udot[rows][:, free], digits_of(run)["udot"].half()[rows][:, free]
+    a, rest = model.at(at), np.zeros_like(at.F)
+    columns = cause_responses(model, point.kernels, at, udot, rest, rest)
+    slopes = np.abs(point.tangent.J[0][some, model.n :])
+    of_rows = np.einsum("kij,kj->ki", slopes, log.digits[0][some])
+    sigma = np.sqrt(half**2 + of_rows**2) + 1e-12 * (1.0 + np.abs(a).max())
+    sigma = np.sqrt(np.mean(sigma**2, axis=0))
+    none, places = np.zeros(0, dtype=np.intp), np.arange(columns.shape[2])
+    r, D = (udot - a) / sigma, columns / sigma[:, None]
+    return Block(r, D, none, np.zeros(0), places, 1.0), columns

@@ -587,8 +587,6 @@ def _judgement(
         findings = [f for f in findings if f.kind not in doubts]
     elif doubts:
         inference = None
-    if inference is not None:
-        findings = checks.with_late_laws(findings, mechanism, run, inference, tolerance)
     progress(0.7)
     reading = None
     certain = [f for f in findings if f.weight == "cause" and f.kind != "channel-differs"]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import casadi as ca
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.calls.progress import TimeLimit
 from deltac.codes import FINDINGS
+from deltac.diagnosis.inference.hypotheses import autocorrelation_time
 from deltac.diagnosis.inputs.logs import Log
 from deltac.diagnosis.inputs.omissions import OF_RATES
 from deltac.diagnosis.measurements.digits import scatter
@@ -98,62 +100,64 @@ def _departure(
     if worst <= 1e-9 * max(span, 1.0) + digits:
         return []
     remedy, start = "Give the model the motion that was actually imposed", float(run.t[0])
-    if worst > allowed and start:
-        laws = MechanismNames.of(mechanism).laws
-        names = [f"{'q' if position else 'u'}.{entry.name}" for entry in entries[places]]
-        series = [at_times(laws[name], run.t - start) for name in names if name in laws]
-        if len(series) == own.shape[1] and np.abs(np.column_stack(series) - own).max() <= allowed:
+    weight: Weight = "cause" if worst > allowed else "note"
+    laws = MechanismNames.of(mechanism).laws
+    names = [f"{'q' if position else 'u'}.{entry.name}" for entry in entries[places]]
+    series = [partial(at_times, laws[name]) for name in names if name in laws]
+    if worst > allowed and len(series) == own.shape[1]:
+        shifted = np.column_stack([law(run.t - start) for law in series])
+        if start and np.abs(shifted - own).max() <= allowed:
             evidence += f"; it follows the law at t − {start:.9g} s"
             remedy = f"The times of the log are not those of the model: subtract {start:.9g} s"
+        elif (filtered := _filtered_law(run, series, own, allowed)) is not None:
+            evidence += "; it follows the law through a filter, {:.3g} s late and {:.3g} s wide".format(
+                *filtered
+            )
+            remedy, weight = "Log it unfiltered", "note"
     return [
         Finding(
             "prescribed-departs",
             f"the {what} of prescribed joint {element!r} departs from its law",
             evidence,
             remedy,
-            "cause" if worst > allowed else "note",
+            weight,
             element,
         )
     ]
 
 
-def with_late_laws(
-    findings: Sequence[Finding],
-    mechanism: Mechanism,
-    run: Trajectory,
-    inference: Inference,
-    tolerance: float,
-) -> list[Finding]:
-    """The findings, prescribed joints that are as late as all laws of time are noted alone.
+def _filtered_law(
+    run: Trajectory, series: Sequence[Callable[[Array], Array]], own: Array, allowed: float
+) -> tuple[float, float] | None:
+    """Delay and width (s) of a filter by which columns follow their laws; None where they follow by none.
 
-    What follows its law through the filter that the other joints show is of the log's times.
+    A filter of unit gain makes x + c₁ẋ + c₂ẍ + … of a law x: its moments are the same for a coordinate and
+    its speed. One that is wider than `WIDEST` rows is none of a log; its start and end are of their own.
     """
-    best = inference.posterior.best
-    moments = next(
-        (x for c, x in zip(best.chosen, best.theta, strict=True) if c.kind == "late-laws"), None
-    )
-    if moments is None:
-        return list(findings)
-    laws, nodes = MechanismNames.of(mechanism).laws, np.arange(-3, 4) * np.median(np.diff(run.t))
-
-    def late(name: str, own: Array) -> bool:
-        near = np.stack([at_times(laws[name], run.t + s) for s in nodes])
-        taylor = np.linalg.solve(np.vander(nodes, increasing=True), near)
-        factors = [1.0, *((-1.0) ** k * m for k, m in enumerate(moments.tolist(), 1))]
-        digits = 4.0 * float(scatter(own[:, None]).max(initial=0.0))
-        allowed = tolerance * float(np.abs(own).max(initial=0.0)) + digits
-        return bool(np.abs(factors @ taylor[: len(factors)] - own).max() <= allowed)
-
-    def follows(joint: str) -> bool:
-        q, u = mechanism.coordinates, mechanism.speeds
-        columns = [(f"q.{e.name}", run.q[:, e.index]) for e in q[q.of(joint)]]
-        columns += [(f"u.{e.name}", run.u[:, e.index]) for e in u[u.of(joint)]]
-        return all(name in laws and late(name, own) for name, own in columns)
-
-    return [
-        replace(f, weight="note") if f.kind == "prescribed-departs" and follows(f.element) else f
-        for f in findings
+    step = float(np.median(np.diff(run.t)))
+    inside = slice(len(run) // EDGE, len(run) - len(run) // EDGE)
+    nodes = step * np.arange(-MOMENTS, MOMENTS + 1)
+    inverse = np.linalg.inv(np.vander(nodes / step, increasing=True))
+    derivatives = [
+        np.tensordot(inverse, np.stack([law(run.t + s) for s in nodes]), 1) for law in series
     ]
+    x = np.concatenate([d[: MOMENTS + 1, inside] for d in derivatives], axis=1)
+    gap = np.concatenate([y[inside] for y in own.T]) - x[0]
+    moments, *_ = np.linalg.lstsq(x[1:].T, gap, rcond=1e-12)
+    delay, width = -float(moments[0]), float(np.sqrt(abs(moments[1] - 0.5 * moments[0] ** 2)))
+    rest = (gap - moments @ x[1:]).reshape(own.shape[1], -1).T
+    # Noise that went through the filter keeps no time with the law.
+    noise = autocorrelation_time(rest) < AT_ONCE * autocorrelation_time(own[inside])
+    followed = np.abs(rest).max() <= (NOISE * np.abs(own).max() if noise else allowed)
+    return (delay * step, width * step) if followed and max(abs(delay), width) < WIDEST else None
+
+
+MOMENTS, WIDEST, EDGE = 4, 10.0, 20
+"""Moments of a filter that are looked for, its largest delay and width, rows, and the share of a log at
+either end in which it starts and ends: one in so many rows."""
+
+AT_ONCE, NOISE = 0.25, 0.1
+"""Autocorrelation time of noise in that of a law, and its size as a share of that, at most."""
 
 
 def _digits(run: Trajectory, what: str) -> float:

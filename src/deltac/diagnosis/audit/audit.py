@@ -27,6 +27,7 @@ from deltac.diagnosis.inference.result import Attribution, Inference, Share
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs import omissions
 from deltac.diagnosis.inputs.logs import Log, LogLike, in_model_order, read_log, read_run
+from deltac.diagnosis.measurements.cleaning import differences
 from deltac.diagnosis.verdict import (
     RUN_TOLERANCE,
     Finding,
@@ -578,6 +579,10 @@ def _judgement(
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
         rows = _without_own_laws(mechanism, log.consecutive)
         inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
+        alone = differences(rows, one_sided=True)
+        if inference is not None and not inference.methods and alone is not None:
+            # Speeds that no method makes so are of the coordinates alone.
+            inference = infer(mechanism, alone, ledger.energy_exchanged, limit) or inference
     error = np.abs(ledger.uncorrected(function_of(ledger))).max()
     balanced = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
     rates = doubts <= set(omissions.OF_RATES)
@@ -726,7 +731,7 @@ def _attributed(
         rest = delta_c - equations.curve - departures.log
         error = np.hypot(bar, equations.curve_error)
         whole = len(own.t) == len(t) - 1 and not departures.log.any()
-        if inference.methods and whole:
+        if inference.methods and not inference.knows_stages and whole:
             # A step's own works and those of the flow from its row differ where forces depend on the state.
             error = np.hypot(error, np.abs(rest - along(own.integrator.curve)))
         return Attribution(t, Share(rest, error), equations, Share(departures.log, bar))

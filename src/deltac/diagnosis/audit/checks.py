@@ -110,8 +110,10 @@ def _departure(
             evidence += f"; it follows the law at t − {start:.9g} s"
             remedy = f"The times of the log are not those of the model: subtract {start:.9g} s"
         elif (filtered := _filtered_law(run, series, own, allowed)) is not None:
-            evidence += "; it follows the law through a filter, {:.3g} s late and {:.3g} s wide".format(
-                *filtered
+            evidence += (
+                "; it follows the law through a filter, {:.3g} s late and {:.3g} s wide".format(
+                    *filtered
+                )
             )
             remedy, weight = "Log it unfiltered", "note"
     return [

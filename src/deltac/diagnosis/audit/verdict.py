@@ -107,32 +107,50 @@ class Judgement:
     # --- probabilities ---
 
     @cached_property
+    def slip(self) -> float:
+        """The largest energy that delays and zeros of the log exchange, J: smaller mistakes accuse nobody."""
+        if self.inference is None:
+            return 0.0
+        of_log = [c.kind in OF_THE_LOG for c in self.inference.posterior.best.chosen]
+        return float(self.inference.exchanged[of_log].max(initial=0.0))
+
+    @cached_property
     def mistake(self) -> tuple[float, float]:
         """Probabilities of a mistake at all, and of one through which more flows than is allowed."""
         inference = self.inference
         if inference is None:
             return 0.0, 0.0
-        allowed = self.allowed_flow
-        real, intolerable = 0.0, 0.0
-        best = inference.posterior.best
-        # Of a log that is not yet right, what explains the rest accuses nobody.
-        of_log = [c.kind in OF_THE_LOG for c in best.chosen]
-        slip = float(inference.exchanged[of_log].max(initial=0.0))
-        for c, odds, joules, error in zip(
-            best.chosen, best.each, inference.exchanged, inference.exchanged_error, strict=True
-        ):
-            if c.kind not in OF_THE_LOG and joules > slip:
-                p = float(expit(odds))
-                real = max(real, p)
-                intolerable = max(
-                    intolerable, p * float(ndtr((joules - allowed) / max(error, 1e-300)))
-                )
-        if self.unnamed and not slip:
+        causes = [
+            (p, large) for p, large, joules in self._causes_of_equations if joules > self.slip
+        ]
+        real, intolerable = np.max([(0.0, 0.0), *causes], axis=0).tolist()
+        if self.unnamed and not self.slip:
             p = float(expit(inference.generic.log_odds - CERTAIN))
             real, intolerable = max(real, p), max(intolerable, p)
         if self.intermittent:
             real = intolerable = max(intolerable, float(expit(inference.intermittent[0])))
         return real, intolerable
+
+    @cached_property
+    def doubted(self) -> float:
+        """Probability of an intolerable mistake that explains the rest of a log that is not yet right."""
+        causes = self._causes_of_equations
+        return max((large for _, large, joules in causes if joules <= self.slip), default=0.0)
+
+    @cached_property
+    def _causes_of_equations(self) -> list[tuple[float, float, float]]:
+        """Of each: probabilities that it is real, and intolerable, and the energy that it exchanges, J."""
+        inference = self.inference
+        if inference is None:
+            return []
+        best, each = inference.posterior.best, list[tuple[float, float, float]]()
+        for c, odds, joules, error in zip(
+            best.chosen, best.each, inference.exchanged, inference.exchanged_error, strict=True
+        ):
+            if c.kind not in OF_THE_LOG:
+                p, beyond = float(expit(odds)), (joules - self.allowed_flow) / max(error, 1e-300)
+                each.append((p, p * float(ndtr(beyond)), float(joules)))
+        return each
 
     @property
     def unnamed(self) -> bool:
@@ -189,7 +207,8 @@ class Judgement:
         if self.attribution is None:
             return 0.0
         share, error = self.attribution.integrator, self.attribution.integrator.curve_error
-        if self.ledger.method == "in-loop":
+        noisy = self.inference is not None and self.inference.scattered
+        if self.ledger.method == "in-loop" and not noisy:
             # ΔC is of the steps' own works. By those of the flow the integrator has other joules, which is
             # no doubt of whose these are.
             # What mistakes may hide that nobody sees is `hidden`.
@@ -265,7 +284,7 @@ class Judgement:
                 "unresolved": 1.0,
             }
         wrong = max(self.mistake[1], 1.0 if self.certain else 0.0)
-        unknown = max(self.unexplained, self.hidden)
+        unknown = max(self.unexplained, self.hidden, self.doubted)
         if (self.lacking or self.incomplete) and wrong > 0.0 and not self.certain:
             unknown, wrong = wrong, 0.0
         # A mistake that may be hidden acquits no integrator; what nothing explains is in its bar.
@@ -471,10 +490,10 @@ def _clear(e: Judgement) -> bool:
     inference = e.inference
     if inference is None or e.smoothed or e.incomplete or inference.unnamed > SLIGHT:
         return False
-    exact = float(inference.relative[1].max()) < EXACT
-    return exact or (
-        e.attribution is None or inference.flow > SLIGHT * e.attribution.integrator.largest[0]
-    )
+    if e.attribution is None or float(inference.relative[1].max()) < EXACT:
+        return True
+    share, error = e.attribution.integrator.largest
+    return inference.flow > max(SLIGHT * share, 2.0 * error)
 
 
 def _small(e: Judgement, cause: Finding) -> Finding:
@@ -659,7 +678,7 @@ def _undecided(e: Judgement) -> Finding:
             f"{len(e.run)} rows",
             "Log more rows, or smaller steps, with speeds and all forces",
         )
-    if e.causes and all(c.kind in OF_THE_LOG for c in e.causes):
+    if e.causes and (e.doubted > 0.5 or all(c.kind in OF_THE_LOG for c in e.causes)):
         return finding(
             "the log is delayed, filtered or has another zero",
             ", ".join(f"{c.kind} {c.element}" for c in e.causes),

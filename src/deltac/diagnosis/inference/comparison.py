@@ -14,6 +14,7 @@ from deltac.diagnosis.inference.hypotheses import (
     Block,
     Posterior,
     autocorrelation_time,
+    nothing,
     refitted,
 )
 from deltac.diagnosis.inference.integrators import EXACT, INTEGRATORS, Integrator, Map, maps
@@ -157,6 +158,11 @@ def _compared(point: Point, before: Posterior | None) -> Comparison:
         if methods.may_close(series, posterior.best):
             likely, rows, other = best_of(at, methods, before, measured and measured[1])
             gain = log_evidence(rows, other.best, series, posterior.best)
+            if gain - np.log(len(INTEGRATORS)) <= CERTAIN and not measured:
+                # Causes must be likelier than a method without any, beside whichever integrator they are.
+                other = Posterior(nothing(len(point.coefficients)), (), other.scores)
+                doubt = log_evidence(rows, other.best, series, posterior.best) > -CERTAIN
+                gain = np.inf if posterior.best.chosen and doubt else gain
             if gain - np.log(len(INTEGRATORS)) > CERTAIN:
                 own = Comparison(at, point, other, series, rows, tuple(likely), promising)
                 return own if measured else _with_noise_left(own, before)

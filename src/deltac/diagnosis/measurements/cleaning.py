@@ -72,9 +72,9 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
         run, more = step(mechanism, run)
         findings += more
-    differences = _differences(run)
-    if differences is not None:
-        return Cleaned(differences, tuple(findings), {})
+    of_coordinates = differences(run)
+    if of_coordinates is not None:
+        return Cleaned(of_coordinates, tuple(findings), {})
     comparisons = coordinates_against_speeds(mechanism, run)
     run, more = _without_spikes(run, comparisons)
     if more:
@@ -167,20 +167,31 @@ def _at_the_pace_of_the_slower(
     return run, []
 
 
-def _differences(run: Trajectory) -> Trajectory | None:
-    """The run with its speeds marked as derived where they are central differences of the coordinates."""
+def differences(run: Trajectory, one_sided: bool = False) -> Trajectory | None:
+    """The run with its speeds marked as derived where they are central differences of the coordinates.
+
+    Or where they are differences to the row before or after: so are those of some methods.
+    """
     pairs = RateNames.of(run.coordinates, run.speeds).rates
     if len(pairs) < len(run.speeds) or len(run) < LEAST_ROWS or _whole(run):
         return None
     i, j = np.array(pairs).T
-    q, u = run.q[:, i], run.u[:, j]
-    central = np.gradient(q, run.t, axis=0)[1:-1]
-    rounding = digits_of(run)["u"].half()[1:-1][:, j]
-    rounding = rounding + 16.0 * EPS * (np.abs(q[1:-1]) / np.diff(run.t).min() + np.abs(central))
-    if not np.all(np.abs(u[1:-1] - central) <= rounding):
+    q, u, least = run.q[:, i], run.u[:, j], np.diff(run.t).min()
+    rate = np.diff(q, axis=0) / np.diff(run.t)[:, None]
+    sides = [(slice(1, None), rate), (slice(None, -1), rate)]
+    central = [(slice(1, -1), np.gradient(q, run.t, axis=0)[1:-1])]
+
+    def equal(rows: slice, difference: Array) -> bool:
+        rounding = digits_of(run)["u"].half()[rows][:, j]
+        of_times = np.abs(run.t).max() / least * np.abs(difference)
+        rounding = rounding + 16.0 * EPS * (np.abs(q[rows]) / least + of_times)
+        return bool(np.all(np.abs(u[rows] - difference) <= rounding))
+
+    if not any(equal(*side) for side in (sides if one_sided else central)):
         return None
-    # Of the next order: h² d²u/dt² / 6, that is, a sixth of the second differences.
-    errors = np.abs(np.diff(u, 2, axis=0)).max(axis=0) / 6.0
+    # Of the next order: h² d²u/dt² / 6, that is, a sixth of the second differences; h du/dt / 2 to one side.
+    order, share = (1, 2.0) if one_sided else (2, 6.0)
+    errors = np.abs(np.diff(u, order, axis=0)).max(axis=0) / share
     names = [run.speeds[k] for k in j]
     derived = {**run.provenance.derived, "u": dict(zip(names, errors.tolist(), strict=True))}
     return replace(run, provenance=replace(run.provenance, derived=derived))

@@ -331,7 +331,8 @@ def _unknown(log: Observations, flow: Flow, lost: NDArray[np.bool_]) -> tuple[Ar
     Q, between = Q + _outer(own, Q), _outer(moves, Q)
     across = np.zeros_like(Q)
     if model.rows_of_G:
-        M, G = model.matrices(at.t, at.q)
+        end = flow.end  # where solvers project
+        M, G = model.matrices(end.t, end.q)
         directions, _ = np.linalg.qr(np.linalg.solve(M, G.transpose(0, 2, 1)))
         size = (
             ACROSS * np.sqrt(np.mean(flow.w**2, axis=0) + np.mean(log.noise[0] ** 2, axis=0)).max()

@@ -202,22 +202,22 @@ def attributed(
     return parts, float(unexplained.max(initial=0.0))
 
 
-TENTHS, GROWTH = 10, 2.0
-"""Parts of a log in one of which noise moves the energy most, where the motion is fastest; and by how much
-more errors that add up are over half of a log than over times in which noise is forgotten."""
+GROWTH = 2.0
+"""By how much more errors that add up are over half of a log than over times in which noise is forgotten."""
 
 
-def _of_noise(work: Array) -> Array:
-    """Standard error (N,) of running sums of work (N,), J, where rows have noise that went through a filter.
+def _of_scatter(work: Array) -> Array:
+    """Standard error (N,) of running sums of work (N,), J: of each step where errors of steps add up.
 
-    Errors of steps add up, noise comes and goes: what is no more over half of the log than over times in which
-    that is forgotten is all noise.
+    Noise that went through a filter comes and goes: what is no more over half of the log than over times in
+    which that is forgotten is all noise.
     """
     curve, half = np.cumsum(work), len(work) // 2
     lag = min(int(np.ceil(3.0 * autocorrelation_time(work[:, None]))), half)
-    apart, far = ((curve[k:] - curve[:-k]) ** 2 for k in (lag, half))
-    error = np.sqrt(max(part.mean() for part in np.array_split(apart, TENTHS) if len(part)))
-    return np.asarray(error + (far.mean() < GROWTH**2 * apart.mean()) * np.abs(curve))
+    near, far = (np.mean((curve[k:] - curve[:-k]) ** 2) for k in (lag, half))
+    if far < GROWTH**2 * near:
+        return np.asarray(np.sqrt(near) + np.abs(curve))
+    return np.full(len(work), np.sqrt(2.0 * np.mean(work**2)))
 
 
 def of_scattered_steps(
@@ -233,7 +233,7 @@ def of_scattered_steps(
     blows = np.where(large, work, 0.0)
     best = comparison.posterior.best
     of_log = _of_causes(comparison, best, of_log=True).curve + np.cumsum(blows)
-    each = _of_noise(work - blows)
+    each = _of_scatter(work - blows)
     integrator, log = parts.integrator, parts.log
     bars = [integrator.curve_error, log.curve_error, each + disputed, np.cumsum(np.abs(blows))]
     integrator = Share(integrator.curve + log.curve - of_log, np.linalg.norm(bars, axis=0))

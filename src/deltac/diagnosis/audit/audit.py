@@ -582,7 +582,9 @@ def _judgement(
         alone = differences(rows, one_sided=True)
         if inference is not None and not inference.methods and alone is not None:
             # Speeds that no method makes so are of the coordinates alone.
-            inference = infer(mechanism, alone, ledger.energy_exchanged, limit) or inference
+            of_coordinates = infer(mechanism, alone, ledger.energy_exchanged, limit)
+            if of_coordinates is not None and of_coordinates.methods:
+                inference = of_coordinates
     error = np.abs(ledger.uncorrected(function_of(ledger))).max()
     balanced = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
     rates = doubts <= set(omissions.OF_RATES)

@@ -21,6 +21,7 @@ from deltac.diagnosis.inference.integrators import EXACT, INTEGRATORS, Integrato
 from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, FlowError, Point
 from deltac.diagnosis.inference.methods import (
     FAR,
+    SOME,
     SQUARES,
     best_of,
     by_own_steps,
@@ -220,8 +221,9 @@ def _at_promising(comparison: Comparison) -> Comparison:
     for _ in range(RELINEARISATIONS):
         if moved.promising is None or moved.maps:
             break
-        causes = searched(moved.at, moved.at.beside(moved.promising)).best
-        if not causes.chosen:
+        block = moved.at.beside(moved.promising)
+        causes = searched(moved.at, block).best
+        if not causes.chosen or block.misfit(causes.coefficients) > SOME * block.start:
             break
         try:
             moved = _compared(moved.point.with_causes(causes.coefficients), None)

@@ -46,8 +46,8 @@ from deltac.diagnosis.inference.regression import NEGLIGIBLE
 from deltac.diagnosis.inference.result import OF_THE_LOG, Attribution, Generic, Share
 
 HALF = 0.6
-"""Standard deviation of what forces do between rows that a method does not see, in units of the difference
-between held and ramped ones: the latter are those of one in four."""
+"""Standard deviation of what forces do between rows that a method does not see, in units of what others
+would: two of them hold either, with a fifth to spare for what is not linear in it."""
 
 SAME = 1e-5
 """Share of what a mistake does to the rows that the integrator's fields leave where they do the same."""
@@ -323,8 +323,8 @@ def _other_states(comparison: Comparison) -> tuple[tuple[Map, Observations], ...
 def _of_rates_of_q(point: Point, log: Observations) -> Array:
     """What a unit of the field (a, 0) of first order adds to ΔC of the rates of the coordinates (N,), J.
 
-    Methods that are one method of the coordinates alone have speeds of other instants. Where the log has
-    none, the energy is that of the coordinates' own rates, q̇ = u + c h a: it is the same for all of them.
+    Methods that are one method of the coordinates alone have speeds of other instants. Where the log has none
+    and no method is known, the energy is that of the coordinates' own rates, q̇ = u + c h a.
     """
     n, h, (first, _) = point.model.n, point.log.steps, log.pieces[0]
 

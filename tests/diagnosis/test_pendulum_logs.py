@@ -182,3 +182,27 @@ def test_a_driven_joint_may_follow_its_law_through_a_filter(cut: float, noise: f
     assert audit.verdict.kind != "equation-error"
     departs = [f for f in audit.findings if f.kind == "prescribed-departs"]
     assert departs and {f.weight for f in departs} == {"note"}
+
+
+@pytest.mark.parametrize("amplitude", [0.315, 0.285])
+@pytest.mark.parametrize("h", [2e-3, 1e-2])
+def test_another_amplitude_is_no_filter(amplitude: float, h: float) -> None:
+    """A filter of unit gain smooths: none makes a law larger, and of a log none is wider than a few rows."""
+
+    def driven(size: float) -> dc.Mechanism:
+        return dc.Mechanism(
+            [dc.body("slide", mass=1.0, inertia=(1.0, 1.0, 1.0)), dc.point_mass("bob", 0.8)],
+            [
+                dc.prismatic("drive", "ground", "slide", "x", motion=f"{size!r}*sin(4*t)"),
+                dc.revolute("swing", "slide", "bob", "z", child_position=(0, 0.6, 0), damping=0.02),
+            ],
+            gravity=(0, -G, 0),
+        )
+
+    model = driven(amplitude)
+    run = dc.simulate(model, model.state({"swing": 0.7}), 3.0, h, "ode4")
+    rows = dc.Trajectory(t=run.t, q=run.q, u=run.u, coordinates=run.coordinates, speeds=run.speeds)
+    audit = dc.audit(driven(0.3), rows)
+    assert audit.verdict.kind == "equation-error"
+    departs = [f for f in audit.findings if f.kind == "prescribed-departs"]
+    assert departs and {f.weight for f in departs} == {"cause"}

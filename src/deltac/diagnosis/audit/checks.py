@@ -133,8 +133,9 @@ def _filtered_law(
 ) -> tuple[float, float] | None:
     """Delay and width (s) of a filter by which columns follow their laws; None where they follow by none.
 
-    A filter of unit gain makes x + c₁ẋ + c₂ẍ + … of a law x: its moments are the same for a coordinate and
-    its speed. One that is wider than `WIDEST` rows is none of a log; its start and end are of their own.
+    A filter of unit gain makes x + c₁ẋ + c₂ẍ + … of a law x, −c₁ its delay and 2c₂ − c₁² the square of its
+    width: one that sharpens has another gain. One wider than `WIDEST` rows is none of a log; its start and
+    end are of their own.
     """
     step = float(np.median(np.diff(run.t)))
     inside = slice(len(run) // EDGE, len(run) - len(run) // EDGE)
@@ -146,19 +147,21 @@ def _filtered_law(
     x = np.concatenate([d[: MOMENTS + 1, inside] for d in derivatives], axis=1)
     gap = np.concatenate([y[inside] for y in own.T]) - x[0]
     moments, *_ = np.linalg.lstsq(x[1:].T, gap, rcond=1e-12)
-    delay, width = -float(moments[0]), float(np.sqrt(abs(moments[1] - 0.5 * moments[0] ** 2)))
+    delay, square = -float(moments[0]), float(2.0 * moments[1] - moments[0] ** 2)
+    width = float(np.sqrt(max(square, 0.0)))
     rest = (gap - moments @ x[1:]).reshape(own.shape[1], -1).T
     # Noise that went through the filter keeps no time with the law.
-    noise = autocorrelation_time(rest) < AT_ONCE * autocorrelation_time(own[inside])
+    noise = autocorrelation_time(rest) < SOON * autocorrelation_time(own[inside])
     followed = np.abs(rest).max() <= (NOISE * np.abs(own).max() if noise else allowed)
-    return (delay * step, width * step) if followed and max(abs(delay), width) < WIDEST else None
+    smooths = square > -1.0 and max(abs(delay), width) < WIDEST
+    return (delay * step, width * step) if followed and smooths else None
 
 
 MOMENTS, WIDEST, EDGE = 4, 10.0, 20
 """Moments of a filter that are looked for, its largest delay and width, rows, and the share of a log at
 either end in which it starts and ends: one in so many rows."""
 
-AT_ONCE, NOISE = 0.25, 0.1
+SOON, NOISE = 0.25, 0.1
 """Autocorrelation time of noise in that of a law, and its size as a share of that, at most."""
 
 

@@ -15,18 +15,20 @@ from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
 from deltac.calls.progress import Parts, Progress, TimeLimit, counted, untold
 from deltac.diagnosis.audit import checks
-from deltac.diagnosis.audit.conventions import convention, filtered
+from deltac.diagnosis.audit.conventions import convention
+from deltac.diagnosis.audit.filters import unfiltered
 from deltac.diagnosis.audit.prediction import LONGEST, step_with
 from deltac.diagnosis.audit.verdict import Judgement, parts_of, unattributable
 from deltac.diagnosis.explain.explain import joint_explanation, with_gears
 from deltac.diagnosis.explain.result import Cause, Explanation
 from deltac.diagnosis.inference.forces import FORCES
-from deltac.diagnosis.inference.inference import infer
+from deltac.diagnosis.inference.inference import Unclosed, closed, infer
 from deltac.diagnosis.inference.integrators import IntegratorEstimate
+from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.result import Attribution, Inference, Share
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs import omissions
-from deltac.diagnosis.inputs.logs import Log, LogLike, in_model_order, read_log, read_run
+from deltac.diagnosis.inputs.logs import Log, LogLike, balanced, in_model_order, read_log, read_run
 from deltac.diagnosis.measurements.cleaning import differences
 from deltac.diagnosis.verdict import (
     RUN_TOLERANCE,
@@ -578,7 +580,9 @@ def _judgement(
     inference = None
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
         rows = _without_own_laws(mechanism, log.consecutive)
-        inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
+        inference, unfiltered = _inferred(reference, log, rows, limit)
+        if unfiltered is not None:
+            return _judgement(reference, unfiltered, known, limit, progress)
         alone = differences(rows, one_sided=True)
         if inference is not None and alone is not None and _speeds_are_shifted(inference):
             # Speeds that no method makes so are of the coordinates alone.
@@ -586,9 +590,9 @@ def _judgement(
             if of_coordinates is not None and of_coordinates.methods:
                 inference = of_coordinates
     error = np.abs(ledger.uncorrected(function_of(ledger))).max()
-    balanced = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
+    in_balance = ledger.method == "in-loop" and error <= tolerance * ledger.reference_energy
     rates = doubts <= set(omissions.OF_RATES)
-    if doubts and inference is not None and (inference.closes or (balanced and rates)):
+    if doubts and inference is not None and (inference.closes or (in_balance and rates)):
         # Rows that follow from each other by a known step contradict no rate: it is coarse, not their clock.
         # Nor do works of the loop that balance with energies of these speeds and coordinates.
         findings = [f for f in findings if f.kind not in doubts]
@@ -602,12 +606,6 @@ def _judgement(
         explained = inference.closes and not inference.finds_something
         if not explained and not limit.passed("other conventions of the log"):
             reading = convention(mechanism, log.consecutive, inference)
-            allowed = tolerance * max(ledger.energy_exchanged, ledger.reference_energy)
-            through = None
-            if reading is None and inference.flow > allowed:
-                through = filtered(mechanism, log.consecutive, inference)
-            if through is not None:
-                findings, inference = [*findings, through[0]], through[1]
         if reading is not None:  # in which forces of the log's states are others, too
             findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
         findings += checks.missing_equalities(mechanism, report, run, inference)
@@ -632,6 +630,27 @@ def _judgement(
     return Judgement(
         run, ledger, function, log.consecutive, inference, attribution, tuple(findings), tolerance
     )
+
+
+def _inferred(
+    reference: Reference, log: Log, rows: Trajectory, limit: TimeLimit
+) -> tuple[Inference | None, Log | None]:
+    """The inference of the rows of a log; and the log of what went into a filter, if it is one of that."""
+    mechanism = reference.mechanism
+    begun = closed(mechanism, rows, log.ledger.energy_exchanged)
+    if not isinstance(begun, Unclosed):
+        return begun, None
+    asked = not any(f.kind == "filtered" for f in log.findings)
+    asked = asked and not limit.passed("a filter of the log")
+    inference, through = None, unfiltered(Model(mechanism, rows), rows) if asked else None
+    if through is None:
+        inference = begun.with_causes(limit)
+        if asked and inference is not None and inference.finds_something:
+            through = unfiltered(inference.changed, rows)
+    if through is None:
+        return inference, None
+    before, told = through
+    return None, balanced(mechanism, before, reference.work, (*log.findings, told))
 
 
 def _speeds_are_shifted(inference: Inference) -> bool:

@@ -17,14 +17,11 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
-from scipy.optimize import least_squares
 
 from deltac.arrays import Array
 from deltac.diagnosis.inference.inference import infer, infer_alone
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.result import OF_THE_LOG, Inference
-from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding, Weight
 from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
@@ -203,105 +200,6 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
         "cause",
         joint.name,
     )
-
-
-class _Filtered:
-    """A log as one of a filter: what went in is x + a ẋ + b ẍ of what came out, x, to second order of time.
-
-    Its derivatives are those of splines, of each column on its own. a and b are in steps and their squares.
-    """
-
-    def __init__(self, mechanism: Mechanism, run: Trajectory) -> None:
-        self.run, self.model = run, Model(mechanism, run)
-        self.h = float(np.median(np.diff(run.t)))
-        self.q, self.u = (_derivatives(run.t, x) for x in (run.q, run.u))
-        forces = {name: _derivatives(run.t, f) for name, f in run.forces.items()}
-        self.forces = [{name: f[k] for name, f in forces.items()} for k in range(3)]
-        self.F = [self.model.rows(replace(run, forces=f)).F for f in self.forces]
-
-    def _before(self, x: Sequence[Array], numbers: Array) -> Array:
-        a, b = numbers * (self.h, self.h**2)
-        return np.asarray(x[0] + a * x[1] + b * x[2])
-
-    def before(self, numbers: Array, of_forces: bool) -> Trajectory:
-        """What went in: states, or forces as well."""
-        q, u = (self._before(x, numbers) for x in (self.q, self.u))
-        forces = self.forces[0]
-        if of_forces:
-            forces = {n: self._before([f[n] for f in self.forces], numbers) for n in forces}
-        return replace(
-            self.run, q=q, u=u, udot=None, forces=forces, integrals={}, works={}, events=()
-        )
-
-    def left(self, numbers: Array, of_forces: bool) -> Array:
-        """What the equations leave of the accelerations (T · n,) of what went in."""
-        free = self.model.mechanism.free
-        q, u, udot = (self._before(x, numbers) for x in (self.q, self.u, self.u[1:]))
-        F = self._before(self.F, numbers) if of_forces else self.F[0]
-        a = self.model.acceleration(self.run.t, q[:, free.q], u[:, free.u], F)
-        size = np.sqrt(np.mean(self.u[1][:, free.u] ** 2, axis=0)) + 1e-300
-        left: Array = np.nan_to_num((udot[:, free.u] - a) / size, nan=1e6)
-        return left.ravel()
-
-
-def _derivatives(t: Array, x: Array) -> list[Array]:
-    """A column with its first three."""
-    spline = make_interp_spline(t, x, k=5)
-    return [x, *(np.asarray(spline(t, k)) for k in (1, 2, 3))]
-
-
-EVEN, EARLY = 0.1, 0.5
-"""Differences of intervals as a share of them, of a clock that jitters; steps by which a filter is early that
-is symmetric in time."""
-
-DELAYS = (1.0, 8.0)
-"""Steps by which a filter is late where its numbers are begun."""
-
-
-def filtered(
-    mechanism: Mechanism, run: Trajectory, inference: Inference
-) -> tuple[Finding, Inference] | None:
-    """A filter of all states, or all columns, and the inference of what went into it, if that follows itself.
-
-    Asked only where a cause was found: states of a filter depart from the equations as those of others do. A
-    filter has rows at even times, and is not early.
-    """
-    a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0])
-    h = np.diff(run.t[a:b])
-    if np.ptp(h) > EVEN * h.mean():
-        return None
-    derived = "u" in run.provenance.derived or inference.model.quaternions
-    if not inference.finds_something or derived or inference.model.rows_of_G or b - a < 2 * ROWS:
-        return None
-    part = _Filtered(mechanism, run.take(slice(a, min(b, a + 2 * ROWS))))
-    was = float(np.linalg.norm(part.left(np.zeros(2), False)))
-    fits = [
-        (least_squares(part.left, (delay, 0.0), args=(forces,), max_nfev=10), forces)
-        for forces in ((False, True) if run.forces else (False,))
-        for delay in DELAYS
-    ]
-    fit, forces = min(fits, key=lambda item: float(item[0].cost))
-    left = float(np.sqrt(2.0 * fit.cost))
-    if not left < LEFT * was or fit.x[0] < -EARLY:
-        return None
-    before = _Filtered(mechanism, run.take(slice(a, b))).before(fit.x, forces)
-    other = infer_alone(mechanism, before)
-    if other is None or not _closes(other, inference):
-        return None
-    other = infer(mechanism, before) or other
-    # Splines restore what went in to some digits only: the rest may look like causes.
-    exact = not other.finds_something
-    delay = float(fit.x[0]) * part.h
-    what = "all columns" if forces else "coordinates and speeds"
-    finding = Finding(
-        "filtered",
-        f"{what} of the log went through a filter that is {delay:.3g} s late",
-        f"of what went in, the equations leave {percent(left / was)} of what they leave of the log",
-        "Log what goes into the filter" + ("; it is what is judged" if exact else ""),
-        "note" if exact else "doubt",
-        factor=delay,
-    )
-    return finding, other if exact else inference
 
 
 def _told(reading: Reading, alike: list[Reading], was: float, residual: float) -> Finding:

@@ -7,7 +7,7 @@ matrix.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,37 +70,64 @@ NARROW = 0.3
 """Least deviation of a filter of forces, steps."""
 
 
+@dataclass(frozen=True, eq=False)
+class Unclosed:
+    """A log of which the rows do not follow from each other without a cause: the points to begin at."""
+
+    points: tuple[Point, ...]
+    equations: LogEquations
+    kernels: ColumnKernels
+
+    def with_causes(self, limit: TimeLimit | None = None) -> Inference | None:
+        """The inference with causes; None where the equations have no motion between the rows.
+
+        Where the time `limit` has passed, places and axes are no causes, and causes count to first order.
+        """
+        # What looks like a mistake in all coordinates may be what an integrator of a few of them does.
+        result: Inference | None = None
+        with np.errstate(all="ignore"), compiled():
+            for point in self.points:
+                own = _with_causes(point, self.equations, self.kernels, limit)
+                if own is not None and (own.closes or not own.finds_something):
+                    return own
+                if own is not None and (result is None or own.flow < result.flow):
+                    result = own
+        return result
+
+
 def infer(
     mechanism: Mechanism, run: Trajectory, energy: float = 0.0, limit: TimeLimit | None = None
 ) -> Inference | None:
     """The inference for a run whose columns are in the mechanism's order; None for too few rows.
 
+    `energy` and `limit` as of `closed` and of `Unclosed.with_causes`.
+    """
+    begun = closed(mechanism, run, energy)
+    return begun.with_causes(limit) if isinstance(begun, Unclosed) else begun
+
+
+def closed(
+    mechanism: Mechanism, run: Trajectory, energy: float = 0.0
+) -> Inference | Unclosed | None:
+    """The inference where rows follow from each other without a cause; None for too few rows.
+
     `energy` is what the run exchanges (J): causes that exchange less than `NEGLIGIBLE` of it must be all.
-    Where the time `limit` has passed, places and axes are no causes, and causes count to first order.
     """
     if not len(mechanism.free.u) or len(run) < 3:
         return None
     model = Model(mechanism, run)
     equations = LogEquations(mechanism, run)
     kernels = column_kernels(equations)
+    points = list[Point]()
     with np.errstate(all="ignore"), compiled():
-        begun = list[Point]()
         for one in (*reductions(model, run), model):
             alone = _closed(one, run, equations, kernels, energy)
             # The fields of an integrator are many in all coordinates; a method of a few is sure.
             if isinstance(alone, Inference) and (alone.methods or one is model):
                 return alone
             if isinstance(alone, Point):
-                begun.append(alone)
-        # What looks like a mistake in all coordinates may be what an integrator of a few of them does.
-        result: Inference | None = None
-        for point in begun:
-            own = _with_causes(point, equations, kernels, limit)
-            if own is not None and (own.closes or not own.finds_something):
-                return own
-            if own is not None and (result is None or own.flow < result.flow):
-                result = own
-        return result
+                points.append(alone)
+    return Unclosed(tuple(points), equations, kernels)
 
 
 def infer_alone(mechanism: Mechanism, run: Trajectory) -> Inference | None:

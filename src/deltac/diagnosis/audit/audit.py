@@ -642,13 +642,9 @@ def _inferred(
         return begun, None
     asked = not any(f.kind == "filtered" for f in log.findings)
     asked = asked and not limit.passed("a filter of the log")
-    inference, through = None, unfiltered(Model(mechanism, rows), rows) if asked else None
-    if through is None:
-        inference = begun.with_causes(limit)
-        if asked and inference is not None and inference.finds_something:
-            through = unfiltered(inference.changed, rows)
-    if through is None:
-        return inference, None
+    through = asked and unfiltered(Model(mechanism, rows), rows, begun.kernels)
+    if not through:
+        return begun.with_causes(limit), None
     before, told = through
     return None, balanced(mechanism, before, reference.work, (*log.findings, told))
 

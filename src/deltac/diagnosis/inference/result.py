@@ -221,11 +221,6 @@ class Inference:
         """Whether each row follows from the one before by a known step, within the noise of both."""
         return bool(self.methods) and self.excess <= 1.0
 
-    @property
-    def changed(self) -> Model:
-        """The model with the causes in its equations."""
-        return self.model.changed(self.kernels, self.posterior.best.coefficients)
-
     def deviation(self, c: Candidate) -> float:
         """Standard error of the number of a cause of one, beside the best causes."""
         return deviation(self.blocks, c, self.posterior.best, self.tau)

@@ -64,6 +64,8 @@ FINDINGS: dict[str, str] = {
     "channel-differs": "the work of a force differs between model and log",
     "assumed-zero": "a force that was not imported is not in the log either, and is assumed to be zero",
     "impacts": "impacts occur whose work is not in the log",
+    "impacts-by-law": "impacts that are not in the log are those of the model",
+    "restitution": "impacts have another restitution than in the model",
     "residual": "some equations of motion do not close at the samples",
     "equation-departs": "the momentum testing functions of some equations leave their error bars",
     "prescribed-departs": "a prescribed joint does not follow its law",

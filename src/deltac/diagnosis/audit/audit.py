@@ -570,7 +570,12 @@ def _judgement(
     run, ledger = log.run, log.ledger
     findings = checks.with_conventions(mechanism, log.consecutive, [*known, *log.findings])
     findings += checks.violations(mechanism, run, ledger, tolerance)
-    findings += omissions.impacts_not_held(mechanism, run)
+    impacts = omissions.impacts_not_held(mechanism, run)
+    told = omissions.with_impacts(mechanism, run) if impacts and log.consecutive is run else None
+    if told is not None:
+        with_them = balanced(mechanism, told[0], reference.work, (*log.findings, told[1]))
+        return _judgement(reference, with_them, known, limit, progress)
+    findings += impacts
     findings += checks.differing_channels(mechanism, log, report, tolerance)
     findings += checks.stale_rows(mechanism, log.consecutive)
     missing = omissions.assumed_zero(run, report)
@@ -618,6 +623,8 @@ def _judgement(
     if inference is not None and not unattributable(findings):
         steps = _Departures.of(run, departures, findings, ledger.t)
         attribution = _attributed(inference, ledger, function, in_loop, steps)
+    if attribution is not None and any(f.kind == "restitution" for f in findings):
+        attribution = _of_impacts(attribution, ledger, function)
     if attribution is not None and not in_loop and len(attribution.t) == len(ledger.t):
         bar = NORMAL_95 * attribution.log.curve_error
         ledger = replace(ledger, error_bar={**ledger.error_bar, function: bar})
@@ -778,6 +785,13 @@ def _attributed(
     quadrature = np.abs(rest - along(own.log.curve))
     error = np.hypot(along(own.log.curve_error, True), quadrature)
     return Attribution(t, integrator, equations, Share(rest, error))
+
+
+def _of_impacts(own: Attribution, ledger: Ledger, function: str) -> Attribution:
+    """ΔC where impacts of the model are wrong: what no integrator does is of the equations."""
+    rest, bar = ledger.uncorrected(function) - own.integrator.curve, ledger.error_bar[function]
+    equations = Share(rest, np.hypot(bar, own.integrator.curve_error))
+    return replace(own, equations=equations, log=Share(np.zeros_like(rest), bar))
 
 
 def _pooled(share: Share, balance: Share) -> Share:

@@ -110,8 +110,9 @@ class LowPass:
         signs = alternating(len(y))[:, 0].reshape(-1, *(1,) * (y.ndim - 1))
         y = signs * np.cumsum(np.cumsum(signs * y, axis=0), axis=0)
         flat, unknown = y.reshape(len(y), -1), alternating(len(y))
-        rough = [np.diff(part, SMOOTH, axis=0) for part in (unknown, flat)]
-        return np.asarray((flat - unknown @ np.linalg.lstsq(*rough)[0]).reshape(y.shape))
+        rough, of_x = (np.diff(part, SMOOTH, axis=0) for part in (unknown, flat))
+        numbers: Array = np.linalg.lstsq(rough, of_x)[0]
+        return np.asarray((flat - unknown @ numbers).reshape(y.shape))
 
 
 def alternating(rows: int) -> Array:
@@ -151,7 +152,8 @@ class _Rows:
     @cached_property
     def unit(self) -> Array:
         """Prediction errors (2n,) of the rows as they are, by the exact flow."""
-        return np.sqrt(np.mean(self._point(self.output).flow.w ** 2, axis=0)) + 1e-300
+        w = self._point(self.output).flow.w
+        return np.asarray(np.sqrt(np.mean(w**2, axis=0)) + 1e-300)
 
     @cached_property
     def whole(self) -> float:
@@ -159,10 +161,10 @@ class _Rows:
         nothing = np.zeros((len(self.output), 2 * self.model.n, 0))
         return min(left for left, *_ in self._fitted(self.output, nothing))
 
-    def improved(self, fit: _Fit, every: bool, whole: bool = False) -> _Fit:
+    def improved(self, fit: _Fit, every: bool, alternates: bool = False) -> _Fit:
         """A fit after a step of Gauss and Newton.
 
-        `every`: by the likeliest method of all; `whole`: with what alternates beside.
+        `every`: by the likeliest method of all; `alternates`: with what alternates beside.
 
         Raises:
             FlowError: the equations have no finite motion between rows of what went in.
@@ -173,15 +175,15 @@ class _Rows:
             ends = [own.with_numbers(own.a + s * d[0], own.b + s * d[1]) for s in (-1.0, 1.0)]
             first, last = (model.rows(end.before(self.run)) for end in ends)
             changes.append(model.difference(first, last) / (2.0 * half))
-        with_more = whole and own.trapezoid
-        if with_more:
+        alternates = alternates and own.trapezoid
+        if alternates:
             unknown = alternating(len(before))
             changes += [np.outer(x, e) for e in np.eye(n) for x in unknown.T]
         method = None if every else fit.method
         fits = list(self._fitted(before, np.stack(changes, axis=-1), method))
         left, step, kind, method = min(fits, key=lambda item: item[0])
         moved = own.with_numbers(own.a + step[0], own.b + step[1])
-        if with_more:
+        if alternates:
             along = step[2:].reshape(n, -1).T
             change = np.zeros((2, self.run.q.shape[1] + self.run.u.shape[1]))
             of_q, of_u = model.rates.T
@@ -194,7 +196,7 @@ class _Rows:
         """A fit after as many steps as make it better. Raises as `improved`."""
         fit = replace(fit, left=np.inf)
         for turn in range(TURNS):
-            before, fit = fit, self.improved(fit, not turn, whole=True)
+            before, fit = fit, self.improved(fit, not turn, alternates=True)
             if fit.left > BETTER * before.left:
                 break
         return fit
@@ -243,7 +245,7 @@ class _Rows:
                 moved = change[1:] - (point.tangent.Phi if Phi is None else Phi) @ change[:-1]
                 r, D = beside_causes(w[:, :, None])[:, 0], beside_causes(moved)
                 if np.isfinite(r).all() and np.isfinite(D).all():
-                    step = -np.linalg.lstsq(D, r)[0]
+                    step = np.asarray(-np.linalg.lstsq(D, r)[0], dtype=float)
                     # In most intervals: blows are of a few, which two numbers could explain.
                     each = ((r + D @ step) ** 2).reshape(w.shape).mean(axis=1)
                     left = float(np.sqrt(np.median(each)))

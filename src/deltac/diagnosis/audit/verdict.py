@@ -400,6 +400,7 @@ class Judgement:
         kind = max(self.odds, key=lambda k: self.odds[k])
         # Where a model has impacts of which the log does not tell, they may be all that is wrong.
         jumps = kind == "integration-error" or (kind == "equation-error" and not self.causes)
+        jumps |= kind == "consistent" and self.energy_error[0] > self.allowed
         if self.impacts and jumps and not self.certain:
             return "unresolved"
         return kind if self.odds[kind] >= PROBABLE["medium"] else "unresolved"
@@ -663,7 +664,8 @@ def _undecided(e: Judgement) -> Finding:
         return finding(
             "the forces that the log lacks may be all that is wrong", e.lacking.evidence, e.lacking.remedy
         )  # fmt: skip
-    if e.impacts is not None and max(e.mistake[1], e.integrator) > 1.0 - PROBABLE["medium"]:
+    likely = max(e.mistake[1], e.integrator) > 1.0 - PROBABLE["medium"]
+    if e.impacts is not None and (likely or e.energy_error[0] > e.allowed):
         return finding("impacts may be all that is wrong", e.impacts.evidence, e.impacts.remedy)
     if e.mistake[1] > 0.5 and inference is not None and e.incomplete:
         return finding(

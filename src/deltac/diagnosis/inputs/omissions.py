@@ -4,17 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import SAME_STEP
+from deltac.arrays import SAME, SAME_STEP, Array
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger
-from deltac.errors import listed
+from deltac.errors import InputError, listed
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.mechanism import Mechanism
-from deltac.trajectories import Trajectory
+from deltac.mechanism.state import State
+from deltac.results import number, percent
+from deltac.simulation.constraints.assembly import assemble
+from deltac.simulation.simulate import simulate
+from deltac.trajectories import Occurrence, Trajectory
 
 if TYPE_CHECKING:
     from deltac.importers import ImportReport
@@ -128,6 +133,103 @@ def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
             element=names[0],
         )
     ]
+
+
+JUMP, MOST_JUMPS = 10.0, 200
+"""Changes of a speed's rate, in those of most rows, from which on it may have jumped, and intervals with such
+changes that are simulated at most."""
+
+ALIKE = 5.0
+"""Ratio of mean and scatter of departures, as shares of the jumps, from which on they are of the restitution:
+what a method does to the place of an impact is anything up to what one of its steps does."""
+
+FEW_IMPACTS = 3
+"""Impacts that tell a restitution from that."""
+
+SUBSTEPS = 4
+"""Steps of a simulation from row to row."""
+
+
+def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Finding] | None:
+    """The run with the impacts by which the model goes from row to row; None where it does not, or has none.
+
+    Where speeds may have jumped the model is simulated from the row before, with its impacts and no other
+    force than its own. Rows that depart from it by equal shares of the jumps are of another restitution.
+    """
+    if run.forces:  # those between rows that a step takes in are not known
+        return None
+    h = np.diff(run.t)
+    change = np.abs(np.diff(np.diff(run.u, axis=0) / h[:, None], axis=0))
+    most = (change > JUMP * np.median(change, axis=0) + SAME * change.max(axis=0)).any(axis=1)
+    jumps = np.flatnonzero(np.r_[most, False] | np.r_[False, most])
+    if not 0 < len(jumps) <= MOST_JUMPS:
+        return None
+    events, hits, free = (
+        list[Occurrence](),
+        list[tuple[Array, Array]](),
+        [SAME * np.abs(run.u).max()],
+    )
+    for k in jumps:
+        start = State(float(run.t[k]), run.q[k], run.u[k])
+        try:
+            if mechanism.constraints:
+                start = assemble(mechanism, start).state
+            own = simulate(mechanism, start, float(h[k]), float(h[k]) / SUBSTEPS)
+        except InputError:
+            return None
+        departs = run.u[k + 1] - own.u[-1]
+        jump = sum((e.u_after - e.u_before for e in own.events), np.zeros_like(departs))
+        if np.any(jump):
+            hits.append((departs, jump))
+            # The log has neither their accelerations nor their forces.
+            events += [
+                Occurrence(
+                    t=e.t, names=e.names, q=e.q, u_before=e.u_before, u_after=e.u_after,
+                    impulses=e.impulses,
+                )
+                for e in own.events
+            ]  # fmt: skip
+        else:
+            free.append(np.abs(departs).max())
+    if not hits:
+        return None
+    of_a_step = np.median(np.abs(np.diff(run.u, axis=0)).max(axis=1))
+    found = _impacts_told(events, hits, float(np.median(free)), float(of_a_step))
+    rows = replace(run, udot=None, works={}, integrals={}, events=tuple(events))
+    return None if found is None else (rows, found)
+
+
+def _impacts_told(
+    events: Sequence[Occurrence], hits: Sequence[tuple[Array, Array]], usual: float, step: float
+) -> Finding | None:
+    """What rows after impacts say of the model's law, by departures from it and jumps; None: nothing.
+
+    `usual`: departures without an impact; `step`: changes of the speeds by a step without one.
+    """
+    names = listed(dict.fromkeys(name for e in events for name in e.names))
+    shares = np.array([departs @ jump / (jump @ jump) for departs, jump in hits])
+    share, scatter = float(shares.mean()), float(shares.std())
+    sizes = [float(np.abs(departs).max()) for departs, _ in hits]
+    if len(hits) >= FEW_IMPACTS and abs(share) > ALIKE * scatter and min(sizes) > ALIKE * usual:
+        return Finding(
+            "restitution",
+            f"{len(hits)} impacts of the run ({names}) change the speeds by {percent(abs(share))} "
+            f"{'more' if share > 0.0 else 'less'} than those of the model",
+            f"alike in all of them to {percent(scatter)}; other rows depart by {number(usual)} rad/s or m/s",
+            "Give the model's impacts the restitution of the run",
+            "cause",
+            names,
+            factor=1.0 + share,
+        )
+    if max(sizes) > max(ALIKE * usual, step):
+        return None
+    return Finding(
+        "impacts-by-law",
+        f"the log lacks its {len(hits)} impacts ({names}); those of the model are taken",
+        "with them the model arrives at the next rows",
+        "Hand over the run with its events",
+        "note",
+    )
 
 
 OF_RATES = ("clock-scale", "gear-between-q-and-u", "speed-not-rate", "late-rows")

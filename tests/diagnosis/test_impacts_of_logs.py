@@ -1,0 +1,70 @@
+"""Impacts that a log leaves out: those of the model's law, or of another restitution; in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.problems.bouncing_ball import problem
+
+GRAVITY, HEIGHT, STEP, ROWS = 9.81, 1.0, 0.01, 300
+
+
+def bounced(restitution: float) -> dc.Trajectory:
+    """Heights and speeds of a ball that fell from `HEIGHT`, at even times, by its parabolas."""
+    begin, speed = -np.sqrt(2.0 * HEIGHT / GRAVITY), np.sqrt(2.0 * GRAVITY * HEIGHT)
+    q, u = [], []
+    for t in STEP * np.arange(ROWS):
+        while t - begin > 2.0 * speed / GRAVITY:
+            begin, speed = begin + 2.0 * speed / GRAVITY, restitution * speed
+        since = t - begin
+        q.append(speed * since - 0.5 * GRAVITY * since**2)
+        u.append(speed - GRAVITY * since)
+    return dc.Trajectory(
+        t=STEP * np.arange(ROWS), q=np.array(q)[:, None], u=np.array(u)[:, None],
+        coordinates=("height",), speeds=("height",), provenance=dc.Provenance("by hand"),
+    )  # fmt: skip
+
+
+def test_impacts_of_the_model_are_taken() -> None:
+    audit = dc.audit(problem(0.8), bounced(0.8))
+    assert audit.verdict.kind == "consistent", audit.explain()
+    assert "F-IMPACTS-BY-LAW" in {f.code for f in audit.findings}
+    # Each impact takes 1 − e² of m g z; what is left are the digits of the rows.
+    lost = -audit.ledger.work["impact floor"][-1]
+    count = len(audit.run.events)
+    assert count > 3, count
+    assert lost == pytest.approx(GRAVITY * HEIGHT * (1.0 - 0.8 ** (2 * count)), rel=1e-9)
+    assert np.abs(audit.energy_error).max() < 1e-10
+
+
+@pytest.mark.parametrize("own", [0.78, 0.81, 0.9])
+def test_another_restitution_is_named(own: float) -> None:
+    audit = dc.audit(problem(0.8), bounced(own))
+    assert audit.verdict.kind == "equation-error", audit.explain()
+    [told] = [f for f in audit.findings if f.kind == "restitution"]
+    assert told.factor == pytest.approx((1.0 + own) / 1.8, rel=1e-6)
+    # The model's law takes what it would take of each impact: (e² − 0.8²) of K before it is missing.
+    before = GRAVITY * HEIGHT * own ** (2.0 * np.arange(len(audit.run.events)))
+    missing = float(np.sum((own**2 - 0.8**2) * before))
+    assert audit.attribution is not None
+    assert audit.attribution.equations.energy == pytest.approx(missing, rel=1e-6)
+
+
+def test_noise_is_no_restitution() -> None:
+    run, rng = bounced(0.8), np.random.default_rng(3)
+    noisy = dc.Trajectory(
+        t=run.t, q=run.q + 1e-3 * rng.standard_normal(run.q.shape),
+        u=run.u + 1e-2 * rng.standard_normal(run.u.shape),
+        coordinates=run.coordinates, speeds=run.speeds,
+    )  # fmt: skip
+    audit = dc.audit(problem(0.8), noisy)
+    assert audit.verdict.kind != "equation-error", audit.explain()
+    assert not [f for f in audit.findings if f.kind == "restitution"]
+
+
+def test_two_impacts_tell_no_restitution() -> None:
+    """Two departures may be alike by chance, as what a method does to the places of impacts."""
+    audit = dc.audit(problem(0.8), bounced(0.9).take(slice(0, 180)))
+    assert audit.verdict.kind == "unresolved", audit.explain()

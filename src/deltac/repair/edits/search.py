@@ -13,10 +13,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import HALF_DIGITS, Array
+from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
-from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
+from deltac.repair.edits.insertions import FEWEST_STATES, Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements
 from deltac.repair.edits.single import additions, edits, structure
@@ -29,9 +29,6 @@ from deltac.results import SHOWN
 
 OPERATIONS = 20_000_000
 """Operations of a function that a search of one kind runs, about."""
-
-FIRST_STATES = 4
-"""States at which a text is traced again at first."""
 
 TRACED_EDITS = 1500
 """Edits for which the text is traced again, at most."""
@@ -189,7 +186,7 @@ class EditSearch:
             return False
         samples = self.target.samples()
         try:
-            few = samples.at(np.arange(min(FIRST_STATES, len(samples.t))))
+            few = samples.at(np.arange(min(FEWEST_STATES, len(samples.t))))
             return all(reading(changed, some).wrong < RIGHT for some in (few, samples))
         except InputError:
             return False
@@ -210,10 +207,6 @@ def confirmed(
     except InputError:
         return None
     return changed if again.wrong < RIGHT else None
-
-
-ALONG = 1e-5
-"""A residual within this share of the direction in which an expression acts may be that expression's."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -371,7 +364,7 @@ def _explained(along: Array, residual: Array) -> NDArray[np.bool_]:
         return np.zeros(len(along), dtype=bool)
     share = np.einsum("pnb,nb->pb", along, residual)
     rest = np.sum((residual - share[:, None] * along) ** 2, axis=1)
-    return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(residual).max())
+    return np.asarray(np.sqrt(rest.max(axis=1)) < SIX_DIGITS * np.abs(residual).max())
 
 
 def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:

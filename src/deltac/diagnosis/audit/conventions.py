@@ -153,7 +153,7 @@ def _best(
     was = _left(model, part, inference)
     residuals = np.array([_left(model, reading.of(part), inference) for reading in readings])
     # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
-    doubts = [reading.weight == "doubt" for reading in readings]
+    doubts = np.array([reading.weight == "doubt" for reading in readings])
     order = [int(k) for k in np.lexsort((doubts, _digits(residuals))) if residuals[k] < LEFT * was]
     for way in (infer_alone, infer):  # a log that has a mistake too closes beside it
         for k in order[: 3 if way is infer_alone else 1]:

@@ -83,7 +83,7 @@ class EditSearch:
         # Arrays, and what is evaluated more than once, have no one value that they must have.
         others = [place for place in self.program.trace.instances if place not in numbers]
         undecided = [*others, *self.requirements.undecided]
-        right += self.passing(undecided, edits)
+        right += self.passing([*undecided, *self.program.lists], edits)
         if not any(c.cost <= SIMPLE for c in right):
             right += self.scaled(others)
             right += self.passing([p for p in others if self.names.shape(p)], additions)
@@ -255,7 +255,9 @@ def _pool(search: EditSearch) -> list[First]:
     pool: list[First] = []
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
     varying = [place for place in places if not search.names.constant(place)]
-    trials = itertools.chain(search.tried(places, edits), search.tried(varying, additions))
+    trials = itertools.chain(
+        search.tried([*program.lists, *places], edits), search.tried(varying, additions)
+    )
     for candidate, changes in itertools.islice(trials, OPERATIONS // 1000):
         effect = program.residual(changes) - base
         size = np.abs(effect).max()
@@ -308,10 +310,9 @@ def _closing(search: EditSearch) -> list[First]:
         if r is not None:
             changes = {r.slot: TapeChange(partial(np.asarray, r.required), ())}
             effect = program.residual(changes) - program.original_residual
-            firsts += [
-                First(candidate, effect, changes)
-                for candidate in insertions(program, r, search.vocabulary)
-            ]
+            terms = insertions(program, r, search.vocabulary)
+            candidates = list(terms) or sums(program, r, search.vocabulary)
+            firsts += [First(candidate, effect, changes) for candidate in candidates]
     return firsts
 
 

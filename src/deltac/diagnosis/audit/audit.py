@@ -575,9 +575,8 @@ def _judgement(
     findings += omissions.assumed_zero_finding(missing, omissions.limits_reached(run, report))
     progress(0.2)
     doubts = {f.kind for f in findings if f.weight == "doubt"}
-    inference = None
+    inference, rows = None, _without_own_laws(mechanism, log.consecutive)
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
-        rows = _without_own_laws(mechanism, log.consecutive)
         inference = infer(mechanism, rows, ledger.energy_exchanged, limit)
         alone = differences(rows, one_sided=True)
         if inference is not None and alone is not None and _speeds_are_shifted(inference):
@@ -601,7 +600,7 @@ def _judgement(
         # Rows that follow from each other by a known step are not of another convention.
         explained = inference.closes and not inference.finds_something
         if not explained and not limit.passed("other conventions of the log"):
-            reading = convention(mechanism, log.consecutive, inference)
+            reading = convention(mechanism, rows, inference)
             allowed = tolerance * max(ledger.energy_exchanged, ledger.reference_energy)
             through = None
             if reading is None and inference.flow > allowed:

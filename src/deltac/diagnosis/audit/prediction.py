@@ -18,6 +18,7 @@ from deltac.diagnosis.inference.forces import FORCES, ForceInStep
 from deltac.diagnosis.inference.integrators import Integrator
 from deltac.diagnosis.inference.model import Intervals, Rows
 from deltac.diagnosis.inference.result import Inference
+from deltac.diagnosis.verdict import LEAST_ORDER
 
 ROWS = 200
 """Rows of the log from which a method is tried, at most: the largest of a sum needs two digits."""
@@ -36,9 +37,6 @@ TRIALS = 6
 
 LONGEST = 10.0
 """Steps, in steps of the log, up to which its rows tell what a method does."""
-
-LEAST_ORDER = 0.5
-"""Slope below which the joules are not in an order of the step."""
 
 CLOSE = 0.01
 """Relative error of a predicted step."""

@@ -296,7 +296,7 @@ def ledger_kernels(
         """The terms without the powers whose integrals are known."""
         if not recorded:
             return all_terms
-        # In the order of the channels: kernels are kept by their text, and sets differ from process to process.
+        # In the order of the channels: kernels are kept by their text, and that of sets is by chance.
         known = {n: power[n] for n in power if n in recorded}
         return replace(
             all_terms,

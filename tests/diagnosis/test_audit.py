@@ -116,7 +116,11 @@ def test_one_body_heavier_by_two_percent() -> None:
     assert cause.factor == pytest.approx(1.0 / 1.02, rel=1e-9)
 
 
-@pytest.mark.parametrize(("xml", "run"), [(ARM, arm_run), (BOX, box_run)], ids=["arm", "box"])
+@pytest.mark.parametrize(
+    ("xml", "run"),
+    [(ARM, arm_run), pytest.param(BOX, box_run, marks=pytest.mark.slow)],
+    ids=["arm", "box"],
+)
 def test_gravity_of_two_countries(xml: str, run: Any) -> None:
     """A thousandth of gravity is real, and within the tolerance."""
     found = audit(with_changes(xml, gravity=9.8), run())

@@ -141,3 +141,56 @@ def test_a_motor_that_fails_is_told_with_its_time() -> None:
     assert (first.kind, first.element) == ("actuator-gear", "actuator m2")
     assert first.factor == pytest.approx(0.0, abs=1e-2)
     assert "before, the equations hold" in first.evidence
+
+
+# --- a stiff machine in coarse rows, by equations written out here -----------------------------------------
+
+CART, BOB, ARM, STIFF, DAMPED, G = 2.0, 0.7, 0.3, 90.0, 0.4, 9.81
+
+
+def stiff_rate(x: np.ndarray) -> np.ndarray:
+    """A bob on a cart, held upright by a spring: (position, angle, and their rates), of the angle about y."""
+    _, angle, v, w = x
+    c, s = np.cos(angle), np.sin(angle)
+    M = [[CART + BOB, BOB * ARM * c], [BOB * ARM * c, BOB * ARM**2]]
+    push = BOB * ARM * s * w**2
+    moment = BOB * G * ARM * s - STIFF * angle - DAMPED * w
+    return np.concatenate([[v, w], np.linalg.solve(M, [push, moment])])
+
+
+@pytest.mark.parametrize("step", [0.02, 0.005])
+def test_an_axis_that_points_the_other_way_is_told_in_coarse_rows(step: float) -> None:
+    rows = [np.array([0.0, 0.4, 0.5, -2.0])]
+    for _ in range(150):
+        a = stiff_rate(rows[-1])
+        b = stiff_rate(rows[-1] + step / 2 * a)
+        c = stiff_rate(rows[-1] + step / 2 * b)
+        d = stiff_rate(rows[-1] + step * c)
+        rows.append(rows[-1] + step / 6 * (a + 2 * b + 2 * c + d))
+    x = np.array(rows)
+    names, at_pole = ("rail", "pole"), np.array([0.0, 1.0])
+    log = dc.Trajectory(
+        t=step * np.arange(len(x)), q=x[:, :2], u=x[:, 2:], coordinates=names, speeds=names,
+        forces={"spring pole": -STIFF * x[:, :2] * at_pole, "damper pole": -DAMPED * x[:, 2:] * at_pole},
+        provenance=dc.Provenance("other", step=step),
+    )  # fmt: skip
+
+    def model(axis: tuple[int, int, int]) -> dc.Mechanism:
+        point = (0.0, 0.0, 0.0)
+        return dc.Mechanism(
+            [dc.body("cart", CART, point), dc.body("bob", BOB, point, (0, 0, ARM))],
+            [
+                dc.prismatic("rail", "ground", "cart", "x"),
+                dc.revolute("pole", "cart", "bob", axis, stiffness=STIFF, damping=DAMPED),
+            ],
+            gravity=(0, 0, -G),
+        )
+
+    right = dc.audit(model((0, 1, 0)), log)
+    assert right.verdict.kind in ("consistent", "integration-error")
+    wrong = dc.audit(model((0, -1, 0)), log)
+    assert wrong.verdict.kind == "equation-error"
+    finding = wrong.findings[0]
+    # Turned about either axis, the machine is its own image in a mirror.
+    assert finding.kind == "axis-sign"
+    assert {finding.element, *(element for _, element in finding.equals)} == {"rail", "pole"}

@@ -18,6 +18,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.hypotheses import Block, nothing
 from deltac.diagnosis.inference.model import Intervals, Rows
+from tests.support.slow import crossed
 
 H, LENGTH, DAMPING, G = 2e-3, 0.8, 0.2, 9.81
 INERTIA = LENGTH**2
@@ -93,8 +94,7 @@ def log(x: Array, torques: Array, some: Array, **provenance: object) -> dc.Traje
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("step", [semi_implicit_euler, rk4])
-@pytest.mark.parametrize("parts", [4, 5])
+@pytest.mark.parametrize(("step", "parts"), crossed((semi_implicit_euler, rk4), (4, 5)))
 def test_rows_of_every_few_steps_tell_how_often_their_forces_were_held(
     step: Step, parts: int
 ) -> None:

@@ -15,6 +15,7 @@ from deltac.errors import SourceError
 from deltac.repair.edits.candidates import EditCandidate, apply
 from deltac.repair.edits.insertions import sums
 from deltac.repair.edits.search import EditSearch, _explained
+from deltac.repair.edits.single import edits
 from deltac.repair.repair import repair_source
 from deltac.repair.tracing.program import read
 from deltac.repair.tracing.samples import RIGHT, Target
@@ -119,6 +120,25 @@ def test_an_edit_within_an_edit() -> None:
 
     changed = apply(source, [edit("b", "b**2"), edit("b + c", "b - c")])
     assert changed is not None and "a * ((b**2) - c)" in changed.text
+
+
+def test_results_that_are_exchanged_are_seen_on_the_tape_and_keep_their_layout() -> None:
+    """Each takes what the other is computed of, in whichever order; commas and comments stay."""
+    model = dc.Mechanism(
+        [dc.bodies.frame("sx"), dc.point_mass("p", 2.0)],
+        [dc.prismatic("x", "ground", "sx"), dc.prismatic("y", "sx", "p", "y", stiffness=3.0)],
+        gravity=(1.5, 0, 0),
+    )
+    text = "def rhs(t, q, u):\n    return [\n        -3.0 * q[1] / 2,  # along\n        3.0 / 2,\n    ]\n"
+    source = Source("eom.py", text, "rhs")
+    search = EditSearch(read(source, Target(model)).worst, Target(model))
+    (place,) = search.program.lists
+    (edit,) = search.passing([place], edits)
+    changed = apply(source, [edit])
+    assert changed is not None
+    assert changed.text == text.replace("-3.0 * q[1] / 2,", "3.0 / 2,").replace(
+        "        3.0 / 2,\n    ]", "        -3.0 * q[1] / 2,\n    ]"
+    )
 
 
 def test_a_residual_along_one_expression_is_explained_by_it() -> None:

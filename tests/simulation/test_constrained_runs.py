@@ -17,7 +17,7 @@ import deltac as dc
 from deltac.energy import balance
 from deltac.errors import InputError
 from deltac.simulation.solvers import SOLVERS
-from tests.support.slow import ONE_OF_A_KIND, repeated
+from tests.support.slow import ONE_OF_A_KIND, crossed, repeated
 from tests.systems.linkages import ALL, disc, four_bars, linkage, worst
 
 STEPPING = [s.name for s in SOLVERS.values() if s.takes_steps]
@@ -377,8 +377,9 @@ def rolling(mechanism: dc.Mechanism, speed: float) -> dc.State:
     return mechanism.state({"base.z": WHEEL + 0.1}, {"base.vx": speed, **turning})
 
 
-@pytest.mark.parametrize("sprung", [False, True])
-@pytest.mark.parametrize("solver", ["ode4", "DOP853", "generalized-alpha"])
+@pytest.mark.parametrize(
+    ("solver", "sprung"), crossed(("ode4", "DOP853", "generalized-alpha"), (False, True))
+)
 def test_a_car_on_four_wheels(solver: str, sprung: bool) -> None:  # noqa: FBT001
     """By hand: a = (2 M/R) / (m + 4 I/R²), I = m_w R²/2; the springs carry 520 kg.
 

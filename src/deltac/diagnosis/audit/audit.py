@@ -582,9 +582,8 @@ def _judgement(
     findings += omissions.assumed_zero_finding(missing, omissions.limits_reached(run, report))
     progress(0.2)
     doubts = {f.kind for f in findings if f.weight == "doubt"}
-    inference = None
+    inference, rows = None, _without_own_laws(mechanism, log.consecutive)
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
-        rows = _without_own_laws(mechanism, log.consecutive)
         inference, unfiltered = _inferred(reference, log, rows, limit)
         if unfiltered is not None:
             return _judgement(reference, unfiltered, known, limit, progress)
@@ -610,7 +609,7 @@ def _judgement(
         # Rows that follow from each other by a known step are not of another convention.
         explained = inference.closes and not inference.finds_something
         if not explained and not limit.passed("other conventions of the log"):
-            reading = convention(mechanism, log.consecutive, inference)
+            reading = convention(mechanism, rows, inference)
         if reading is not None:  # in which forces of the log's states are others, too
             findings = [*(f for f in findings if f.kind != "channel-differs"), reading]
         findings += checks.missing_equalities(mechanism, report, run, inference)

@@ -18,7 +18,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
+from deltac.diagnosis.inference.flow import runge_kutta
+from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import infer, infer_alone
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.result import OF_THE_LOG, Inference
@@ -28,6 +30,7 @@ from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.joints import Joint
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import percent
+from deltac.simulation.stepping.runge_kutta import tableau_of
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import RateNames
 from deltac.trajectories.lint import some_stretches
@@ -36,7 +39,7 @@ LARGE = 0.05
 """Share of the accelerations that the equations leave where conventions are asked for without a cause."""
 
 LEFT = 0.1
-"""What the right one may leave of that: the mean of the accelerations at both ends of a step is not exact."""
+"""What the right one may leave of that: what the integrator did, and what forces did between the rows."""
 
 PARTS, ROWS = 4, 100
 """Stretches of a log that are looked at, and their rows: fewer of many speeds."""
@@ -144,11 +147,11 @@ def _best(
     """The reading that takes nearly all away of what the equations leave, if one does."""
     part = _some(run)
     model = Model(mechanism, part)
-    was = _left(model, part)
-    if not readings:
-        return None
-    residuals = [_left(model, reading.of(part)) for reading in readings]
-    order = [int(k) for k in np.argsort(residuals) if residuals[int(k)] < LEFT * was]
+    was = _left(model, part, inference)
+    residuals = np.array([_left(model, reading.of(part), inference) for reading in readings])
+    # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
+    doubts = np.array([reading.weight == "doubt" for reading in readings])
+    order = [int(k) for k in np.lexsort((doubts, _digits(residuals))) if residuals[k] < LEFT * was]
     for way in (infer_alone, infer):  # a log that has a mistake too closes beside it
         for k in order[: 3 if way is infer_alone else 1]:
             other = way(mechanism, readings[k].of(run))
@@ -156,6 +159,11 @@ def _best(
                 alike = [readings[j] for j in order if j != k and residuals[j] < 2.0 * residuals[k]]
                 return _told(readings[k], alike, was, residuals[k])
     return None
+
+
+def _digits(residuals: Array) -> Array:
+    """Residuals to one digit and a half: of what is equal, rounding tells nothing."""
+    return np.asarray(np.round(np.log10(np.maximum(residuals, SAME)), 1))
 
 
 def _closes(other: Inference, inference: Inference) -> bool:
@@ -174,7 +182,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
     if not single or len(single) > MANY:
         return None
     part = _some(run)
-    was = _left(Model(mechanism, part), part)
+    was = _left(Model(mechanism, part), part, inference)
     trials: list[tuple[float, Joint, str, Mechanism]] = []
     for joint in single:
         for name, axis in zip("xyz", np.eye(3)):
@@ -184,7 +192,7 @@ def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Findin
             joints = tuple(turned if j is joint else j for j in mechanism.joints)
             with suppress(InputError):  # a body may have no inertia about that axis
                 other = replace(mechanism, joints=joints)
-                trials.append((_left(Model(other, part), part), joint, name, other))
+                trials.append((_left(Model(other, part), part, inference), joint, name, other))
     if not trials:
         return None
     residual, joint, name, other = min(trials, key=lambda item: item[0])
@@ -221,21 +229,28 @@ def _some(run: Trajectory) -> Trajectory:
     return some_stretches(run, PARTS, max(SHORTEST, ROWS * MANY // max(len(run.speeds), MANY)))
 
 
-def _left(model: Model, run: Trajectory) -> float:
-    """What the equations leave of the accelerations, in the mass metric."""
-    free = model.mechanism.free
-    q, u = run.q[:, free.q], run.u[:, free.u]
-    values = list(model.log.values(run).values())
-    F = np.concatenate(values, axis=1) if values else np.zeros((len(run), 0))
+def _left(model: Model, run: Trajectory, inference: Inference) -> float:
+    """What the equations leave of the accelerations, in the mass metric: by a step from row to row.
+
+    Forces act as in the inference.
+    """
     h = np.diff(run.t)
-    next_to = h < 1.5 * np.median(h)
+    next_to = np.flatnonzero(h < 1.5 * np.median(h))
+    rows = model.rows(run)
+    start, end, h = rows.take(next_to), rows.take(next_to + 1), h[next_to, None]
+    tableau = tableau_of("ode4")
+    assert tableau is not None
+    at, slope = np.array([FORCES[kind][:2] for kind in inference.forces]).reshape(-1, 2).T
+
+    def force(fraction: float, _: int = 0) -> Array:
+        return np.asarray(start.F + (at + fraction * slope) * (end.F - start.F))
+
     sizes: Sequence[float] = (np.inf, 1.0, 0.0)  # where accelerations are not finite
     with np.errstate(all="ignore"), suppress(np.linalg.LinAlgError):
-        a = model.acceleration(run.t, q, u, F)
-        M = model.matrices(run.t[:-1], q[:-1])[0][next_to]
-        D = (np.diff(u, axis=0) / h[:, None])[next_to]
-        mean = 0.5 * (a[:-1] + a[1:])[next_to]
-        sizes = [np.sqrt(np.mean(np.einsum("ti,tij,tj->t", x, M, x))) for x in (D - mean, D, mean)]
+        u = runge_kutta(model, tableau, start, h, force)[1]
+        M = model.matrices(start.t, start.q)[0]
+        changes = ((end.u - u) / h, (end.u - start.u) / h, (u - start.u) / h)
+        sizes = [np.sqrt(np.mean(np.einsum("ti,tij,tj->t", x, M, x))) for x in changes]
     share = float(sizes[0] / (sizes[1] + sizes[2] + 1e-300))
     return share if np.isfinite(share) else np.inf
 

@@ -102,16 +102,19 @@ def _implicit_in(whole: bool) -> Step:
     def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         F = force(0.0)
         a = model.acceleration(at.t, at.q, at.u, F)
-        columns = []
-        for e in np.eye(model.n)[:, None]:
-            if whole:
-                d = 1e-6 * (1.0 + np.abs(at.u).max())
-                both = [model.acceleration(at.t, at.q, at.u + s * d * e, F) for s in (1.0, -1.0)]
-                columns.append((both[0] - both[1]) / (2.0 * d))
-            else:
-                change = model.damping(at.t, at.q, at.u + e, F) - model.damping(at.t, at.q, at.u, F)
-                columns.append(model.response(at.t, at.q, change))
-        A = np.eye(model.n) - h[:, :, None] * np.stack(columns, axis=2)
+        units = np.eye(model.n)[:, None]
+        if whole:
+            d = 1e-6 * (1.0 + np.abs(at.u).max())
+            ends = (
+                [model.acceleration(at.t, at.q, at.u + s * d * e, F) for s in (1.0, -1.0)]
+                for e in units
+            )
+            slopes = np.stack([(x - y) / (2.0 * d) for x, y in ends], axis=2)
+        else:
+            still = model.damping(at.t, at.q, at.u, F)
+            change = [model.damping(at.t, at.q, at.u + e, F) - still for e in units]
+            slopes = model.response(at.t, at.q, np.stack(change, axis=2))
+        A = np.eye(model.n) - h[:, :, None] * slopes
         u = at.u + np.linalg.solve(A, (h * a)[:, :, None])[:, :, 0]
         return model.moved(at.q, u, h), u
 

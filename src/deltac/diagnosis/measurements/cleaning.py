@@ -24,6 +24,7 @@ from deltac.diagnosis.verdict import Finding, percent
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import MechanismNames, RateNames
+from deltac.trajectories.motion import CLEAR_RATIO
 from deltac.trajectories.rates import GAP, with_speeds
 
 FEW = 0.1
@@ -31,10 +32,6 @@ FEW = 0.1
 
 COPIES = 0.34
 """Share of the rows up to which copies are left out and the rest is judged."""
-
-
-CLEARLY = 0.3
-"""An even clock is believed where it leaves this share of the unsteadiness, or less."""
 
 
 LATE = 0.8
@@ -83,7 +80,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     even = _evenly_timed(run)
     if even is not None:
         other = coordinates_against_speeds(mechanism, even)
-        if unsteadiness(other) < CLEARLY * unsteadiness(comparisons):
+        if unsteadiness(other) < CLEAR_RATIO * unsteadiness(comparisons):
             findings.append(_jitter(run, even))
             run, comparisons = even, other
     findings += [*_jumps(run, comparisons), *_wrong_rates(run, comparisons)]

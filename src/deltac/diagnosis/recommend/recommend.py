@@ -41,14 +41,13 @@ from deltac.diagnosis.recommend.work_precision import (
     Trial,
     Trials,
 )
-from deltac.diagnosis.study.convergence import LEAST_ORDER
 from deltac.diagnosis.study.simulators import (
     MUJOCO,
     SimulationOptions,
     handed_on,
     starting,
 )
-from deltac.diagnosis.verdict import REFINED_TOLERANCE, check_tolerance
+from deltac.diagnosis.verdict import LEAST_ORDER, REFINED_TOLERANCE, check_tolerance
 from deltac.errors import NO_NUMBER, InputError, SolverError
 from deltac.models import ModelLike, StateLike, load_model
 
@@ -63,9 +62,6 @@ SLACK = 2.0
 
 REFINEMENT = 4.0
 """By what factor a step is divided that has no order yet, because the run broke down."""
-
-STEP_MARGIN = 1.03
-"""Margin on a step that an order predicts, so that it seldom fails its verification."""
 
 
 @checked
@@ -276,7 +272,7 @@ class SolverCandidate:
         if math.isinf(excess):
             return setting / REFINEMENT
         if self._resolved(tried):
-            return setting / (STEP_MARGIN * float(max(excess, EPS) ** (1.0 / self.order)))
+            return setting / float(max(excess, EPS) ** (1.0 / self.order))
         # Coarser than anything that has an order: the error has still to fall from `ROUGHLY`.
         rest = 1.0 if first else float((ROUGHLY / min(self.tolerances)) ** (1.0 / self.order))
         return setting / (2.0 * max(rest, 1.0))

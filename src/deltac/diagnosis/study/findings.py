@@ -9,14 +9,13 @@ import numpy as np
 from deltac.arrays import SAME, TINY
 from deltac.diagnosis.inputs.omissions import impacts_not_held
 from deltac.diagnosis.study.convergence import (
-    LEAST_ORDER,
     Convergence,
     order_of,
     order_text,
 )
 from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, by_unit
 from deltac.diagnosis.study.runs import BalancedRun, corrections
-from deltac.diagnosis.verdict import Finding, percent
+from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.study.convergence import LEAST_ORDER, Convergence, order_of
+from deltac.diagnosis.study.convergence import Convergence, order_of
 from deltac.diagnosis.study.curves import FEWEST
-from deltac.diagnosis.verdict import Finding, percent
+from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism

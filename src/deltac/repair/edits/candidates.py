@@ -36,7 +36,12 @@ class EditCandidate:
     @cached_property
     def text(self) -> str:
         """What the node's text is replaced by."""
-        return self.new if isinstance(self.new, str) else rendered(self.source, self.new)
+        node, new = self.source.nodes[self.place], self.new
+        if isinstance(new, str):
+            return new
+        if isinstance(new, ast.List | ast.Tuple) and isinstance(node, type(new)):
+            return _laid_out(self.source, node, new)
+        return rendered(self.source, new)
 
     @property
     def words(self) -> str:
@@ -71,6 +76,16 @@ def rendered(source: Source, tree: ast.AST) -> str:
             enclosed.remove(k)
     best = text(enclosed)
     return best if _dump(best) == meant else ast.unparse(tree)
+
+
+def _laid_out(source: Source, node: ast.List | ast.Tuple, new: ast.List | ast.Tuple) -> str:
+    """A list as text, its elements replaced by others of the source, between the old commas."""
+    (start, last), text = source.span(node), ""
+    for old, element in zip(node.elts, new.elts):
+        begin, end = source.span(old)
+        text += source.text[start:begin] + source.segment(element)
+        start = end
+    return text + source.text[start:last]
 
 
 def _outline(source: Source, tree: ast.AST, parts: list[ast.AST]) -> ast.AST:

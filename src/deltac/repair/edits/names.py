@@ -170,6 +170,8 @@ class TracedNames:
         program, place = self.program, candidate.place
         tape, instances = program.tape, program.trace.instances.get(place, [])
         changes: dict[int, TapeChange] = {}
+        if isinstance(candidate.new, ast.List | ast.Tuple):
+            return self._exchanged(program.source.nodes[place], candidate.new)
         if isinstance(candidate.new, str | ast.stmt) or not instances:
             return None if not instances else self._updated(candidate)
         for k, instance in enumerate(instances):
@@ -200,6 +202,30 @@ class TracedNames:
                 if (index,) != change.inputs:
                     changes[index] = change
         return changes
+
+    def _exchanged(self, node: ast.AST, new: ast.List | ast.Tuple) -> dict[int, TapeChange] | None:
+        """Elements of a list take each other's values, computed anew from what stands before both."""
+        tape, number = self.program.tape, self.program.source.number
+
+        def values(part: ast.AST) -> list[Any]:
+            instances = self.program.trace.instances.get(number[id(part)], [])
+            return [value for instance in instances for value in flatten(instance.value)]
+
+        pairs: list[tuple[Any, Any]] = []
+        for old, other in zip(getattr(node, "elts", ()), new.elts):
+            if old is not other:
+                before, after = values(old), values(other)
+                own = all(
+                    isinstance(x, Slot) and tape.nodes[x.index] == number[id(old)] for x in before
+                )
+                if not before or len(before) != len(after) or not own:
+                    return None
+                pairs += zip(before, after)
+        first = min((slot.index for slot, _ in pairs), default=0)
+        anew = range(first, len(tape))
+        return {
+            slot.index: tape.spliced(tape.slot(value), len(tape), anew) for slot, value in pairs
+        }
 
     def _updated(self, candidate: EditCandidate) -> dict[int, TapeChange] | None:
         """An update x += y by another operator, on the numbers that it had."""

@@ -13,10 +13,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import HALF_DIGITS, Array
+from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
-from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
+from deltac.repair.edits.insertions import FEWEST_STATES, Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements
 from deltac.repair.edits.single import additions, edits, structure
@@ -29,9 +29,6 @@ from deltac.results import SHOWN
 
 OPERATIONS = 20_000_000
 """Operations of a function that a search of one kind runs, about."""
-
-FIRST_STATES = 4
-"""States at which a text is traced again at first."""
 
 TRACED_EDITS = 1500
 """Edits for which the text is traced again, at most."""
@@ -83,7 +80,7 @@ class EditSearch:
         # Arrays, and what is evaluated more than once, have no one value that they must have.
         others = [place for place in self.program.trace.instances if place not in numbers]
         undecided = [*others, *self.requirements.undecided]
-        right += self.passing(undecided, edits)
+        right += self.passing([*undecided, *self.program.lists], edits)
         if not any(c.cost <= SIMPLE for c in right):
             right += self.scaled(others)
             right += self.passing([p for p in others if self.names.shape(p)], additions)
@@ -189,7 +186,7 @@ class EditSearch:
             return False
         samples = self.target.samples()
         try:
-            few = samples.at(np.arange(min(FIRST_STATES, len(samples.t))))
+            few = samples.at(np.arange(min(FEWEST_STATES, len(samples.t))))
             return all(reading(changed, some).wrong < RIGHT for some in (few, samples))
         except InputError:
             return False
@@ -210,10 +207,6 @@ def confirmed(
     except InputError:
         return None
     return changed if again.wrong < RIGHT else None
-
-
-ALONG = 1e-5
-"""A residual within this share of the direction in which an expression acts may be that expression's."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -255,7 +248,9 @@ def _pool(search: EditSearch) -> list[First]:
     pool: list[First] = []
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
     varying = [place for place in places if not search.names.constant(place)]
-    trials = itertools.chain(search.tried(places, edits), search.tried(varying, additions))
+    trials = itertools.chain(
+        search.tried([*program.lists, *places], edits), search.tried(varying, additions)
+    )
     for candidate, changes in itertools.islice(trials, OPERATIONS // 1000):
         effect = program.residual(changes) - base
         size = np.abs(effect).max()
@@ -308,10 +303,9 @@ def _closing(search: EditSearch) -> list[First]:
         if r is not None:
             changes = {r.slot: TapeChange(partial(np.asarray, r.required), ())}
             effect = program.residual(changes) - program.original_residual
-            firsts += [
-                First(candidate, effect, changes)
-                for candidate in insertions(program, r, search.vocabulary)
-            ]
+            terms = insertions(program, r, search.vocabulary)
+            candidates = list(terms) or sums(program, r, search.vocabulary)
+            firsts += [First(candidate, effect, changes) for candidate in candidates]
     return firsts
 
 
@@ -370,7 +364,7 @@ def _explained(along: Array, residual: Array) -> NDArray[np.bool_]:
         return np.zeros(len(along), dtype=bool)
     share = np.einsum("pnb,nb->pb", along, residual)
     rest = np.sum((residual - share[:, None] * along) ** 2, axis=1)
-    return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(residual).max())
+    return np.asarray(np.sqrt(rest.max(axis=1)) < SIX_DIGITS * np.abs(residual).max())
 
 
 def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:

@@ -66,7 +66,7 @@ def edits(source: Source, place: int, names: Names) -> Edits:
         case ast.UnaryOp(op=ast.USub()):
             operand = short(source.segment(node.operand))
             yield edit(node.operand, "sign", 1.0, f"{operand} enters with −, should be +")
-        case ast.expr() if not isinstance(node, ast.Constant):
+        case ast.expr() if not isinstance(node, ast.Constant | ast.List | ast.Tuple):
             cost = 1.1 + _oddity(source, place, node, names)
             yield edit(negated(node), "sign", cost, f"{own} enters with +, should be −")
     match node:
@@ -74,6 +74,8 @@ def edits(source: Source, place: int, names: Names) -> Edits:
             yield from _operators(source, place, node)
         case ast.AugAssign():
             yield from _updates(source, place, node)
+        case ast.List() | ast.Tuple():
+            yield from _exchanges(source, place, node)
         case ast.Call():
             yield from _functions(source, place, node)
         case ast.Constant(value=int() | float()) if not isinstance(node.value, bool):
@@ -114,7 +116,7 @@ def structure(source: Source, place: int, names: Names) -> Edits:
                 yield EditCandidate(source, place, text, "operator", 1.15, words)
         case ast.Subscript():
             yield from _subscripts(source, place, node, names)
-        case ast.Tuple() | ast.List():
+        case ast.Tuple(ctx=ast.Store()) | ast.List(ctx=ast.Store()):
             yield from _exchanges(source, place, node)
 
 
@@ -235,17 +237,16 @@ def _functions(source: Source, place: int, node: ast.Call) -> Edits:
 
 def _exchanges(source: Source, place: int, node: ast.Tuple | ast.List) -> Edits:
     """Two elements of a list or of an unpacking exchanged."""
-    index = isinstance(source.nodes[source.parent[place]], ast.Subscript)
-    if index:
+    if isinstance(source.nodes[source.parent[place]], ast.Subscript):
         return
-    start, end = source.span(node)
-    for first, second in itertools.combinations(node.elts, 2):
-        (a, b), (c, d) = source.span(first), source.span(second)
-        one, other = source.text[a:b], source.text[c:d]
+    for i, j in itertools.combinations(range(len(node.elts)), 2):
+        one, other = (source.segment(node.elts[k]) for k in (i, j))
         if one != other:
-            text = source.text[start:a] + other + source.text[b:c] + one + source.text[d:end]
+            elements = [*node.elts]
+            elements[i], elements[j] = elements[j], elements[i]
             words = f"{short(one, 40)} and {short(other, 40)} should be exchanged"
-            yield EditCandidate(source, place, text, "order", 1.2, words)
+            new = type(node)(elements, node.ctx)
+            yield EditCandidate(source, place, new, "order", 1.2, words)
 
 
 def _callee(source: Source, like: ast.expr, name: str) -> ast.expr | None:

@@ -149,6 +149,17 @@ class Program:
                 numbers[place] = instances[0]
         return numbers
 
+    @cached_property
+    def lists(self) -> list[int]:
+        """Lists and tuples of which an element is evaluated: the trace notes the elements alone."""
+        nodes, number = self.source.nodes, self.source.number
+        return [
+            place
+            for place, node in enumerate(nodes)
+            if isinstance(node, ast.List | ast.Tuple) and isinstance(node.ctx, ast.Load)
+            if any(number[id(element)] in self.trace.instances for element in node.elts)
+        ]
+
     def values(self, slot: int) -> Array:
         """The values (B,) of a slot."""
         return np.broadcast_to(self.tape.values[slot], self.samples.t.shape).astype(float)

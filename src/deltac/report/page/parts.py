@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.report.panels import POINTS, Bars, Flows, HeatMap, LogPlot, Panel, TimePlot
+from deltac.report.panels import MOST_DRAWN, POINTS, Bars, Flows, HeatMap, LogPlot, Panel, TimePlot
 from deltac.results import Finding, Serialisable, Table, plain
 
 if TYPE_CHECKING:
     from deltac.report.page.scene import Drawing
 
-NUMBERS = 120_000
+NUMBERS = MOST_DRAWN * POINTS
 """Numbers of time histories, which all plots share, and of what moves that a page holds: 0.65 MB each."""
 
 

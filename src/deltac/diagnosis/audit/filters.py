@@ -282,7 +282,7 @@ def unfiltered(
     All states went through it, or all columns, at even times. Beside a mistake it may not be seen; beside all
     causes, of columns of these kernels, it is.
     """
-    a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0])
+    a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0], default=(0, 0))
     h = np.diff(run.t[a:b])
     derived = "u" in run.provenance.derived or model.quaternions or run.works or run.integrals
     if derived or b - a < ROWS or np.ptp(h) > EVEN * h.mean():

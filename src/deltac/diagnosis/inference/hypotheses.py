@@ -725,6 +725,62 @@ def _pruned(
     return best, ()
 
 
+STRETCHES, SHORT = 16, 4
+"""Stretches of a log of which the scores are compared, and intervals of each at least."""
+
+
+def steadfast(posterior: Posterior, blocks: Sequence[Block], alternatives: int) -> Posterior:
+    """The posterior without causes that stretches of the log do not agree on.
+
+    A number of the equations is the same in all of them. What imitates a cause, as errors that come and go,
+    is not: the scatter of its scores between stretches is larger than what is left says (the cluster-robust
+    test of Liang & Zeger, Biometrika 73, 1986, by Student's distribution).
+    """
+    best = posterior.best
+    while best.chosen:
+        odds = _by_stretches(blocks, best, alternatives)
+        worst = int(np.argmin(odds))
+        if odds[worst] >= CERTAIN:
+            break
+        best = _without(blocks, best, worst)
+    if best is posterior.best:
+        return posterior
+    each = [
+        evidence(blocks, _without(blocks, best, k), best, alternatives, True)
+        for k in range(len(best.chosen))
+    ]
+    best = replace(best, log_odds=each[-1] if each else 0.0, each=tuple(each))
+    return Posterior(best, (), posterior.scores)
+
+
+def _by_stretches(blocks: Sequence[Block], fit: Fit, alternatives: int) -> list[float]:
+    """Log odds of each cause of a fit, by the scatter of the scores of all between stretches."""
+    own = np.flatnonzero(fit.tangent.any(axis=1))
+    normal, scores, rows = np.zeros((fit.tangent.shape[1],) * 2), list[Array](), 0.0
+    for b in blocks:
+        r = b.residual(fit.coefficients)
+        X = (b.D[:, :, b.causes[own]] @ fit.tangent[own]).reshape(r.size, -1)
+        Q = b.projected.basis[: r.size]
+        X = X - Q @ (Q.T @ X)
+        variance = b.misfit(fit.coefficients) / b.count
+        normal += X.T @ X / variance
+        parts = min(STRETCHES, max(len(r) // SHORT, 1))
+        each = np.einsum("kdq,kd->kq", X.reshape(*r.shape, -1), r) / variance
+        scores += [part.sum(axis=0) for part in np.array_split(each, parts)]
+        rows += b.count / autocorrelation_time(r)
+    G = np.array(scores)
+    inverse = np.linalg.pinv(normal, hermitian=True)
+    covariance = inverse @ (G.T @ G) @ inverse
+    freedom, odds, first = max(len(G) - 1, 1), list[float](), 0
+    for theta in fit.theta:
+        some = slice(first, first + len(theta))
+        first += len(theta)
+        square = float(theta @ np.linalg.pinv(covariance[some, some], hermitian=True) @ theta)
+        likelihood = 0.5 * (freedom + len(theta)) * float(np.log1p(square / freedom))
+        odds.append(likelihood - _price(len(theta), rows, alternatives))
+    return odds
+
+
 def _without(blocks: Sequence[Block], fit: Fit, k: int) -> Fit:
     """The set without one of its causes, its numbers fitted anew."""
     rest = [*fit.chosen[:k], *fit.chosen[k + 1 :]]

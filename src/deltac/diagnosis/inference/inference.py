@@ -27,7 +27,7 @@ from deltac.diagnosis.inference.attribution import (
     unseen_joules,
 )
 from deltac.diagnosis.inference.comparison import Comparison, compared
-from deltac.diagnosis.inference.hypotheses import Fit, Posterior, fitted, nothing
+from deltac.diagnosis.inference.hypotheses import Fit, Posterior, fitted, nothing, steadfast
 from deltac.diagnosis.inference.interpolation import (
     WITHIN_A_ROW,
     closed_by_other_forces,
@@ -275,6 +275,8 @@ def _with_causes(
         chosen = comparison.posterior.best.chosen
         if chosen and not passed("causes linearised at themselves"):
             comparison = _relinearised(comparison)
+            causes, count = comparison.posterior, len(comparison.point.candidates)
+            comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, count))
             result = inferred(comparison)
         return _of_steps(comparison, result)
     except (FlowError, np.linalg.LinAlgError):

@@ -22,7 +22,7 @@ from scipy.linalg import orth
 from deltac.arrays import Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.hypotheses import SINGULAR
-from deltac.diagnosis.inference.integrators import EXACT, Integrator, transition
+from deltac.diagnosis.inference.integrators import transition
 from deltac.diagnosis.inference.linearisation import FlowError, Point, cause_columns, start
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.observations import observations
@@ -51,8 +51,11 @@ LEFT, ALL = 0.3, 0.01
 """Share of the prediction errors of a log that may be left of what went into its filter beside causes, and
 where the filter is all that is wrong with it."""
 
-NEGATIVE = 0.01
-"""Share of a² by which b may be negative in a fit of a filter of first order."""
+CLOSED = 1e-5
+"""Prediction errors by a method, as a share of those by the exact flow, that are rounding."""
+
+SLACK = 1e-3
+"""Share by which a fit of a filter may make a frequency larger."""
 
 EVEN = 0.1
 """Differences of intervals as a share of them, of a clock that jitters: a digital filter knows no time."""
@@ -78,9 +81,19 @@ class LowPass:
     alternating: Array | float = 0.0
 
     @property
-    def stable(self) -> bool:
-        """Whether it is a low-pass filter, as an analogue one to the errors of a fit."""
-        return self.a > 0.0 and self.b > -NEGATIVE * self.a**2
+    def low_pass(self) -> bool:
+        """Whether it is late and makes no frequency larger; a motion of its own time may be a row early."""
+        own, plus = self._polynomials
+        z = np.exp(-1j * np.linspace(0.0, 0.99 * np.pi, 100))[:, None] ** np.arange(3)
+        return bool(self.a > 0.0 and np.all(np.abs(z @ own) >= (1.0 - SLACK) * np.abs(z @ plus)))
+
+    @property
+    def _polynomials(self) -> tuple[Array, Array]:
+        """Of the inverse, in z⁻¹ (3,): of what came out, and of what went in."""
+        a, b = (2.0 * self.a, 4.0 * self.b) if self.trapezoid else (self.a, self.b)
+        plus = np.array((1.0, 2.0, 1.0) if self.trapezoid else (1.0, 0.0, 0.0))
+        along = np.array((1.0, 0.0, -1.0) if self.trapezoid else (1.0, -1.0, 0.0))
+        return plus + a * along + b * np.array((1.0, -2.0, 1.0)), plus
 
     def with_numbers(self, a: float, b: float) -> LowPass:
         """The same filter with other numbers."""
@@ -99,10 +112,7 @@ class LowPass:
         return replace(some, q=q, u=u, udot=None, forces=forces, integrals={}, works={}, events=())
 
     def _before(self, x: Array) -> Array:
-        a, b = (2.0 * self.a, 4.0 * self.b) if self.trapezoid else (self.a, self.b)
-        plus, minus = (1.0, 2.0, 1.0) if self.trapezoid else (1.0, 0.0, 0.0), (1.0, -2.0, 1.0)
-        along = (1.0, 0.0, -1.0) if self.trapezoid else (1.0, -1.0, 0.0)
-        own = np.array(plus) + a * np.array(along) + b * np.array(minus)
+        own, _ = self._polynomials
         y = own[0] * x[2:] + own[1] * x[1:-1] + own[2] * x[:-2]
         if not self.trapezoid:
             return np.asarray(y)
@@ -124,12 +134,10 @@ def alternating(rows: int) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """A filter with its prediction errors, in units of those of the log, by forces of a kind and a method."""
+    """A filter with what it leaves of prediction errors, in units of those of the log."""
 
     filter: LowPass
     left: float
-    kind: str
-    method: Integrator
 
 
 KINDS = ("smooth", "start")
@@ -159,12 +167,12 @@ class _Rows:
     def whole(self) -> float:
         """What the likeliest method leaves of them beside the causes, in these units."""
         nothing = np.zeros((len(self.output), 2 * self.model.n, 0))
-        return min(left for left, *_ in self._fitted(self.output, nothing))
+        return min(left for left, _ in self._fitted(self.output, nothing))
 
-    def improved(self, fit: _Fit, every: bool, alternates: bool = False) -> _Fit:
+    def improved(self, fit: _Fit, alternates: bool = True) -> _Fit:
         """A fit after a step of Gauss and Newton.
 
-        `every`: by the likeliest method of all; `alternates`: with what alternates beside.
+        By the likeliest method; `alternates`: with what alternates beside.
 
         Raises:
             FlowError: the equations have no finite motion between rows of what went in.
@@ -179,9 +187,8 @@ class _Rows:
         if alternates:
             unknown = alternating(len(before))
             changes += [np.outer(x, e) for e in np.eye(n) for x in unknown.T]
-        method = None if every else fit.method
-        fits = list(self._fitted(before, np.stack(changes, axis=-1), method))
-        left, step, kind, method = min(fits, key=lambda item: item[0])
+        fits = self._fitted(before, np.stack(changes, axis=-1))
+        left, step = min(fits, key=lambda item: item[0])
         moved = own.with_numbers(own.a + step[0], own.b + step[1])
         if alternates:
             along = step[2:].reshape(n, -1).T
@@ -190,13 +197,13 @@ class _Rows:
             change[:, model.of_q[of_q]] = along[:, of_u]
             change[:, self.run.q.shape[1] + model.of_u] = along[:, model.n :]
             moved = replace(moved, alternating=own.alternating - change)
-        return _Fit(moved, left, kind, method)
+        return _Fit(moved, left)
 
     def settled(self, fit: _Fit) -> _Fit:
         """A fit after as many steps as make it better. Raises as `improved`."""
         fit = replace(fit, left=np.inf)
-        for turn in range(TURNS):
-            before, fit = fit, self.improved(fit, not turn, alternates=True)
+        for _ in range(TURNS):
+            before, fit = fit, self.improved(fit)
             if fit.left > BETTER * before.left:
                 break
         return fit
@@ -214,9 +221,7 @@ class _Rows:
             raise FlowError("the flow of what went into the filter leaves all bounds")
         return point
 
-    def _fitted(
-        self, run: Trajectory, change: Array, method: Integrator | None = None
-    ) -> Iterator[tuple[float, Array, str, Integrator]]:
+    def _fitted(self, run: Trajectory, change: Array) -> Iterator[tuple[float, Array]]:
         """What is left by kinds of forces and methods, all or one, beside changes of the rows (T, 2n, p).
 
         With the numbers of these.
@@ -235,11 +240,7 @@ class _Rows:
 
         for kind in KINDS if run.forces else KINDS[:1]:
             forces = point.forces.alike(kind)
-            methods = () if method is None else (method,)
-            flow = replace(point.flow.at(log, forces=forces), methods=methods)
-            for of in flow.maps:
-                if method is not None and of.method is not method:
-                    continue
+            for of in point.flow.at(log, forces=forces).maps:
                 w = model.difference(of.end, log.intervals.end)
                 Phi = transition(model, of, log.intervals, forces.between)
                 moved = change[1:] - (point.tangent.Phi if Phi is None else Phi) @ change[:-1]
@@ -249,7 +250,7 @@ class _Rows:
                     # In most intervals: blows are of a few, which two numbers could explain.
                     each = ((r + D @ step) ** 2).reshape(w.shape).mean(axis=1)
                     left = float(np.sqrt(np.median(each)))
-                    yield left, step, kind, of.method
+                    yield left, step
 
 
 def _likely(rows: _Rows) -> list[_Fit]:
@@ -258,10 +259,10 @@ def _likely(rows: _Rows) -> list[_Fit]:
     for trapezoid, forces in product((True, False), (False, True)):
         if forces and not rows.run.forces:
             continue
-        fit = _Fit(LowPass(*BEGIN, trapezoid, forces), np.inf, KINDS[0], EXACT)
+        fit = _Fit(LowPass(*BEGIN, trapezoid, forces), np.inf)
         with suppress(FlowError, np.linalg.LinAlgError):
             for turn in range(FIRST):
-                fit = rows.improved(fit, True, turn > 0)
+                fit = rows.improved(fit, alternates=turn > 0)
                 if fit.left > rows.whole:
                     break
             else:
@@ -270,7 +271,7 @@ def _likely(rows: _Rows) -> list[_Fit]:
         with suppress(FlowError, np.linalg.LinAlgError):
             settled.append(rows.settled(fit))
     share = LEFT if rows.kernels else ALL
-    right = [fit for fit in settled if fit.filter.stable and fit.left < share * rows.whole]
+    right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]
     return sorted(right, key=lambda fit: fit.left)
 
 
@@ -291,7 +292,7 @@ def unfiltered(
     with np.errstate(all="ignore"), compiled(), suppress(FlowError, np.linalg.LinAlgError):
         for causes in ((), (kernels,)):
             some = _Rows(model, run.take(slice(0, ROWS)), causes)
-            if some.whole < ALL:  # most rows follow from each other
+            if some.whole < CLOSED:  # most rows follow from each other
                 return None
             for fit in _likely(some):
                 own = _Rows(model, run, causes).settled(fit).filter

@@ -285,11 +285,14 @@ def _other_forces(comparison: Comparison) -> Iterator[Array]:
     """What forces that the closing method cannot tell from those assumed add to its joules (N,), running.
 
     By those it arrives at the same rows as far as their noise tells, and the flow does not. Who asks for
-    forces at several instants of a step takes them as functions of time.
+    forces at several instants of a step takes them as functions of time; those that keep their values over
+    several rows are held.
     """
     at, point, method = comparison.at, comparison.point, comparison.methods[0]
     forces, log, plant = point.forces, point.log, point.flow.plant
-    if method.order > 1 or not forces.kinds or point.run.provenance.held is not None:
+    if method.order > 1 or method.holding or not forces.kinds:
+        return
+    if point.run.provenance.held is not None:
         return
 
     @cache
@@ -300,7 +303,8 @@ def _other_forces(comparison: Comparison) -> Iterator[Array]:
         return next(maps(plant, own, force, comparison.counts, 1, [method])).end
 
     for kind in ("step", "smooth") if forces.several else ("start", "ramp", "smooth"):
-        other = forces.alike(kind)
+        own = zip(forces.kinds, forces.stairs, strict=True)
+        other = forces.of([held if stair else kind for held, stair in own])
         nodes = np.linspace(0.0, 1.0, 5)
         change = np.stack([other.between(s) - forces.between(s) for s in nodes])
         if not change.any():

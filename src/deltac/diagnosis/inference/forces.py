@@ -193,6 +193,12 @@ class InterpolatedForces:
         """Equal parts (N,) of the intervals over which forces are held."""
         return self.logged.counts if "step" in self.kinds else None
 
+    @cached_property
+    def stairs(self) -> tuple[bool, ...]:
+        """Whether each column changes at some rows and keeps its value from most to the next: it is held."""
+        keeps = np.mean(self.logged.change == 0.0, axis=0)
+        return tuple(bool(0.5 < share < 1.0) for share in keeps)
+
     @property
     def several(self) -> bool:
         """Whether forces may be held several times between some rows."""

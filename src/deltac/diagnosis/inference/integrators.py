@@ -147,7 +147,8 @@ def _implicit_midpoint(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Arr
 class Integrator:
     """A method: its name, its order, the numbers c of its leading error terms, and its map.
 
-    `stages` of it whose forces logs may hold; `later` if it takes forces at the end of the step.
+    `stages` of it whose forces logs may hold; `later` if it takes forces at the end of the step; `holding` if
+    it is one of engines that hold controls over each step, as MuJoCo and Drake's discrete systems do.
     """
 
     name: str
@@ -157,6 +158,7 @@ class Integrator:
     defect: Defect | None = None
     stages: int = 0
     later: bool = False
+    holding: bool = False
 
 
 EXACT = Integrator("higher-order", 3, {})
@@ -169,8 +171,10 @@ INTEGRATORS = (
     Integrator("semi-implicit-euler", 1, _first(0.5, -0.5, -0.5), _kick_first),
     Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first(0.0)),
     Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first(1.0), later=True),
-    Integrator("implicit-damping-euler", 1, _first(0.5, -0.5, -0.5, 1.0), _implicit_in(False)),
-    Integrator("implicit-speed-euler", 1, _first(0.5, -0.5, 0.5), _implicit_in(True)),
+    Integrator(
+        "implicit-damping-euler", 1, _first(0.5, -0.5, -0.5, 1.0), _implicit_in(False), holding=True
+    ),
+    Integrator("implicit-speed-euler", 1, _first(0.5, -0.5, 0.5), _implicit_in(True), holding=True),
     Integrator("implicit-euler", 1, _first(0.5, 0.5, 0.5), defect=_implicit_euler(0.0)),
     Integrator("implicit-euler", 1, _first(0.5, 0.5, 0.5), defect=_implicit_euler(1.0), later=True),
     Integrator("heun", 2, _second(1 / 12, -1 / 6), _explicit("ode2")),

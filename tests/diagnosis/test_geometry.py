@@ -265,7 +265,7 @@ def consistent(mechanism: dc.Mechanism, q0: Array) -> tuple[Array, Array]:
     "mechanism, q0",
     [
         (four_bar(), (0.5, 0.3, 0.2, 1.2)),
-        (string(), (0.5, 0.3, 0.2, 0.5, 0.2)),
+        pytest.param(string(), (0.5, 0.3, 0.2, 0.5, 0.2), marks=pytest.mark.slow),
         (wheel(), (0.1, 0.2, 0.3, 0.4, 0.3, 0.1, 0.2, 0.5)),
     ],
     ids=["four-bar", "string", "wheel"],

@@ -322,7 +322,7 @@ class DrakeRecorder(Recorder):
         return float(size), rest
 
     def _of_the_step(self, rest: Array, change: Array, size: float) -> Iterator[tuple[str, Array]]:
-        """What is left of a discrete step, sorted: dampers taken at its end, joint limits, the rest."""
+        """The residual force of a discrete step, sorted: dampers taken at its end, joint limits, the rest."""
         least = SAME * size
         implicit = np.zeros_like(rest)
         if self._implicit:

@@ -68,6 +68,7 @@ def test_prescribed_joints_in_logs_of_few_decimals(decimals: int) -> None:
     assert not [f for f in found.findings if f.weight == "cause"]
 
 
+@pytest.mark.slow
 def test_a_log_at_rest_of_rods_that_have_no_inertia_about_other_axes() -> None:
     """No scheme leaves anything then, and the model with another axis of a joint cannot be evaluated."""
     problem = dc.problems.load("n-four-bar")

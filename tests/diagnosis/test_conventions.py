@@ -85,7 +85,7 @@ DEGREE = 180.0 / np.pi
     [
         # In all columns: tests/diagnosis/test_audit_logs.py.
         pytest.param("degrees", "", scaled((1.0, DEGREE, DEGREE)), marks=pytest.mark.slow),
-        ("degrees", "knee", scaled((1.0, 1.0, DEGREE))),
+        pytest.param("degrees", "knee", scaled((1.0, 1.0, DEGREE)), marks=pytest.mark.slow),
         ("millimetres", "", scaled((1e3, 1.0, 1.0))),
         ("axis-sign", "knee", scaled((1.0, 1.0, -1.0))),
         ("absolute-angles", "", absolute),

@@ -18,6 +18,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.hypotheses import Block, nothing
 from deltac.diagnosis.inference.model import Intervals, Rows
+from tests.support.slow import crossed, repeated
 
 H, LENGTH, DAMPING, G = 2e-3, 0.8, 0.2, 9.81
 INERTIA = LENGTH**2
@@ -93,8 +94,7 @@ def log(x: Array, torques: Array, some: Array, **provenance: object) -> dc.Traje
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("step", [semi_implicit_euler, rk4])
-@pytest.mark.parametrize("parts", [4, 5])
+@pytest.mark.parametrize(("step", "parts"), crossed((semi_implicit_euler, rk4), (4, 5)))
 def test_rows_of_every_few_steps_tell_how_often_their_forces_were_held(
     step: Step, parts: int
 ) -> None:
@@ -109,7 +109,7 @@ def test_rows_of_every_few_steps_tell_how_often_their_forces_were_held(
     assert told == pytest.approx(curve, abs=0.01 * np.abs(curve).max() + 1e-8)
 
 
-@pytest.mark.parametrize("step", [semi_implicit_euler, rk4])
+@pytest.mark.parametrize("step", repeated((semi_implicit_euler, rk4), rk4))
 def test_rows_at_random_of_which_the_step_is_the_shortest_interval(step: Step) -> None:
     """Stairs of one to eight steps between two rows: the flow goes over each."""
     x, torques = motion(step)

@@ -14,18 +14,15 @@ import deltac as dc
 from deltac.errors import FileError
 from deltac.fleets.audits import find_logs
 
-pytest.importorskip("s3fs")
-moto = pytest.importorskip("moto.server")
-pytest.importorskip("flask_cors")
-
 NAME = "simple-pendulum"
 
 
 @pytest.fixture(scope="module")
 def store() -> Iterator[Any]:
     """The file system of a store; workers find it by the environment."""
-    import s3fs
-
+    s3fs = pytest.importorskip("s3fs")
+    moto = pytest.importorskip("moto.server")
+    pytest.importorskip("flask_cors")
     server = moto.ThreadedMotoServer(port=0, verbose=False)
     server.start()
     host, port = server.get_host_and_port()

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import deltac as dc
 from deltac import Trajectory
 
-DISC = {"mass": 1.0, "inertia": (0.1, 0.1, 0.1)}
+DISC: dict[str, Any] = {"mass": 1.0, "inertia": (0.1, 0.1, 0.1)}
 
 
 def geared(ratio: float) -> dc.Mechanism:

@@ -358,7 +358,7 @@ def car(*, sprung: bool, torque: float = 20.0, aside: Any = 0.0, **options: Any)
         bodies += [dc.bodies.box(f"hub {k}", 5.0, (0.1, 0.1, 0.1))]
         place = (x, y, -0.1)
         if sprung:
-            spring = {"stiffness": 2e4, "damping": 1.5e3}
+            spring: dict[str, Any] = {"stiffness": 2e4, "damping": 1.5e3}
             joints.append(
                 dc.prismatic(f"strut {k}", "body", f"hub {k}", "z", position=place, **spring)
             )

@@ -170,7 +170,7 @@ def test_scattered_time_stamps_are_put_back() -> None:
     assert np.std(np.diff(found.run.t)) < 1e-9 * h
 
 
-@pytest.mark.parametrize("habit", ["mean", "late", "commanded"])
+@pytest.mark.parametrize("habit", repeated(("mean", "late", "commanded"), "mean", "commanded"))
 def test_forces_of_other_rows_accuse_nobody(habit: str) -> None:
     run = log(RIGHT, "rk4", held=False)
     force = run.forces["actuator motor"]

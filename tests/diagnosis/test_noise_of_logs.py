@@ -3,6 +3,8 @@
 The oracle is a cart-pole with hand-written equations, and noise whose size is known.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from dataclasses import replace

@@ -4,6 +4,8 @@ What a hinge's integrator and a wrong inertia do to its rows is nearly the same:
 prior explains an inertia to rounding, and the likelihood must be one of rows that are exact to 1e-15.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -3,6 +3,8 @@
 Nothing is known of these runs but states, sometimes accelerations and forces: the hard case.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """Recording loops around Pinocchio: a driven arm, a floating base, a contact; a planted fault."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable

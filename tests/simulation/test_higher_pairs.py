@@ -134,6 +134,7 @@ def wheelset(conicity: float) -> dc.Mechanism:
     ).varying("head")
 
 
+@pytest.mark.slow
 def test_a_wheelset_hunts_with_klingels_wavelength() -> None:
     """2π√(r b/λ) for small amplitudes (Klingel, Organ f. d. Fortschritte d. Eisenbahnwesens 20 (1883) 113).
 

@@ -30,7 +30,7 @@ SUSPECT = 1.0 / HALF_DIGITS
 """Condition number, scaled to a unit diagonal, from which the digits are counted: 10⁻⁹ may be lost there."""
 
 NOISY = HALF_DIGITS
-"""Scatter of the accelerations, from which the digits are counted: a tenth of what is told."""
+"""Scatter of the accelerations, from which the digits are counted: a tenth of what is reported."""
 
 NEARBY = 1e-2
 """How far away accelerations are looked at where they vanish, to know what is small."""

@@ -20,9 +20,6 @@ from deltac.results import SHOWN, Table, number, percent
 if TYPE_CHECKING:
     import polars
 
-CASES = 3
-"""Worst cases that get a page of their own."""
-
 
 def write_summary(
     fleet: Fleet,
@@ -52,7 +49,7 @@ def _cases(fleet: Fleet, target: Path, case: Callable[[str, Path], None] | None)
         except InputError:
             continue
         links[row["address"]] = f"{folder.name}/{own.name}"
-        if len(links) == CASES:
+        if len(links) == SHOWN:
             break
     return links
 

@@ -65,7 +65,7 @@ BRANCHES = math.isqrt(MOST_VALIDATED)
 """Edits of one branch that are combined with those of another: no more pairs are tried."""
 
 WRITTEN_DIGITS = 6
-"""A number of more digits than these is none that anybody writes."""
+"""Decimals of more digits are fitted: nobody wrote them, so such a repair is not certain."""
 
 NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
 

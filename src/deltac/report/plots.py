@@ -341,7 +341,7 @@ def _recommendation(advice: Recommendation) -> Figure:
 
 
 def _localisation(report: Localisation) -> Figure:
-    """What is left of each equation over time, and the power that each joint takes beyond the model's."""
+    """The residual of each equation over time, and the power that each joint takes beyond the model's."""
     residuals = [(name, report.residual[:, k]) for k, name in enumerate(report.speeds)]
     return _drawn(
         "Where the motion departs from the model",

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, NEWTON_STEPS, SAME_STEP, Array
 from deltac.diagnosis.inference.flow import predict
 from deltac.diagnosis.inference.forces import FORCES, ForceInStep
 from deltac.diagnosis.inference.integrators import Integrator
@@ -26,9 +26,6 @@ ROWS = 200
 SHARE = 0.1
 """Share of the errors of a step that is noise to the flow from which they are measured."""
 
-CORRECTIONS = 60
-"""Corrections of an implicit step by its fixed point, which contracts where the step is small enough."""
-
 SETTLED = 1e-10
 """Change of an implicit step, relative to the state, at which it is solved."""
 
@@ -37,9 +34,6 @@ TRIALS = 6
 
 LONGEST = 10.0
 """Steps, in steps of the log, up to which its rows tell what a method does."""
-
-CLOSE = 0.01
-"""Relative error of a predicted step."""
 
 
 def step_with(inference: Inference, energy: float, accepted: float) -> float:
@@ -62,7 +56,7 @@ def step_with(inference: Inference, energy: float, accepted: float) -> float:
         secant = (reached - y) / (after - x) if after != x else slope
         slope = secant if secant > LEAST_ORDER else slope
         x, y = after, reached
-        if abs(goal - y) < CLOSE * slope or (x == farthest and y < goal):
+        if abs(goal - y) < SAME_STEP * slope or (x == farthest and y < goal):
             break
     return float(own * np.exp(min(x + (goal - y) / slope, farthest)))
 
@@ -131,7 +125,7 @@ def _stepped(
         return Rows(end.t, *method.step(model, start, h, force), end.F)
     assert method.defect is not None
     at = end
-    for _ in range(CORRECTIONS):
+    for _ in range(NEWTON_STEPS):
         after = Rows(end.t, *method.defect(model, start, at, h), end.F)
         change = max(np.abs(after.q - at.q).max(), np.abs(after.u - at.u).max())
         at = after

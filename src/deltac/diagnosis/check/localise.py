@@ -26,7 +26,7 @@ from deltac.results import Report
 from deltac.trajectories import Trajectory
 
 BULK = 0.8
-"""Share of a residual that the told part of the motion holds."""
+"""Share of the residual that lies within the reported interval."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

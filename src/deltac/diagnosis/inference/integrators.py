@@ -22,6 +22,7 @@ from deltac.diagnosis.inference.fields import FIELDS
 from deltac.diagnosis.inference.flow import runge_kutta
 from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
 from deltac.diagnosis.inference.model import AT_ONCE, Intervals, Model, Rows
+from deltac.results import SHOWN
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 PLACES = {f.name: k for k, f in enumerate(FIELDS)}
@@ -412,9 +413,6 @@ def _stepped(
     return rows
 
 
-FEW = 4
-"""Methods that are named in a sentence at most."""
-
 TRIED = 6
 """Methods that are tried by parts of an interval at most."""
 
@@ -452,7 +450,7 @@ class IntegratorEstimate:
             return "the integrator is none of those known"
         if self.names == ("higher-order",):
             return "the integrator is of order 3 or more"
-        if len(self.names) > FEW:
+        if len(self.names) > SHOWN:
             return f"the integrator is of order {self.order} or more"
         return f"the integrator is {' or '.join(self.names)}"
 

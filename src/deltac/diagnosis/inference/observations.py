@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, ROUNDED, Array
 from deltac.diagnosis.inference.integrators import WHOLE, step_of, steps_between
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.whitening import Innovations
@@ -235,16 +235,13 @@ def _alike(values: Array, chosen: NDArray[np.intp], half: Array) -> Array:
     last digits and the result are of the chosen rows.
     """
     shared = np.ones_like(half)
-    coarse = half > COARSE * np.abs(values[chosen])
+    coarse = half > ROUNDED * np.abs(values[chosen])
     for k in np.flatnonzero(coarse.any(axis=0)):
         changes = np.diff(values[:, k]) != 0.0
         runs = np.diff(np.flatnonzero(np.concatenate([[True], changes, [True]])))
         shared[:, k] = np.where(coarse[:, k], np.repeat(runs, runs)[chosen], 1.0)
     return shared
 
-
-COARSE = 1e-12
-"""Half of a last digit, as a share of the number, from which on it is one that was rounded."""
 
 LEAST_INTERVALS = 4
 """Intervals from which on anything is inferred."""

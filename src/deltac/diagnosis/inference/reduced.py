@@ -19,6 +19,7 @@ from scipy.linalg import qr
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.residuals.states import WELL_CONDITIONED
 from deltac.kernels.rows import Expression
 from deltac.trajectories import Trajectory
 
@@ -27,9 +28,6 @@ CORRECTIONS = 12
 
 PROBES = 40
 """Rows at which independent coordinates are chosen."""
-
-WORST = 100.0
-"""Condition number of the dependent coordinates' Jacobian up to which the others count as independent."""
 
 SETS, MOST_SETS = 3, 300
 """Sets of independent coordinates that are tried, and of which these are chosen; of more there is one."""
@@ -168,7 +166,7 @@ def reductions(model: Model, run: Trajectory) -> Iterator[Reduced]:
         worst = float(np.linalg.cond(G[:, :, others]).max())
         sets.append((worst, own))
     for worst, own in sorted(sets)[:SETS]:
-        if worst <= WORST:
+        if worst <= 1.0 / WELL_CONDITIONED:
             reduced = Reduced(model, run, own)
             if _satisfied(reduced, rows):
                 yield reduced

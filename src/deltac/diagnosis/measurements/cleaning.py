@@ -1,4 +1,4 @@
-"""Slips of a log that its coordinates and speeds betray: what is safe to undo is undone, the rest is told."""
+"""Recording errors that coordinates and speeds reveal: what is safe to undo is undone, the rest reported."""
 
 from __future__ import annotations
 
@@ -306,7 +306,7 @@ def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[F
     """Single intervals over which coordinates move farther than any speed in the log would take them."""
     jumped: dict[int, str] = {}
     for name, comparison in comparisons.items():
-        farthest = float(np.abs(comparison.told).max(initial=0.0))
+        farthest = float(np.abs(comparison.integrals).max(initial=0.0))
         far = comparison.outliers & (np.abs(comparison.defect) > GAP * farthest)
         jumped |= dict.fromkeys(comparison.start[far].tolist(), name)
     rows = np.array(sorted(jumped), dtype=np.intp)
@@ -371,7 +371,7 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iter
     yield from _scaled(scaled, rest) if scaled else ()
     for name, c in rest.items():
         if name not in scaled and c.significant and c.off > 1e-3:
-            bar, moved = size_of(c.bar), size_of(c.moved)
+            bar, moved = size_of(c.bar), size_of(c.increments)
             resolved = bar < RESOLVED * moved and len(run) > 30
             yield Finding(
                 "speed-not-rate",
@@ -388,10 +388,10 @@ def _swapped(comparisons: Mapping[str, Comparison]) -> Iterator[tuple[str, str]]
     """Pairs of speeds that fit each other's coordinates and not their own."""
 
     def fits(a: Comparison, b: Comparison) -> bool:
-        if len(a.moved) != len(b.told):
+        if len(a.increments) != len(b.integrals):
             return False
-        size = float(np.linalg.norm(a.moved) * np.linalg.norm(b.told))
-        return abs(float(a.moved @ b.told)) > 0.99 * size > 0.0
+        size = float(np.linalg.norm(a.increments) * np.linalg.norm(b.integrals))
+        return abs(float(a.increments @ b.integrals)) > 0.99 * size > 0.0
 
     poor = {n: c for n, c in comparisons.items() if c.alike < 0.95}
     for a, x in poor.items():
@@ -407,8 +407,8 @@ def _is_clipped(u: Array, c: Comparison) -> bool:
     inside = at[c.start] & at[c.start + 1]
     if at.sum() < 6 or inside.sum() < 4 or inside.all():
         return False
-    excess = np.median(np.abs(c.moved[inside]) - np.abs(c.told[inside]))
-    return bool(excess > 5.0 * np.median(c.bar) + 1e-3 * size_of(c.moved))
+    excess = np.median(np.abs(c.increments[inside]) - np.abs(c.integrals[inside]))
+    return bool(excess > 5.0 * np.median(c.bar) + 1e-3 * size_of(c.increments))
 
 
 def _is_late(c: Comparison) -> bool:

@@ -54,9 +54,6 @@ from deltac.models import ModelLike, StateLike, load_model
 TOO_DEAR = 8.0
 """A run may take this many times as long as the best prediction, then its solver is given up."""
 
-STEPS = 50
-"""Of the first run of a solver with fixed steps."""
-
 SLACK = 2.0
 """Factor by which a solver with a small error constant may exceed the step that the motion suggests."""
 
@@ -265,7 +262,7 @@ class SolverCandidate:
         """The setting that keeps the tolerances by the order, or the `first` one towards it."""
         settings = self.family.settings
         if not self.trials:
-            return self._duration / STEPS if self.family.knob == "step" else settings[0]
+            return settings[0]
         fails, passes = self._bracket()
         tried = passes if passes < len(settings) else fails
         excess, setting = self._excess(tried), settings[tried]

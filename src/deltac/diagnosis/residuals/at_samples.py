@@ -33,7 +33,7 @@ of products."""
 
 @dataclass(frozen=True, eq=False)
 class RunResidual:
-    """What is left of the equations at B rows of a run, for n (own) speeds and c constraint rows.
+    """Residuals of the equations at B rows of a run, for n (own) speeds and c constraint rows.
 
     Attributes:
         run: the run; `rows` of it; `test` the equations there, with the forces of the run.

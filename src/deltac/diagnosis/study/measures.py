@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SampleResiduals(Serialisable, omit=("findings",)):
-    """What is left of Kane's equations at the states of the runs.
+    """Residuals of Kane's equations at the states of the runs.
 
     Attributes:
         names: of the coordinates that the equations belong to: the user's own, where given.

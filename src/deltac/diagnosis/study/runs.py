@@ -1,4 +1,4 @@
-"""Runs that blow up: what comes before is a motion, what comes after is none."""
+"""Runs that blow up: rows before the blow-up are kept, those after it are not judged."""
 
 from __future__ import annotations
 

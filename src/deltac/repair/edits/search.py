@@ -30,10 +30,6 @@ from deltac.results import SHOWN
 OPERATIONS = 20_000_000
 """Operations of a function that a search of one kind runs, about."""
 
-TRACED_EDITS = 1500
-"""Edits for which the text is traced again, at most."""
-
-
 FAIR_COST = 1.7
 """With an edit as simple as this in hand, none is looked for by tracing the text again."""
 
@@ -166,7 +162,8 @@ class EditSearch:
             if id(statement) in statements or any(id(n) in statements for n in inner):
                 self.untraced += structure(source, place, self.names)
         right: list[EditCandidate] = []
-        most = min(TRACED_EDITS, OPERATIONS // 10 // len(self.program.tape))
+        # To trace an operation takes a hundred times as long as to run it.
+        most = OPERATIONS // 100 // len(self.program.tape)
         texts: set[tuple[int, str]] = set()
         for candidate in sorted(self.untraced, key=lambda c: c.cost):
             late = time.monotonic() > self.deadline

@@ -109,6 +109,7 @@ def test_a_filter_hides_no_integrator() -> None:
     warped = np.tan(0.5 * np.pi * 0.15)
     assert told.factor == pytest.approx(STEP / (np.sqrt(2.0) * warped), rel=1e-4)
     # The classical method is exact to h⁵: 1e-9 of the energy that flows.
+    assert audit.integrator is not None and audit.attribution is not None
     assert "rk4" in audit.integrator.names
     assert abs(audit.attribution.integrator.energy) < 1e-8 * audit.ledger.energy_exchanged
 

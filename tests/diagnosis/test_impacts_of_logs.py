@@ -14,15 +14,15 @@ GRAVITY, HEIGHT, STEP, ROWS = 9.81, 1.0, 0.01, 300
 def bounced(restitution: float) -> dc.Trajectory:
     """Heights and speeds of a ball that fell from `HEIGHT`, at even times, by its parabolas."""
     begin, speed = -np.sqrt(2.0 * HEIGHT / GRAVITY), np.sqrt(2.0 * GRAVITY * HEIGHT)
-    q, u = [], []
-    for t in STEP * np.arange(ROWS):
+    q, u, times = [], [], np.asarray(STEP * np.arange(ROWS))
+    for t in times:
         while t - begin > 2.0 * speed / GRAVITY:
             begin, speed = begin + 2.0 * speed / GRAVITY, restitution * speed
         since = t - begin
         q.append(speed * since - 0.5 * GRAVITY * since**2)
         u.append(speed - GRAVITY * since)
     return dc.Trajectory(
-        t=STEP * np.arange(ROWS), q=np.array(q)[:, None], u=np.array(u)[:, None],
+        t=times, q=np.array(q)[:, None], u=np.array(u)[:, None],
         coordinates=("height",), speeds=("height",), provenance=dc.Provenance("by hand"),
     )  # fmt: skip
 

@@ -19,15 +19,15 @@ from itertools import product
 import numpy as np
 from scipy.linalg import orth
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
-from deltac.diagnosis.inference.hypotheses import SINGULAR
 from deltac.diagnosis.inference.integrators import transition
 from deltac.diagnosis.inference.linearisation import FlowError, Point, cause_columns, start
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding
+from deltac.energy.terms import LoggedForces
 from deltac.kernels.rows import compiled
 from deltac.results import percent
 from deltac.trajectories import Trajectory
@@ -232,7 +232,7 @@ class _Rows:
         basis = self._flat(B)
         if basis.shape[1]:
             sizes = np.linalg.norm(basis, axis=0)
-            basis = orth(basis[:, sizes > 0.0] / sizes[sizes > 0.0], rcond=SINGULAR)
+            basis = orth(basis[:, sizes > 0.0] / sizes[sizes > 0.0], rcond=SAME)
 
         def beside_causes(x: Array) -> Array:
             flat = self._flat(x)
@@ -288,10 +288,15 @@ def unfiltered(
     derived = "u" in run.provenance.derived or model.quaternions or run.works or run.integrals
     if derived or b - a < ROWS or np.ptp(h) > EVEN * h.mean():
         return None
+    acting = LoggedForces.of(run).places
     run = run.take(slice(a, b))
+    if LoggedForces.of(run).places != acting:
+        return None  # what acts elsewhere only has no column here
+    part = run.take(slice(0, ROWS))
+    part = part if LoggedForces.of(part).places == acting else run
     with np.errstate(all="ignore"), compiled(), suppress(FlowError, np.linalg.LinAlgError):
         for causes in ((), (kernels,)):
-            some = _Rows(model, run.take(slice(0, ROWS)), causes)
+            some = _Rows(model, part, causes)
             if some.whole < CLOSED:  # most rows follow from each other
                 return None
             for fit in _likely(some):

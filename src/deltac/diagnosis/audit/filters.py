@@ -19,7 +19,7 @@ from itertools import product
 import numpy as np
 from scipy.linalg import orth
 
-from deltac.arrays import SAME, Array
+from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SAME_STEP, SIX_DIGITS, SMALL_SHARE, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.integrators import transition
 from deltac.diagnosis.inference.linearisation import FlowError, Point, cause_columns, start
@@ -38,27 +38,8 @@ ROWS = 200
 BEGIN = (1.0, 0.5)
 """Numbers a and b to begin with, of Butterworth's filter."""
 
-FIRST, TURNS = 2, 20
-"""Steps of Gauss and Newton by which kinds are compared, and all of them at most."""
-
-LIKELY = 2
-"""Kinds of filters that are told by more than the first steps: of the two D the wrong one may be ahead."""
-
-BETTER = 0.9
-"""Share of what was left before a step from which on the numbers are found."""
-
-LEFT, ALL = 0.3, 0.01
-"""Share of the prediction errors of a log that may be left of what went into its filter beside causes, and
-where the filter is all that is wrong with it."""
-
-CLOSED = 1e-5
-"""Prediction errors by a method, as a share of those by the exact flow, that are rounding."""
-
-SLACK = 1e-3
-"""Share by which a fit of a filter may make a frequency larger."""
-
-EVEN = 0.1
-"""Differences of intervals as a share of them, of a clock that jitters: a digital filter knows no time."""
+LEFT = 0.3
+"""Share of the prediction errors of a log that may be left of what went into its filter, beside causes."""
 
 SMOOTH = 6
 """Order of differences by which what alternates from row to row is told from a motion."""
@@ -85,7 +66,9 @@ class LowPass:
         """Whether it is late and makes no frequency larger; a motion of its own time may be a row early."""
         own, plus = self._polynomials
         z = np.exp(-1j * np.linspace(0.0, 0.99 * np.pi, 100))[:, None] ** np.arange(3)
-        return bool(self.a > 0.0 and np.all(np.abs(z @ own) >= (1.0 - SLACK) * np.abs(z @ plus)))
+        return bool(
+            self.a > 0.0 and np.all(np.abs(z @ own) >= (1.0 - SMALL_SHARE) * np.abs(z @ plus))
+        )
 
     @property
     def _polynomials(self) -> tuple[Array, Array]:
@@ -202,9 +185,9 @@ class _Rows:
     def settled(self, fit: _Fit) -> _Fit:
         """A fit after as many steps as make it better. Raises as `improved`."""
         fit = replace(fit, left=np.inf)
-        for _ in range(TURNS):
+        for _ in range(NEWTON_STEPS):
             before, fit = fit, self.improved(fit)
-            if fit.left > BETTER * before.left:
+            if fit.left > (1.0 - ROUGHLY) * before.left:
                 break
         return fit
 
@@ -255,22 +238,16 @@ class _Rows:
 
 def _likely(rows: _Rows) -> list[_Fit]:
     """Filters by which prediction errors are a small share of those of a log, the likeliest first."""
-    fits, settled = list[_Fit](), list[_Fit]()
+    settled = list[_Fit]()
     for trapezoid, forces in product((True, False), (False, True)):
         if forces and not rows.run.forces:
             continue
-        fit = _Fit(LowPass(*BEGIN, trapezoid, forces), np.inf)
         with suppress(FlowError, np.linalg.LinAlgError):
-            for turn in range(FIRST):
-                fit = rows.improved(fit, alternates=turn > 0)
-                if fit.left > rows.whole:
-                    break
-            else:
-                fits.append(fit)
-    for fit in sorted(fits, key=lambda fit: fit.left)[:LIKELY]:
-        with suppress(FlowError, np.linalg.LinAlgError):
-            settled.append(rows.settled(fit))
-    share = LEFT if rows.kernels else ALL
+            fit = rows.improved(_Fit(LowPass(*BEGIN, trapezoid, forces), np.inf), alternates=False)
+            if fit.left <= rows.whole:
+                settled.append(rows.settled(fit))
+    # Where a filter is all that is wrong with a log, what went in leaves next to nothing.
+    share = LEFT if rows.kernels else SAME_STEP
     right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]
     return sorted(right, key=lambda fit: fit.left)
 
@@ -286,7 +263,7 @@ def unfiltered(
     a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0], default=(0, 0))
     h = np.diff(run.t[a:b])
     derived = "u" in run.provenance.derived or model.quaternions or run.works or run.integrals
-    if derived or b - a < ROWS or np.ptp(h) > EVEN * h.mean():
+    if derived or b - a < ROWS or np.ptp(h) > ROUGHLY * h.mean():
         return None
     acting = LoggedForces.of(run).places
     run = run.take(slice(a, b))
@@ -297,7 +274,7 @@ def unfiltered(
     with np.errstate(all="ignore"), compiled(), suppress(FlowError, np.linalg.LinAlgError):
         for causes in ((), (kernels,)):
             some = _Rows(model, part, causes)
-            if some.whole < CLOSED:  # most rows follow from each other
+            if some.whole < SIX_DIGITS:  # most rows follow from each other
                 return None
             for fit in _likely(some):
                 own = _Rows(model, run, causes).settled(fit).filter

@@ -705,8 +705,8 @@ def _pruned(
     return best, ()
 
 
-STRETCHES, SHORT = 16, 4
-"""Stretches of a log of which the scores are compared, and intervals of each at least."""
+STRETCHES = 16
+"""Stretches of a log of which the scores are compared."""
 
 
 def steadfast(posterior: Posterior, blocks: Sequence[Block], alternatives: int) -> Posterior:
@@ -744,9 +744,8 @@ def _by_stretches(blocks: Sequence[Block], fit: Fit, alternatives: int) -> list[
         X = X - Q @ (Q.T @ X)
         variance = b.misfit(fit.coefficients) / b.count
         normal += X.T @ X / variance
-        parts = min(STRETCHES, max(len(r) // SHORT, 1))
         each = np.einsum("kdq,kd->kq", X.reshape(*r.shape, -1), r) / variance
-        scores += [part.sum(axis=0) for part in np.array_split(each, parts)]
+        scores += [part.sum(axis=0) for part in np.array_split(each, STRETCHES)]
         rows += b.count / autocorrelation_time(r)
     G = np.array(scores)
     inverse = np.linalg.pinv(normal, hermitian=True)

@@ -146,9 +146,6 @@ what a method does to the place of an impact is anything up to what one of its s
 FEW_IMPACTS = 3
 """Impacts that tell a restitution from that."""
 
-SUBSTEPS = 4
-"""Steps of a simulation from row to row."""
-
 
 def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Finding] | None:
     """The run with the impacts by which the model goes from row to row; None where it does not, or has none.
@@ -174,7 +171,7 @@ def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Fin
         try:
             if mechanism.constraints:
                 start = assemble(mechanism, start).state
-            own = simulate(mechanism, start, float(h[k]), float(h[k]) / SUBSTEPS)
+            own = simulate(mechanism, start, float(h[k]), float(h[k]))
         except InputError:
             return None
         departs = run.u[k + 1] - own.u[-1]

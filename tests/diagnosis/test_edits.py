@@ -12,6 +12,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import Candidate, Places, candidates, edited
 from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.causes.geometry import geometry_columns
+from deltac.dynamics.equations_of_motion import equations_of_motion
 from tests.diagnosis.test_geometry import samples, tree
 
 STEP = 1e-4
@@ -39,7 +40,9 @@ def of_geometry(mechanism: dc.Mechanism, run: dc.Trajectory) -> list[Candidate]:
 def residual(mechanism: dc.Mechanism) -> Array:
     """F_r + F*_r (T, n) of a mechanism without constraints, at the samples."""
     motion = equations_of_motion(mechanism)
-    return np.array([motion.residual(*row) for row in zip(RUN.t, RUN.q, RUN.u, RUN.udot)])
+    terms = [motion.terms(t, q, u) for t, q, u in zip(RUN.t, RUN.q, RUN.u)]
+    assert RUN.udot is not None
+    return np.array([x.force - x.bias - x.M @ a for x, a in zip(terms, RUN.udot)])
 
 
 RUN = samples(tree())
@@ -60,7 +63,7 @@ def test_columns_at_what_is_built_are_its_derivatives(kind: str) -> None:
     """Differences of second order with steps of 1e-4 have errors of some 1e-8."""
     rng = np.random.default_rng(3)
     some = [c for c in CAUSES if c.kind == kind]
-    for c in some[:: max(1, len(some) // 2)]:
+    for c in some[len(some) // 2 :][:1]:
         assert c.edit is not None
         theta = 0.2 * rng.standard_normal(c.size)
         built = c.edit.mechanism(tree(), theta)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from scipy.linalg import expm
@@ -37,7 +37,7 @@ class Edit(Protocol):
         ...
 
 
-def _tuples(x: Array) -> tuple[tuple[float, ...], ...]:
+def _tuples(x: Array) -> tuple[Any, ...]:
     return tuple(map(tuple, x.tolist()))
 
 
@@ -109,9 +109,9 @@ ROUNDING = 1e-12
 """Components of displacements below which they are rounding of products of rotations."""
 
 
-def _moved(of: Mechanism, place: Sequence[object], by: Array) -> list[object]:
+def _moved(of: Mechanism, place: Sequence[Any], by: Array) -> list[Any]:
     """A place displaced; numbers that stay remain what they are, as parameters."""
-    return [of.number(x) + d if d else x for x, d in zip(place, by.tolist())]  # type: ignore[arg-type]
+    return [of.number(x) + d if d else x for x, d in zip(place, by.tolist())]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,13 +130,14 @@ class Stretched:
         carrier = next(j for j in of.joints if j.child == self.body)
         origin = np.array([of.number(x) for x in carrier.child_position])
 
-        def stretched(place: Sequence[object]) -> tuple[float, ...]:
-            x = np.array([of.number(n) for n in place])  # type: ignore[arg-type]
+        def stretched(place: Sequence[Any]) -> tuple[float, ...]:
+            x = np.array([of.number(n) for n in place])
             return tuple((origin + size * (x - origin)).tolist())
 
         inertia = np.array([[of.number(x) for x in row] for row in body.inertia])
+        first, second, third = _tuples(size**2 * inertia)
         other = replace(
-            body, mass_centre=stretched(body.mass_centre), inertia=_tuples(size**2 * inertia)
+            body, mass_centre=stretched(body.mass_centre), inertia=(first, second, third)
         )
         return replace(
             of,
@@ -161,7 +162,7 @@ class Stretched:
             for k, (i, j) in enumerate(UNIT_MOMENTS)
         }
         for joint in mechanism.children[self.body]:
-            moved = displacements(system, joint)[0][:, :3] @ bar_of(mechanism, joint)
+            moved = displacements(system, joint)[0][:, :3] @ np.array(bar_of(mechanism, joint))
             weights |= {Column("joint-place", joint.name, k): float(x) for k, x in enumerate(moved)}
         size = 1.0 + float(theta[0])
         return {c: np.array([x / size]) for c, x in weights.items() if x}

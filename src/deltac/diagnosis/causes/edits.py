@@ -93,9 +93,7 @@ class Displaced:
         joint = at.mechanism.joint(self.joint)
         sides = zip(("joint-place", "body-place"), (self.parent, self.child), (1.0, -1.0))
         system = at.symbols.system
-        of_sides = system.once(
-            ("displacements", self.joint), lambda: displacements(system, joint)
-        )
+        of_sides = system.once(("displacements", self.joint), lambda: displacements(system, joint))
         weights = dict[Column, Array]()
         for (what, unit, sign), motion in zip(sides, of_sides, strict=True):
             if unit is None:

@@ -307,15 +307,18 @@ def _relinearised(comparison: Comparison) -> Comparison:
     is built, and others are asked for beside the likeliest.
     """
     built = _built(comparison)
+    single = [one.posterior.best.chosen[0].name for one in built]
+    if [c.name for c in comparison.posterior.best.chosen] not in [[name] for name in single]:
+        as_found = _at_causes(comparison.point, comparison.posterior) or comparison
+        built.append(as_found)
+    if len(built) < 2:
+        return built[0]
     equal = [one for one in built if _nothing_left(one)]
     if not equal:
-        as_found = _at_causes(comparison.point, comparison.posterior) or comparison
-        odds = _log_odds([as_found, *built])
-        if _nothing_left(as_found) or odds[0] == odds.max():
-            return as_found
-        equal = [one for one, x in zip(built, odds[1:], strict=True) if x > odds.max() - EQUAL]
+        odds = _log_odds(built)
+        equal = [one for one, x in zip(built, odds, strict=True) if x > odds.max() - EQUAL]
     first, *others = sorted(equal, key=_rank)
-    return _beside(first, others)
+    return _beside(first, [one for one in others if len(one.posterior.best.chosen) == 1])
 
 
 def _rank(comparison: Comparison) -> tuple[int, int]:
@@ -422,7 +425,10 @@ def _has_simpler(one: Comparison, others: Sequence[Comparison]) -> bool:
 def _beside(built: Comparison, equal: Sequence[Comparison]) -> Comparison:
     """The comparison of further causes beside one that is built; others that were built explain as much."""
     best = built.posterior.best
-    if not _nothing_left(built):
+    if len(best.chosen) != 1:
+        return built
+    of_geometry = best.chosen[0].edit is not None
+    if of_geometry and not _nothing_left(built):
         searched = compared(built.point).posterior
         if len(searched.best.chosen) > 1 and best.chosen[0] in searched.best.chosen:
             further = _at_causes(built.point, searched)
@@ -430,7 +436,7 @@ def _beside(built: Comparison, equal: Sequence[Comparison]) -> Comparison:
             if further is not None and odds[1] > odds[0] + CERTAIN:
                 return further
     some = np.flatnonzero(best.coefficients)
-    others = list[Fit]()
+    others = [] if of_geometry else list(built.posterior.alternatives)
     for one in equal:
         fit = one.posterior.best
         (c,), (x,) = fit.chosen, fit.theta

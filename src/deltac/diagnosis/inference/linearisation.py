@@ -33,7 +33,7 @@ from deltac.diagnosis.inference.fields import (
 )
 from deltac.diagnosis.inference.flow import Prediction, composed, predict, transitions, transported
 from deltac.diagnosis.inference.forces import FORCES, InterpolatedForces, LoggedForce
-from deltac.diagnosis.inference.hypotheses import ACTIVE, Block, Fit, Posterior, nothing
+from deltac.diagnosis.inference.hypotheses import ACTIVE, Block, Fit, Posterior
 from deltac.diagnosis.inference.integrators import EXACT, Integrator, Map, maps
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.observations import Observations
@@ -623,9 +623,10 @@ class Point:
         def there(fit: Fit) -> Fit:
             same = alike(self.candidates, fit.chosen)
             known = [(c, x) for c, x in zip(same, fit.theta, strict=True) if c is not None]
-            none = nothing(len(self.coefficients))
-            return replace(
-                none, chosen=tuple(c for c, _ in known), theta=tuple(x for _, x in known)
+            chosen, theta = tuple(c for c, _ in known), tuple(x for _, x in known)
+            P, d = len(self.coefficients), sum(c.size for c in chosen)
+            return Fit(
+                chosen, theta, np.zeros(P), 0.0, np.zeros((d, d)), np.zeros((P, d)), factors=()
             )
 
         likely = alike(self.candidates, [c for _, c, _ in before.scores])

@@ -72,8 +72,11 @@ NARROW = 0.3
 
 
 RIVALS, MOST_LEFT, NEAR = 8, 0.1, 4
-"""Causes of the geometry that are built, one at a time, at most; the share of what there is that they may
+"""Causes that are linearised at themselves, one at a time, at most; the share of what there is that they may
 leave to first order; and how many of these, those that leave least, are built until their numbers settle."""
+
+REBUILT = 1e8
+"""Instructions of all columns of all rows up to which so many are: of large models and long logs fewer."""
 
 ALIKE = 1.0
 """Logarithm of the ratio of what two of them leave, built once, of which one leaves nothing in the end."""
@@ -258,10 +261,10 @@ def _with_causes(
         ):
             # Only then is it asked for places and axes: their columns are as many again.
             geometry = geometry_columns(equations)
-            # How forces act is asked anew: beside other causes they look filtered.
-            comparison = likeliest(
-                point.with_candidates(equations, kernels).with_candidates(equations, geometry)
-            )
+            found = comparison.point
+            if found.forces.filter is not None:  # beside other causes forces look filtered
+                found = point.with_candidates(equations, kernels)
+            comparison = likeliest(found.with_candidates(equations, geometry))
             result = inferred(comparison)
         chosen = comparison.posterior.best.chosen
         if chosen and not passed("causes linearised at themselves"):
@@ -371,8 +374,10 @@ def _at_causes(point: Point, found: Posterior, turns: int = RELINEARISATIONS) ->
             there = point.named(moved.posterior if moved else found)
             if not there.best.chosen:
                 return None
-            moved = compared(point, there)
+            last, moved = moved, compared(point, there)
             if before.settled(moved.posterior.best):
+                break
+            if turn > 1 and last is not None and _left(moved) >= _left(last):
                 break
             point = moved.point
     except (FlowError, np.linalg.LinAlgError):
@@ -381,12 +386,14 @@ def _at_causes(point: Point, found: Posterior, turns: int = RELINEARISATIONS) ->
 
 
 def _built(comparison: Comparison) -> list[Comparison]:
-    """Causes of the geometry that explain most of what is left to first order, each built.
+    """Causes that explain most of what is left to first order, each linearised at itself.
 
     Those go on that leave about as little as the best of them once they are linearised at themselves.
     """
     point, block = comparison.point, comparison.blocks[0]
-    whats = {c.what for _, c, _ in comparison.posterior.scores if c.edit is not None}
+    if not any(c.edit is not None for _, c, _ in comparison.posterior.scores):
+        return []
+    whats = {c.what for _, c, _ in comparison.posterior.scores if c.kind not in OF_THE_LOG}
     fits = [fitted(comparison.blocks, [c]) for c in point.candidates if c.what in whats]
     likely = [
         fit
@@ -396,7 +403,9 @@ def _built(comparison: Comparison) -> list[Comparison]:
         and fit.chosen[0].plausible(fit.theta[0])
     ]
     likely.sort(key=lambda fit: (fit.chosen[0].size, block.misfit(fit.coefficients)))
-    built = (_at_causes(point, Posterior(fit, (), ()), 1) for fit in likely[:RIVALS])
+    cost = len(point.log.intervals) * sum(kernels.cost for kernels in point.kernels)
+    rivals = int(np.clip(RIVALS * REBUILT / cost, 2, RIVALS))
+    built = (_at_causes(point, Posterior(fit, (), ()), 1) for fit in likely[:rivals])
     once = [one for one in built if one is not None]
     once = [one for one in once if one.posterior.best.chosen and not _has_simpler(one, once)]
     once.sort(key=_left)
@@ -405,7 +414,7 @@ def _built(comparison: Comparison) -> list[Comparison]:
         closed = any(map(_nothing_left, result))
         if closed and _left(one) > _left(once[0]) + ALIKE:
             break
-        further = _at_causes(one.point, one.posterior, BUILDS - 1)
+        further = _at_causes(one.point, one.posterior)
         if further is not None and further.posterior.best.chosen:
             result.append(further)
     return result

@@ -75,7 +75,7 @@ RIVALS, MOST_LEFT, NEAR = 8, 0.1, 4
 """Causes that are linearised at themselves, one at a time, at most; the share of what there is that they may
 leave to first order; and how many of these, those that leave least, are built until their numbers settle."""
 
-REBUILT = 1e8
+REBUILT = 1e7
 """Instructions of all columns of all rows up to which so many are: of large models and long logs fewer."""
 
 ALIKE = 1.0
@@ -320,7 +320,12 @@ def _relinearised(comparison: Comparison) -> Comparison:
     if not equal:
         odds = _log_odds(built)
         equal = [one for one, x in zip(built, odds, strict=True) if x > odds.max() - EQUAL]
-    first, *others = sorted(equal, key=_rank)
+    # Of one cause in fewer and in more numbers the former.
+    simplest = {
+        tuple(c.what for c in one.posterior.best.chosen): one
+        for one in sorted(equal, key=_rank)[::-1]
+    }
+    first, *others = sorted(simplest.values(), key=_rank)
     return _beside(first, [one for one in others if len(one.posterior.best.chosen) == 1])
 
 
@@ -353,7 +358,7 @@ def _log_odds(comparisons: Sequence[Comparison]) -> Array:
     return np.asarray(-rows * np.array(list(map(_left, comparisons))) - price)
 
 
-def _at_causes(point: Point, found: Posterior, turns: int = RELINEARISATIONS) -> Comparison | None:
+def _at_causes(point: Point, found: Posterior, turns: int = 0) -> Comparison | None:
     """The comparison at causes that were found elsewhere; None where they have no motion between the rows."""
     moved: Comparison | None = None
     of_geometry = any(c.edit is not None for c in found.best.chosen)
@@ -374,10 +379,8 @@ def _at_causes(point: Point, found: Posterior, turns: int = RELINEARISATIONS) ->
             there = point.named(moved.posterior if moved else found)
             if not there.best.chosen:
                 return None
-            last, moved = moved, compared(point, there)
+            moved = compared(point, there)
             if before.settled(moved.posterior.best):
-                break
-            if turn > 1 and last is not None and _left(moved) >= _left(last):
                 break
             point = moved.point
     except (FlowError, np.linalg.LinAlgError):

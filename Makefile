@@ -44,7 +44,7 @@ lint: $(DEV)  ## style: ruff's rules and format
 	$(PY) -m ruff check
 	$(PY) -m ruff format --check
 
-types: $(DEV)  ## types: mypy, strict for the package; of the tests all but the values that they pass
+types: $(DEV)  ## types: mypy, strict for the package, and the tests
 	$(PY) -m mypy
 
 schema: $(TEST)  ## write the JSON Schema of results anew, after a key has changed

@@ -1,5 +1,7 @@
 """What every test runs under: reproducible random examples, one thread, no display, an own disk cache."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import gc

@@ -1,5 +1,7 @@
 """Sixty slips of users: each is an InputError of its kind, never a raw exception, never a wrong answer."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import inspect

@@ -33,14 +33,15 @@ LEVEL = {
 
 def upward(source: str, package: str) -> list[str]:
     """Texts in the code that are paths of modules which stand above a package."""
+    nodes = list(ast.walk(ast.parse(source)))
     documentation = {
         id(node.value)
-        for node in ast.walk(ast.parse(source))
+        for node in nodes
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     }
     texts = {
         node.value
-        for node in ast.walk(ast.parse(source))
+        for node in nodes
         if isinstance(node, ast.Constant)
         and isinstance(node.value, str)
         and id(node) not in documentation

@@ -51,6 +51,9 @@ SAME_STEP = 1e-2
 NEWTON_STEPS = 100
 """Iterations after which what has not converged will not."""
 
+SOLVED = 1e-6
+"""What iterative solvers of constraints leave of what they solve, relative."""
+
 SIX_DIGITS = 1e-5
 """Differences that six digits do not show: of a factor from one."""
 

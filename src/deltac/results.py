@@ -256,15 +256,15 @@ _CHANGED = {"+": "rgba(0,158,115,.22)", "-": "rgba(213,94,0,.22)"}
 
 
 def as_html(
-    headline: str, sections: Iterable[Section], code: int | None = None, told: Iterable[str] = ()
+    headline: str, sections: Iterable[Section], code: int | None = None, notices: Iterable[str] = ()
 ) -> str:
-    """A fragment for notebooks: headline, what must be `told`, tables and diffs; paragraphs are folded away.
+    """A fragment for notebooks: headline, the `notices`, tables and diffs; paragraphs are folded away.
 
     Everything is escaped, and styled inline, since notebooks that are not trusted lose style sheets.
     """
     edge = f"border-left:4px solid {EDGES.get(code, EDGES[1])};padding:.2em .7em"
     parts = [f'<div style="{edge}"><b>{html.escape(headline)}</b></div>']
-    parts += (f"<p>{html.escape(text)}</p>" for text in told)
+    parts += (f"<p>{html.escape(text)}</p>" for text in notices)
     words: list[str] = []
     for section in sections:
         if isinstance(section, Table):

@@ -55,7 +55,13 @@ def test_mistakes_in_branches_loops_and_rates_are_repaired(name: str) -> None:
             id="a term of a property that is asked for thrice",
             marks=pytest.mark.slow,
         ),
-        pytest.param("pulleys_attrs", 0, "term", id="J / r**2 of an object within an object"),
+        pytest.param(
+            "pulleys_attrs",
+            0,
+            "term",
+            id="J / r**2 of an object within an object",
+            marks=pytest.mark.slow,
+        ),
         pytest.param("aircraft_body_axes", 0, "order", id="a matrix that is not transposed"),
     ],
 )

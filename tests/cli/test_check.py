@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.support.commands import command
+from tests.support.slow import crossed
 
 EOM = '''
 import numpy as np
@@ -129,9 +130,11 @@ def test_bad_input(
     assert said in err
 
 
-@pytest.mark.parametrize("more", [(), ("--repair",)])
 @pytest.mark.parametrize(
-    "kept", ["pass", "try:\n            x = 1\n        except:\n            pass"]
+    ("more", "kept"),
+    crossed(
+        [(), ("--repair",)], ["pass", "try:\n            x = 1\n        except:\n            pass"]
+    ),
 )
 def test_a_function_that_never_ends_is_ended(
     tmp_path: Path, more: tuple[str, ...], kept: str, capsys: pytest.CaptureFixture[str]

@@ -1,5 +1,7 @@
 """Logs of commands in place of the forces that acted; the cart-pole's own equations are the oracle."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from tests.support.slow import crossed
 from tests.systems.cart_pole import CartPole, rk4
 
 STEP, ROWS, HELD = 0.002, 900, 5
@@ -60,8 +63,8 @@ def test_a_limit() -> None:
             {"slide": 0.0},
             lambda said: said[-1],
         ),  # beside a controller without damping: almost a delay
-        ({"pole": 0.7}, lambda said: said[-1]),
-        ({}, lambda said: 0.8 * said[-1]),
+        pytest.param({"pole": 0.7}, lambda said: said[-1], marks=pytest.mark.slow),
+        pytest.param({}, lambda said: 0.8 * said[-1], marks=pytest.mark.slow),
         ({}, lambda said: said[-1] + 0.5),
     ],
     ids=["damper", "mass", "gear", "offset"],
@@ -240,13 +243,8 @@ def test_actuators_without_forces_in_the_log(
 @pytest.mark.parametrize(
     ("control", "accelerations"),
     [
-        ("gravity", True),
-        pytest.param("gravity", False, marks=pytest.mark.slow),
-        *(
-            (control, known)
-            for control in ("gravity and spring", "constant")
-            for known in (True, False)
-        ),
+        pytest.param("gravity", True, marks=pytest.mark.slow),
+        *crossed(("gravity and spring", "constant"), (True, False)),
     ],
 )
 def test_controllers_without_forces_in_the_log_accuse_no_model(

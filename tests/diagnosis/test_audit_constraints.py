@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 import deltac as dc
 from deltac import Trajectory
 
-DISC = {"mass": 1.0, "inertia": (0.1, 0.1, 0.1)}
+DISC: dict[str, Any] = {"mass": 1.0, "inertia": (0.1, 0.1, 0.1)}
 
 
 def geared(ratio: float) -> dc.Mechanism:
@@ -68,6 +70,7 @@ def test_prescribed_joints_in_logs_of_few_decimals(decimals: int) -> None:
     assert not [f for f in found.findings if f.weight == "cause"]
 
 
+@pytest.mark.slow
 def test_a_log_at_rest_of_rods_that_have_no_inertia_about_other_axes() -> None:
     """No scheme leaves anything then, and the model with another axis of a joint cannot be evaluated."""
     problem = dc.problems.load("n-four-bar")

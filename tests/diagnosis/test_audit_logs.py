@@ -1,5 +1,7 @@
 """What `audit` says of logs that cannot be judged, or are told in other names, digits and orders."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -13,6 +15,7 @@ from deltac import Trajectory, audit
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
 from tests.support.audits import causes, cut, the_cause  # noqa: E402
+from tests.support.slow import crossed, repeated  # noqa: E402
 from tests.systems.mujoco_models import (  # noqa: E402
     ARM,
     BOX,
@@ -42,7 +45,7 @@ def test_a_decimated_log_is_not_accused() -> None:
     assert audit(model_of(ARM), run).verdict.kind == "consistent"
 
 
-@pytest.mark.parametrize("n", [5, 10, 20, 40])
+@pytest.mark.parametrize("n", repeated((5, 10, 20, 40), 10, 40))
 def test_contacts_between_the_rows_are_not_accused(n: int) -> None:
     """1000 Hz to as little as 25 Hz: the integrator is blamed as with every row, or nobody."""
     run = of_rows_alone(hopper_run())
@@ -197,7 +200,7 @@ def test_a_log_of_another_model_lists_names_once() -> None:
     assert "in the log only: 'x1', 'x2'. in the model only: 'shoulder', 'elbow'" in str(told.value)
 
 
-@pytest.mark.parametrize("decimals", [5, 8])
+@pytest.mark.parametrize("decimals", repeated((5, 8), 5))
 def test_rounded_logs_are_not_accused(decimals: int) -> None:
     """A log in text with few digits does not close its equations better than they allow."""
     run = arm_run()
@@ -278,12 +281,14 @@ FORMS = {
 }
 
 
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize(("name", "step"), [("bouncing-ball", 1e-2), ("struck-slider-crank", 5e-3)])
+@pytest.mark.parametrize(
+    ("form", "motion"), crossed(FORMS, [("bouncing-ball", 1e-2), ("struck-slider-crank", 5e-3)])
+)
 def test_impacts_that_the_log_does_not_tell_of_accuse_nobody(
-    name: str, step: float, form: str
+    motion: tuple[str, float], form: str
 ) -> None:
     """The model has them, and the rows show them: they do not contradict each other."""
+    name, step = motion
     problem = dc.problems.load(name)
     run = dc.simulate(problem.mechanism, problem.state, 2.0, step, "ode4")
     q, u = FORMS[form](run.q, 1e-5), FORMS[form](run.u, 1e-3)

@@ -12,7 +12,7 @@ import pytest
 
 import deltac as dc
 from deltac.arrays import Array
-from tests.support.slow import repeated
+from tests.support.slow import crossed, repeated
 from tests.systems.cart_pole import SCHEMES, CartPole, generalized_alpha, log
 
 RIGHT = CartPole()
@@ -106,8 +106,7 @@ def test_algorithmic_accelerations_accuse_nobody() -> None:
 # --- mistakes --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("scheme", SCHEMES)
-@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize(("scheme", "every"), crossed(SCHEMES, (1, 3)))
 def test_wrong_gravity_is_named_beside_any_integrator(scheme: str, every: int) -> None:
     audit = dc.audit(MECHANISM, log(WRONG, scheme, accelerations=False).every(every))
     assert audit.verdict.kind == "equation-error", audit.verdict.explain()
@@ -116,7 +115,7 @@ def test_wrong_gravity_is_named_beside_any_integrator(scheme: str, every: int) -
         assert audit.causes[0].size == pytest.approx(1.02, abs=1e-3)
 
 
-@pytest.mark.parametrize("scheme", ["semi-implicit-euler", "rk4", "trapezoidal"])
+@pytest.mark.parametrize("scheme", repeated(("semi-implicit-euler", "rk4", "trapezoidal"), "rk4"))
 def test_a_wrong_model_is_seen_without_accelerations(scheme: str) -> None:
     found = dc.audit(MECHANISM, log(WRONG, scheme, accelerations=False))
     assert found.verdict.kind == "equation-error", found.verdict.explain()
@@ -146,7 +145,9 @@ def test_integration_error_is_told_without_accelerations() -> None:
     )
 
 
-@pytest.mark.parametrize("scheme", ["explicit-euler", "semi-implicit-euler", "rk4"])
+@pytest.mark.parametrize(
+    "scheme", repeated(("explicit-euler", "semi-implicit-euler", "rk4"), "explicit-euler")
+)
 def test_a_mistake_far_below_what_integrators_leave_is_named(scheme: str) -> None:
     """Gravity 1e-4 too large, at the step that leaves Euler's methods some per cent."""
     slightly = CartPole(gravity=9.81 * 1.0001)
@@ -169,7 +170,7 @@ def test_scattered_time_stamps_are_put_back() -> None:
     assert np.std(np.diff(found.run.t)) < 1e-9 * h
 
 
-@pytest.mark.parametrize("habit", ["mean", "late", "commanded"])
+@pytest.mark.parametrize("habit", repeated(("mean", "late", "commanded"), "mean", "commanded"))
 def test_forces_of_other_rows_accuse_nobody(habit: str) -> None:
     run = log(RIGHT, "rk4", held=False)
     force = run.forces["actuator motor"]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
 
@@ -81,10 +81,24 @@ def told(judge: Callable[[], dc.Audit]) -> str:
         return report(error)
 
 
+FEW = ("rk4", "coarse", "wrong mass", "uneven", "two rows", "spike", "blown up", "of another model")
+"""Logs of every verdict and of every kind of trouble."""
+
+
 @pytest.mark.parametrize(
-    "way", [pytest.param(nullcontext, marks=pytest.mark.slow, id="as it is"), compiled]
+    ("way", "names"),
+    [
+        pytest.param(nullcontext, None, marks=pytest.mark.slow, id="as it is"),
+        pytest.param(compiled, None, marks=pytest.mark.slow, id="compiled"),
+        pytest.param(compiled, FEW, id="some, compiled"),
+    ],
 )
-def test_each_is_judged_as_alone(logs: dict[str, dc.Trajectory], way: Callable) -> None:  # type: ignore[type-arg]
+def test_each_is_judged_as_alone(
+    logs: dict[str, dc.Trajectory],
+    way: Callable[[], AbstractContextManager[None]],
+    names: Sequence[str] | None,
+) -> None:
+    logs = logs if names is None else {name: logs[name] for name in names}
     with way():
         alone = {name: told(partial(dc.audit, PROBLEM, run)) for name, run in logs.items()}
         made = dict(zip(logs, audit_together(PROBLEM, list(logs.values()))))

@@ -111,7 +111,7 @@ def test_an_arm_whose_torques_are_all_logged_is_noted_once() -> None:
     bare = dc.Mechanism(driven.bodies, driven.joints, gravity=driven.gravity)
     torques = np.sin(run.t[:, None] * [2.0, 3.0, 4.0]) * [1.0, 2.0, 3.0]
     forces = {f"actuator m{k}": torques * (np.arange(3) == k) for k in range(3)}
-    names = {"coordinates": run.coordinates, "speeds": run.speeds}
+    names: dict[str, Any] = {"coordinates": run.coordinates, "speeds": run.speeds}
     logged = dc.Trajectory(t=run.t, q=run.q, u=run.u, forces=forces, **names)
     found = dc.audit(bare, logged)
     assert found.verdict.kind == "consistent"

@@ -13,12 +13,12 @@ from explain_models import faults, model_of, noisy, simulate  # noqa: E402
 
 SAMPLE = (
     "planar-arm armature elbow",
-    "cart-pole mass pole",
+    pytest.param("cart-pole mass pole", marks=pytest.mark.slow),
     pytest.param("arm-3d gear actuator m4", marks=pytest.mark.slow),
     pytest.param("arm-3d com fore", marks=pytest.mark.slow),
-    "floating spring flap",
+    pytest.param("floating spring flap", marks=pytest.mark.slow),
     "ball-chain inertia second",
-    "planar-arm mass+com lower",
+    pytest.param("planar-arm mass+com lower", marks=pytest.mark.slow),
 )
 
 

@@ -3,6 +3,8 @@
 The motions are solved by SciPy from the textbook's equation of a damped pendulum, to far below their noise.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from typing import Any

@@ -153,7 +153,14 @@ def test_a_force_at_a_point_of_a_floating_body() -> None:
     assert by_kind["body-torque"] == pytest.approx(0.3, rel=EXACT)
 
 
-@pytest.mark.parametrize(("moved", "heavier"), [(0.01, 1.02), (0.05, 1.3), (-0.06, 0.8)])
+@pytest.mark.parametrize(
+    ("moved", "heavier"),
+    [
+        (0.05, 1.3),
+        pytest.param(0.01, 1.02, marks=pytest.mark.slow),
+        pytest.param(-0.06, 0.8, marks=pytest.mark.slow),
+    ],
+)
 def test_a_body_that_is_heavier_and_has_its_mass_centre_elsewhere(
     moved: float, heavier: float
 ) -> None:
@@ -214,7 +221,11 @@ def test_four_causes_at_once() -> None:
     assert values == pytest.approx(planted, rel=EXACT)
 
 
-@pytest.mark.parametrize("measured", [True, False], ids=["accelerations", "steps"])
+@pytest.mark.parametrize(
+    "measured",
+    [True, pytest.param(False, marks=pytest.mark.slow)],
+    ids=["accelerations", "steps"],
+)
 def test_noise_widens_the_error_and_not_the_answer(measured: bool) -> None:
     """Three logs, ±3 standard errors each: all are within, but once in a hundred times."""
     model, inside = with_changes(ARM, damping=0.0), []

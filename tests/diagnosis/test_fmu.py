@@ -1,5 +1,7 @@
 """FMUs for model exchange, FMI 2 and 3, built here from C, checked against the model that they are of."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import platform

@@ -4,9 +4,12 @@ A pendulum with a motor and a damper, integrated by hand; its true joules are of
 torque that acted, by SciPy's DOP853 over every step.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +21,7 @@ from deltac.arrays import Array
 from deltac.diagnosis.inference.forces import LoggedForce
 from deltac.diagnosis.inference.hypotheses import Block, nothing
 from deltac.diagnosis.inference.model import Intervals, Rows
+from tests.support.slow import crossed, repeated
 
 H, LENGTH, DAMPING, G = 2e-3, 0.8, 0.2, 9.81
 INERTIA = LENGTH**2
@@ -85,7 +89,7 @@ def true_joules(x: Array, torques: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(0.5 * (np.array(ahead) + np.array(back)))])
 
 
-def log(x: Array, torques: Array, some: Array, **provenance: object) -> dc.Trajectory:
+def log(x: Array, torques: Array, some: Array, **provenance: Any) -> dc.Trajectory:
     return dc.Trajectory(
         t=some * H, q=x[some, :1], u=x[some, 1:], coordinates=("j",), speeds=("j",),
         forces={"actuator motor": torques[some, None]},
@@ -93,8 +97,7 @@ def log(x: Array, torques: Array, some: Array, **provenance: object) -> dc.Traje
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("step", [semi_implicit_euler, rk4])
-@pytest.mark.parametrize("parts", [4, 5])
+@pytest.mark.parametrize(("step", "parts"), crossed((semi_implicit_euler, rk4), (4, 5)))
 def test_rows_of_every_few_steps_tell_how_often_their_forces_were_held(
     step: Step, parts: int
 ) -> None:
@@ -109,7 +112,7 @@ def test_rows_of_every_few_steps_tell_how_often_their_forces_were_held(
     assert told == pytest.approx(curve, abs=0.01 * np.abs(curve).max() + 1e-8)
 
 
-@pytest.mark.parametrize("step", [semi_implicit_euler, rk4])
+@pytest.mark.parametrize("step", repeated((semi_implicit_euler, rk4), rk4))
 def test_rows_at_random_of_which_the_step_is_the_shortest_interval(step: Step) -> None:
     """Stairs of one to eight steps between two rows: the flow goes over each."""
     x, torques = motion(step)

@@ -1,5 +1,7 @@
 """The inference from prediction errors: each part against another route, the whole against reruns."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -29,6 +31,7 @@ from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.cleaning import cleaned
+from tests.support.slow import crossed, repeated
 
 G, L1, L2 = 9.81, 0.6, 0.4
 VALUES = {"m1": 1.0, "m2": 0.7, "c1": 0.02, "c2": 0.01, "g": G}
@@ -259,8 +262,8 @@ def test_without_speeds_nothing_is_assumed_of_them() -> None:
     [
         # Both are one map of coordinates: the speeds alone are those of other instants.
         (semi_implicit_euler, {"semi-implicit-euler", "semi-implicit-euler-qu"}),
-        (explicit_euler, {"explicit-euler"}),
-        (rk4, {"rk4"}),
+        pytest.param(explicit_euler, {"explicit-euler"}, marks=pytest.mark.slow),
+        pytest.param(rk4, {"rk4"}, marks=pytest.mark.slow),
     ],
 )
 def test_an_integrator_is_known_by_coordinates_alone(step: Step, names: set[str]) -> None:
@@ -306,17 +309,20 @@ def test_an_integrator_is_named_by_its_map_or_its_modified_equation(
 
 
 @pytest.mark.parametrize(
-    ("wrong", "kind", "element", "true"),
-    [
-        ({"c2": 0.012}, "damping", "j2", 0.012),
-        ({"m2": 0.707}, "body-inertia", "b", 1.01),
-        ({"g": 9.85}, "gravity", "gravity", 9.85 / 9.81),
-    ],
+    ("mistake", "noise"),
+    crossed(
+        [
+            ({"c2": 0.012}, "damping", "j2", 0.012),
+            ({"m2": 0.707}, "body-inertia", "b", 1.01),
+            ({"g": 9.85}, "gravity", "gravity", 9.85 / 9.81),
+        ],
+        (0.0, 1e-4),
+    ),
 )
-@pytest.mark.parametrize("noise", [0.0, 1e-4])
 def test_a_mistake_is_named_with_its_size_beside_an_unknown_integrator(
-    wrong: dict[str, float], kind: str, element: str, true: float, noise: float
+    mistake: tuple[dict[str, float], str, str, float], noise: float
 ) -> None:
+    wrong, kind, element, true = mistake
     cause = dc.audit(MECHANISM, log(semi_implicit_euler, 2e-3, noise, **wrong)).causes[0]
     # Gravity of another size is gravity of another direction, too, as far as a planar motion tells.
     assert (cause.kind.removesuffix("-vector"), cause.element) == (kind, element)
@@ -341,7 +347,7 @@ def test_odds_of_verdicts_are_probabilities() -> None:
             assert audit.odds[audit.verdict.kind] == max(audit.odds.values()) >= 0.9
 
 
-@pytest.mark.parametrize("h", [1e-3, 2e-3])
+@pytest.mark.parametrize("h", repeated((1e-3, 2e-3), 2e-3))
 def test_joules_of_integrator_and_mistake_add_up_and_agree_with_reruns(h: float) -> None:
     parts = dc.audit(MECHANISM, log(semi_implicit_euler, h, c2=0.015)).attribution
     right = dc.audit(MECHANISM, log(semi_implicit_euler, h)).attribution

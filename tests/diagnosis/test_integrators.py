@@ -21,6 +21,7 @@ from deltac.diagnosis.inference.integrators import (
     transition,
 )
 from deltac.diagnosis.inference.model import Intervals, Model
+from tests.support.slow import repeated
 from tests.systems.cart_pole import SCHEMES, CartPole, log
 
 RIGHT = CartPole()
@@ -154,7 +155,9 @@ def test_a_log_tells_its_integrator(scheme: str) -> None:
     assert not audit.causes
 
 
-@pytest.mark.parametrize("scheme", ["explicit-euler", "heun", "implicit-euler"])
+@pytest.mark.parametrize(
+    "scheme", repeated(("explicit-euler", "heun", "implicit-euler"), "explicit-euler", "heun")
+)
 def test_a_log_that_lacks_rows_tells_its_integrator(scheme: str) -> None:
     """Six rows in ten, at random."""
     run = log(RIGHT, scheme, accelerations=False)

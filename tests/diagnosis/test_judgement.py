@@ -15,6 +15,7 @@ import pytest
 
 import deltac as dc
 from tests.natural_logs.cases import AS_IS, CASES, Case
+from tests.support.slow import repeated
 
 PROBLEM = dc.problems.load("double-pendulum")
 PENDULUM = PROBLEM.mechanism
@@ -137,7 +138,9 @@ def test_natural_logs_are_judged_by_one_judgement(case: Case) -> None:
     assert_consistent(audit, audit.explanation)
 
 
-@pytest.mark.parametrize("name", ["missing_lever_arm", "inertia_axes_lost"])
+@pytest.mark.parametrize(
+    "name", repeated(("missing_lever_arm", "inertia_axes_lost"), "missing_lever_arm")
+)
 def test_published_faults_are_judged_by_one_judgement(name: str) -> None:
     pytest.importorskip("mujoco")
     from tests.systems import fault_cases

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from tests.support.slow import repeated
 
 LENGTH, FOOT, ROD, HEAD, INERTIA, BRAKE, GRAVITY = 1.2, 0.5, 0.2, 0.4, 0.05, 0.3, 9.81
 """The mass of the rod is at the foot."""
@@ -108,7 +109,9 @@ def test_an_integrator_of_one_coordinate_is_named(name: str) -> None:
         assert own.energy == pytest.approx(error, rel=0.02)
 
 
-@pytest.mark.parametrize("name", ["explicit-euler", "semi-implicit-euler"])
+@pytest.mark.parametrize(
+    "name", repeated(("explicit-euler", "semi-implicit-euler"), "semi-implicit-euler")
+)
 def test_a_wrong_damper_is_found(name: str) -> None:
     audit = dc.audit(ladder(brake=1.1 * BRAKE), slid(METHODS[name]))
     [cause] = audit.causes

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ def test_numbers_that_stay_within_their_last_digit_share_one_rounding() -> None:
     )
     exact = dc.simulate(mechanism, mechanism.state({"hinge": 0.05}), 20.0, 1e-3, "ode4")
     q = np.round(exact.q, 4)
-    names = {"coordinates": exact.coordinates, "speeds": exact.speeds}
+    names: dict[str, Any] = {"coordinates": exact.coordinates, "speeds": exact.speeds}
     run = dc.Trajectory(t=exact.t, q=q, u=exact.u, **names)
     observed = observations(Model(mechanism, run), run, 400)
     assert observed is not None and len(observed.intervals.h) < 500

@@ -4,6 +4,8 @@ What a hinge's integrator and a wrong inertia do to its rows is nearly the same:
 prior explains an inertia to rounding, and the likelihood must be one of rows that are exact to 1e-15.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -14,6 +16,7 @@ from scipy.signal import butter, filtfilt, lfilter
 
 import deltac as dc
 from deltac.arrays import Array
+from tests.support.slow import crossed
 
 MASS, ARM, CENTRAL, DAMPING, G = 1.3, 0.4, 0.05, 0.08, 9.81
 HEAVIER = 1.2
@@ -102,7 +105,10 @@ def log(x: Array, h: float, u: Array | None = None) -> dc.Trajectory:
     )  # fmt: skip
 
 
-@pytest.mark.parametrize(("step", "h"), [(rk4, 5e-3), (midpoint, 1e-2), (verlet, 2e-3)])
+@pytest.mark.parametrize(
+    ("step", "h"),
+    [(rk4, 5e-3), (midpoint, 1e-2), pytest.param(verlet, 2e-3, marks=pytest.mark.slow)],
+)
 def test_an_inertia_is_told_from_an_integrator_that_does_the_same(step: Step, h: float) -> None:
     x = motion(step, h, round(5.0 / h))
     audit = dc.audit(mechanism(HEAVIER * CENTRAL), log(x, h))
@@ -159,8 +165,7 @@ def test_noise_behind_a_filter_is_no_error_of_steps(seed: int) -> None:
     assert audit.verdict.kind in ("consistent", "unresolved")
 
 
-@pytest.mark.parametrize("cut", [60.0, 30.0])
-@pytest.mark.parametrize("noise", [0.0, 1e-4])
+@pytest.mark.parametrize(("cut", "noise"), crossed((60.0, 30.0), (0.0, 1e-4)))
 def test_a_driven_joint_may_follow_its_law_through_a_filter(cut: float, noise: float) -> None:
     h, rng = 2e-3, np.random.default_rng(4)
     model = dc.Mechanism(
@@ -184,8 +189,7 @@ def test_a_driven_joint_may_follow_its_law_through_a_filter(cut: float, noise: f
     assert departs and {f.weight for f in departs} == {"note"}
 
 
-@pytest.mark.parametrize("amplitude", [0.315, 0.285])
-@pytest.mark.parametrize("h", [2e-3, 1e-2])
+@pytest.mark.parametrize(("amplitude", "h"), crossed((0.315, 0.285), (2e-3, 1e-2)))
 def test_another_amplitude_is_no_filter(amplitude: float, h: float) -> None:
     """A filter of unit gain smooths: none makes a law larger, and of a log none is wider than a few rows."""
 

@@ -1,5 +1,7 @@
 """recommend: the advice keeps its tolerance when run again, and the next cheaper setting does not."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import json
@@ -219,7 +221,7 @@ def test_bad_input(options: dict[str, object], message: str) -> None:
 
 def test_a_solver_that_cannot_do_it_is_left_out_with_the_reason() -> None:
     """The discrete gradient refuses what is driven; alone, that is an error, and no matter of accuracy."""
-    options = {"duration": 0.5, "tolerance": 1e-6}
+    options: dict[str, Any] = {"duration": 0.5, "tolerance": 1e-6}
     advice = dc.recommend("driven-pendulum", solvers=("ode5", "discrete-gradient"), **options)
     assert advice.solver == "ode5"
     assert any("discrete-gradient" in note for note in advice.notes)  # not run, or left out

@@ -15,6 +15,7 @@ mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not install
 
 from deltac.recorders import integrator_names  # noqa: E402
 from deltac.recorders.mujoco_recorder import ORDERS  # noqa: E402
+from tests.support.slow import repeated  # noqa: E402
 from tests.systems.mujoco_models import ARM, HOPPER, model_of  # noqa: E402
 
 
@@ -24,7 +25,7 @@ def start(model: Any) -> Any:
     return data
 
 
-@pytest.mark.parametrize("name", integrator_names())
+@pytest.mark.parametrize("name", repeated(integrator_names(), "euler", "rk4"))
 def test_every_integrator_shows_its_order(name: str) -> None:
     """In the state to ± 0.15, of ΔC between p and p + 1: smooth forces, no controls."""
     model, order = model_of(ARM), ORDERS[name]

@@ -3,6 +3,8 @@
 Nothing is known of these runs but states, sometimes accelerations and forces: the hard case.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from dataclasses import replace
@@ -257,9 +259,7 @@ def test_a_stabilised_run_is_judged_by_its_corrections() -> None:
 WRONG = [(parameter, udot) for parameter in ("g", "m2", "l3", "c1") for udot in (True, False)]
 
 
-@pytest.mark.parametrize(
-    "case", repeated(WRONG, ("g", True), ("l3", False), ("c1", True), ("c1", False))
-)
+@pytest.mark.parametrize("case", repeated(WRONG, ("l3", False), ("c1", False)))
 def test_a_wrong_parameter(case: tuple[str, bool]) -> None:
     """5 % of one parameter; the weakest, a damper that turns over 0.6 J, without u̇ is under the bar."""
     parameter, udot = case

@@ -1,5 +1,7 @@
 """`deltac.testing`: the assertion and the pytest plugin."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import re

@@ -1,5 +1,7 @@
 """Gaps between shapes: against nearest points found by search, and their rate against the motion."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -1,5 +1,7 @@
 """The theory's matrices: their identities on random mechanisms, closed forms, reactions by other means."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from dataclasses import dataclass, replace

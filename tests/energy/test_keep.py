@@ -1,5 +1,7 @@
 """Ledgers that keep some rows: the same numbers as one of all rows, whichever way they are found."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """Momentum balances: what no force touches is kept, what a force touches changes by its impulse."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -77,7 +77,11 @@ def test_equations_that_cannot_be_traced(own_equations: dc.Trajectory) -> None:
     [
         (CRANK, 0.0),
         # Measured from the vertical; and by the height of the crank's pin.
-        (dc.CoordinateMap(("phi",), q={"crank": "q.phi - pi/2"}), np.pi / 2),
+        pytest.param(
+            dc.CoordinateMap(("phi",), q={"crank": "q.phi - pi/2"}),
+            np.pi / 2,
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_check_of_minimal_coordinates(coordinates: dc.CoordinateMap, shift: float) -> None:

@@ -210,7 +210,9 @@ def rows(run: dc.Trajectory, chosen: Any) -> dc.Trajectory:
     """A log of some rows only."""
     pick = {name: getattr(run, name)[chosen] for name in ("t", "q", "u", "udot")}
     forces = {name: values[chosen] for name, values in run.forces.items()}
-    sums = {k: {n: v[chosen] for n, v in getattr(run, k).items()} for k in ("works", "integrals")}
+    sums: dict[str, Any] = {
+        k: {n: v[chosen] for n, v in getattr(run, k).items()} for k in ("works", "integrals")
+    }
     return replace(run, **pick, forces=forces, **sums)
 
 

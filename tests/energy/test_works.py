@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
+import sys
 from dataclasses import replace
 from functools import lru_cache
 
@@ -216,3 +218,33 @@ def test_a_wrong_name_of_a_channel_is_told_with_the_right_one() -> None:
     ledger = dc.balance(mechanism, dc.simulate(mechanism, state, 0.1, 0.01))
     with pytest.raises(KeyError, match="did you mean 'damper slide'"):
         ledger.work["damper slid"]
+
+
+def test_kernels_are_the_same_in_every_process() -> None:
+    """They are kept on disk by their text: it must not depend on the hash seed of a process."""
+    code = (
+        "import deltac as dc\n"
+        "from dataclasses import replace\n"
+        "from deltac.dynamics.testing_functions import testing_functions\n"
+        "from deltac.energy.terms import LoggedForces, ledger_kernels, ledger_symbols\n"
+        "names = 'abcdef'\n"
+        "m = dc.Mechanism([dc.rod(n, 1, 1) for n in names], [dc.revolute(n, p, n, damping=1)"
+        " for p, n in zip(['ground', *names], names)])\n"
+        "run = dc.simulate(m, m.state({'a': 1}), 0.2, 0.1)\n"
+        "log = LoggedForces.of(replace(run, forces={f'damper {n}': 1 + run.u for n in names}))\n"
+        "symbols = ledger_symbols(m, log, None, (0.0, run.q[0]))\n"
+        "kernels = ledger_kernels(symbols, testing_functions(('wang', 'liu-huston')), log.places,"
+        " frozenset(log.places))\n"
+        "print(kernels.between.function.serialize())"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            env={"PYTHONHASHSEED": seed, "PYTHONPATH": ":".join(sys.path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(found) == 1

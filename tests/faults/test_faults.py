@@ -15,6 +15,7 @@ import deltac as dc
 
 pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
+from tests.support.slow import repeated  # noqa: E402
 from tests.systems import fault_cases as cases  # noqa: E402
 
 LOGS = (
@@ -27,7 +28,12 @@ LOGS = (
 EQUATIONS = (cases.wrong_velocity, cases.sign_in_the_thesis)
 
 
-@pytest.mark.parametrize("case", LOGS, ids=lambda case: case.__name__)
+@pytest.mark.parametrize(
+    "case",
+    # The others are looked at more closely below.
+    repeated(LOGS, cases.force_without_its_potential, cases.damping_dropped_by_an_importer),
+    ids=lambda case: case.__name__,
+)
 def test_logs_with_a_fault_are_equation_errors(case: Callable[[], cases.LogCase]) -> None:
     given = case()
     assert dc.audit(given.model, given.right).verdict.kind == "consistent"

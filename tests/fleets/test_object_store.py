@@ -1,5 +1,7 @@
 """Logs in an object store: moto's S3 server, by s3fs, as a bucket of Amazon's would be read."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Iterator
@@ -14,18 +16,15 @@ import deltac as dc
 from deltac.errors import FileError
 from deltac.fleets.audits import find_logs
 
-pytest.importorskip("s3fs")
-moto = pytest.importorskip("moto.server")
-pytest.importorskip("flask_cors")
-
 NAME = "simple-pendulum"
 
 
 @pytest.fixture(scope="module")
 def store() -> Iterator[Any]:
     """The file system of a store; workers find it by the environment."""
-    import s3fs
-
+    s3fs = pytest.importorskip("s3fs")
+    moto = pytest.importorskip("moto.server")
+    pytest.importorskip("flask_cors")
     server = moto.ThreadedMotoServer(port=0, verbose=False)
     server.start()
     host, port = server.get_host_and_port()

@@ -13,6 +13,7 @@ from deltac.errors import InputError
 from deltac.fleets.result import fleet_status
 from deltac.fleets.store import Store
 from deltac.fleets.summary import recommended
+from deltac.results import SHOWN
 from tests.support.commands import command
 from tests.support.pages import data_of
 
@@ -79,7 +80,7 @@ def test_the_page(tmp_path: Path) -> None:
     values = [v for one in maps for row in one["values"] for v in row]
     assert {(one["low"], one["high"]) for one in maps} == {(min(values), max(values))}
     assert all(len(one["values"]) == 2 and len(one["values"][0]) == 3 for one in maps)
-    assert written == [row["address"] for row in fleet.worst[:3]]
+    assert written == [row["address"] for row in fleet.worst[:SHOWN]]
     assert all(f"page-cases/{address}.html" in page for address in written)
     with pytest.raises(InputError, match="parameter.m"):
         fleet.report(tmp_path / "page.html", x="parameter.n")

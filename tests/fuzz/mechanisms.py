@@ -12,6 +12,8 @@ must find that these accelerations need no forces, but for the rounding that the
 "apart" is a failure.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import argparse

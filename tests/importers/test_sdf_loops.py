@@ -1,5 +1,7 @@
 """Closed loops of SDFormat: joints that the tree has no place for are constraints."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import math

@@ -1,5 +1,7 @@
 """Equations from SymPy's methods against the mechanism's own, and a mechanism's equations in symbols."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from typing import Any

@@ -1,5 +1,7 @@
 """Every operation against NumPy and SciPy, in both evaluators and in SymPy."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -24,6 +24,7 @@ from deltac.kernels import llvm_evaluator as ours  # noqa: E402
 from deltac.kernels import native  # noqa: E402
 from deltac.kernels.llvm_ir import llvm_ir  # noqa: E402
 from deltac.kernels.lowering import LIBRARY, PREFIX  # noqa: E402
+from tests.support.slow import repeated  # noqa: E402
 
 pytestmark = [
     pytest.mark.heyoka,
@@ -104,7 +105,7 @@ def windows(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
         one.cache_clear()
 
 
-@pytest.mark.parametrize("width", ["1", "4"])
+@pytest.mark.parametrize("width", repeated(("1", "4"), "4"))
 def test_code_for_windows(windows: int, width: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DELTAC_SIMD", width)
     function = kernel().function

@@ -1,5 +1,7 @@
 """Bodies: inertias of common shapes, by cutting them in pieces and by what Newton already knew."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from typing import Any

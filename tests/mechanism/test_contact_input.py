@@ -1,5 +1,7 @@
 """Friction and contact that make no sense are refused, with the part, the value and the remedy."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from typing import Any

@@ -1,5 +1,7 @@
 """Joints: their coordinates and speeds, and what they refuse."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -1,5 +1,7 @@
 """What the kinds of a part's fields promise: read once, checked always, and the same when copied."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from dataclasses import fields, replace

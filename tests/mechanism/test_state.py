@@ -1,5 +1,7 @@
 """The state at an instant: names, identity quaternions, prescribed joints, refusals."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import math

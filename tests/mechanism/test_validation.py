@@ -1,5 +1,7 @@
 """Descriptions that make no mechanism: every message names the part, the mistake and the remedy."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from typing import Any

@@ -1,5 +1,7 @@
 """Pendulums: Lagrange's equations by SymPy in other coordinates, and elliptic functions."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import math

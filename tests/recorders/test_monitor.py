@@ -12,7 +12,7 @@ import deltac as dc
 from deltac.errors import InputError, UnknownName
 from deltac.recorders import BoundExceeded, record_mujoco
 from tests.recorders import models
-from tests.support.slow import repeated
+from tests.support.slow import crossed, repeated
 
 PENDULUM = dc.Mechanism(
     bodies=[
@@ -67,8 +67,10 @@ def test_delta_c_is_that_of_the_ledger(testing: str, rated: bool) -> None:
         assert work == pytest.approx(ledger.work[name][-1], abs=2 * monitor.error_bar + 1e-12)
 
 
-@pytest.mark.parametrize("rated", [True, False])
-@pytest.mark.parametrize("name", ["driven-triple-pendulum", "andrews-squeezer", "torque-free-box"])
+@pytest.mark.parametrize(
+    ("name", "rated"),
+    crossed(("driven-triple-pendulum", "andrews-squeezer", "torque-free-box"), (True, False)),
+)
 def test_delta_p_is_that_of_the_ledger(name: str, rated: bool) -> None:
     model = dc.load_model(name)
     assert model.problem is not None

@@ -1,5 +1,7 @@
 """What a row of a MuJoCo recording holds: one instant, all forces, named; and what is refused."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import sys

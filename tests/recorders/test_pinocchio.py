@@ -1,5 +1,7 @@
 """Recording loops around Pinocchio: a driven arm, a floating base, a contact; a planted fault."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -134,11 +136,11 @@ def test_a_driven_arm_closes_at_the_order_of_its_integrator() -> None:
 
 
 def test_a_planted_fault_is_named() -> None:
-    audit = dc.audit(arm_mechanism(mass=0.9), driven_arm(0.01))
+    run = driven_arm(0.01)
+    audit = dc.audit(arm_mechanism(mass=0.9), run)
     assert audit.verdict.kind == "equation-error"
-    causes = dc.explain_residual(arm_mechanism(mass=0.9), driven_arm(0.01))
-    assert "fore" in str(causes.causes[0])
-    assert dc.audit(arm_mechanism(), driven_arm(0.01)).verdict.kind == "consistent"
+    assert "fore" in str(audit.causes[0])
+    assert dc.audit(arm_mechanism(), run).verdict.kind == "consistent"
 
 
 def bars(mechanism: dc.Mechanism, run: Trajectory) -> tuple[float, float]:

@@ -119,9 +119,9 @@ def test_a_joint_limit(client: int, tmp_path: Path) -> None:
 
 def test_a_planted_fault_is_named(client: int, tmp_path: Path) -> None:
     run = as_motor(arm(client, tmp_path, 0.001).trajectory())
-    wrong = mechanism(mass=0.9)
-    assert dc.audit(wrong, run).verdict.kind == "equation-error"
-    assert "fore" in str(dc.explain_residual(wrong, run).causes[0])
+    audit = dc.audit(mechanism(mass=0.9), run)
+    assert audit.verdict.kind == "equation-error"
+    assert "fore" in str(audit.causes[0])
     assert dc.audit(mechanism(), run).verdict.kind != "equation-error"
 
 

@@ -1,5 +1,7 @@
 """Results of general ODE solvers as trajectories, and functions of (t, y) as equations."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from types import SimpleNamespace

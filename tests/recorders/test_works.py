@@ -20,6 +20,7 @@ from deltac.mechanism.channels import ChannelName
 from deltac.recorders import TrajectoryBuilder, run_mujoco
 from deltac.trajectories import Trajectory
 from tests.recorders import models
+from tests.support.slow import crossed
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo (deltac[mujoco]) is not installed")
 
@@ -71,8 +72,10 @@ def error(mechanism: dc.Mechanism, run: Trajectory, function: str = "wang") -> t
     return float(left) / size, float(ledger.error_bar[function].max()) / size
 
 
-@pytest.mark.parametrize("name", ["CARTS", "SWINGER", "TUMBLER", "ARM"])
-@pytest.mark.parametrize("function", ["wang", "liu-huston", "kane-levinson-1990"])
+@pytest.mark.parametrize(
+    ("function", "name"),
+    crossed(("wang", "liu-huston", "kane-levinson-1990"), ("CARTS", "SWINGER", "TUMBLER", "ARM")),
+)
 def test_runge_kutta_is_of_fourth_order(name: str, function: str) -> None:
     """Motors held over each step, dampers, springs, a tendon, a floating base under a held wrench."""
     runs = [recorded(name, step) for step in (0.004, 0.002)]
@@ -81,8 +84,10 @@ def test_runge_kutta_is_of_fourth_order(name: str, function: str) -> None:
     assert 3.6 < np.log2(found[0][0] / found[1][0]) < 5.2
 
 
-@pytest.mark.parametrize("integrator", ["euler", "implicit", "implicitfast"])
-@pytest.mark.parametrize("name", ["CARTS", "SWINGER", "TUMBLER", "ARM"])
+@pytest.mark.parametrize(
+    ("name", "integrator"),
+    crossed(("CARTS", "SWINGER", "TUMBLER", "ARM"), ("euler", "implicit", "implicitfast")),
+)
 def test_the_others_are_of_first_order(name: str, integrator: str) -> None:
     found = [error(mechanism_of(name), recorded(name, step, integrator)) for step in (0.004, 0.002)]
     assert all(bar < ROUNDING for _, bar in found)

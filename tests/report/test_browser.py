@@ -18,7 +18,6 @@ from deltac.report.page.scene import scene
 from deltac.report.panels import Line, TimePlot
 from deltac.results import Finding
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 if CHROMIUM is None:
     pytest.skip("there is no chromium; install Debian's package chromium", allow_module_level=True)
@@ -65,6 +64,7 @@ def run(mechanism: dc.Mechanism) -> dc.Trajectory:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     with sync_api.sync_playwright() as playwright:
         arguments = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=arguments)

@@ -13,7 +13,7 @@ import pytest
 import deltac as dc
 from deltac.report.page import document, html_of
 from deltac.report.page.geometry import coarser
-from deltac.report.page.parts import Chapter, Page, Stretches
+from deltac.report.page.parts import NUMBERS, Chapter, Page, Stretches
 from deltac.report.page.scene import scene
 from deltac.report.panels import POINTS, Line, TimePlot
 from deltac.results import Report, Table
@@ -110,6 +110,26 @@ def test_a_short_history_is_kept_whole() -> None:
     np.testing.assert_array_equal(plot["t"], t)
     np.testing.assert_array_equal(plot["lines"][0]["y"], np.sin(9 * t).astype("f4"))
     assert plot["whole"]
+
+
+def test_plots_of_few_curves_are_not_cut_for_those_of_many() -> None:
+    t = np.linspace(0.0, 1.0, 2000)
+    few = TimePlot("few", t, (Line("y", t, 0.1 * t),), "J")
+    # Of the bars of `many` half are narrower than a row of a screen.
+    widths = (1e-6, 1e-2) * 100
+    many = TimePlot("many", t, tuple(Line(f"{k}", t, w * t) for k, w in enumerate(widths)), "J")
+    whole = Page(
+        "title", "asked", "plain", "word", "sentence", chapters=(Chapter("", (few, many)),)
+    )
+    small, large = plots(data_of(document(whole)))
+    assert small["whole"] and len(small["lines"][0]["high"]) == len(t)
+    assert [("high" in line, "low" in line) for line in large["lines"]] == [
+        (w > 1e-3,) * 2 for w in widths
+    ]
+    points = sum(
+        len(line[name]) for line in large["lines"] for name in line.keys() & {"y", "high", "low"}
+    )
+    assert 0.9 * NUMBERS < points + 5 * len(t) <= NUMBERS
 
 
 def test_the_page_of_a_study(tmp_path: Path) -> None:

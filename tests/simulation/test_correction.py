@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -78,7 +79,7 @@ def test_change_is_the_least_in_the_mass_metric() -> None:
         gravity=(0.0, -g, 0.0),
     )
     state = mechanism.state({"pin": 0.2}, speeds={"pin": 0.4})
-    options = {"step": h, "solver": "ode1"}
+    options: dict[str, Any] = {"step": h, "solver": "ode1"}
     (q0, u0), (q1, u1) = (
         (run.q[-1, 0], run.u[-1, 0])
         for run in (

@@ -11,6 +11,7 @@ import sympy as sp
 import deltac as dc
 from deltac.errors import InputError
 from tests.fuzz import driven
+from tests.support.slow import repeated
 
 ALL = ("kane-levinson-1988", "kane-levinson-1990", "liu-huston", "wang")
 CRANK, ROD, SPEED = 0.1, 0.3, 20.0
@@ -68,11 +69,9 @@ def start(mechanism: dc.Mechanism) -> dc.State:
         "ode1",
         "ode4",
         "generalized-alpha",
-        "implicit-midpoint",
         "DOP853",
-        "Radau",
-        "CVODES",
         "IDAS",
+        *repeated(("implicit-midpoint", "Radau", "CVODES")),
     ],
 )
 def test_slider_crank_by_closed_form(solver: str) -> None:

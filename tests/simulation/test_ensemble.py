@@ -11,7 +11,7 @@ import deltac as dc
 from deltac.simulation.ensemble import steps as ensemble_steps
 
 
-def double_pendulum(**options: object) -> dc.Mechanism:
+def double_pendulum(**options: Any) -> dc.Mechanism:
     return dc.Mechanism(
         [dc.rod("upper", "m", 1.0, "-y"), dc.rod("lower", 0.5, 0.8, "-y")],
         [

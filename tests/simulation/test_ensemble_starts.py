@@ -1,5 +1,7 @@
 """Where members may start, each by its own parameters; and what is refused, naming the first bad one."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Mapping

@@ -1,5 +1,7 @@
 """Equations written by hand in place of the mechanism's own; coordinates of the user's own choice."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import math

@@ -1,5 +1,7 @@
 """Fixed steps: fused calls, recording, runs that break down, unit quaternions, parameters kept."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import importlib

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 import deltac as dc
 from deltac.arrays import Array
+from tests.support.slow import repeated
 
 MASS, SEMI_AXES, GRAVITY = 1.3, np.array([0.3, 0.2, 0.15]), 9.81
 INERTIA = MASS / 5 * (np.sum(SEMI_AXES**2) - SEMI_AXES**2)
@@ -80,7 +81,7 @@ def newton_euler(rolling: bool) -> Any:
     return rhs
 
 
-@pytest.mark.parametrize("rolling", [True, False])
+@pytest.mark.parametrize("rolling", repeated((True, False), True))
 def test_an_ellipsoid_on_a_plane_moves_as_with_its_contact_point_eliminated(rolling: bool) -> None:
     m = ellipsoid(rolling)
     quaternion, w = np.array([0.9, 0.3, 0.2, -0.1]), np.array([1.0, 2.0, 3.0])
@@ -133,6 +134,7 @@ def wheelset(conicity: float) -> dc.Mechanism:
     ).varying("head")
 
 
+@pytest.mark.slow
 def test_a_wheelset_hunts_with_klingels_wavelength() -> None:
     """2π√(r b/λ) for small amplitudes (Klingel, Organ f. d. Fortschritte d. Eisenbahnwesens 20 (1883) 113).
 

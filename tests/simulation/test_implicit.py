@@ -292,7 +292,9 @@ def test_a_held_controller(solver: str) -> None:
     runs = []
     for torque in (None, 3.0):
         mechanism = dc.Mechanism(bodies, joints, [dc.forces.joint_torque("push", "x", torque)])
-        given = {} if torque else {"controller": dc.Controller(lambda t, q, u: {"push": 3.0})}
+        given: dict[str, Any] = (
+            {} if torque else {"controller": dc.Controller(lambda t, q, u: {"push": 3.0})}
+        )
         runs.append(dc.simulate(mechanism, mechanism.state(), 1.0, 0.005, solver, **given))
         ledger = dc.balance(mechanism, runs[-1])
         assert ledger.work["actuator push"][-1] == pytest.approx(3.0 * runs[-1].q[-1, 0], rel=1e-2)

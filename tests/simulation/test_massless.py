@@ -1,5 +1,7 @@
 """Coordinates without inertia that constraints determine: a curve's parameter, of a bead on it."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from dataclasses import replace

@@ -4,6 +4,8 @@ What `simulate` keeps between calls (traced flows, compiled kernels) is shared b
 a run must not be. The oracle is the same run alone in its process; nothing but equality will do.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -4,6 +4,8 @@ Each function returns what a user would have: the right model, and the equations
 fault in it. The threads that are named tell the story; sentences and code here are our own.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -1,5 +1,7 @@
 """Random force elements on a mechanism: one example of every kind that there is."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from typing import Any

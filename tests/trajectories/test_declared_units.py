@@ -1,5 +1,7 @@
 """Units that a file declares beside its arrays: by column, by kind, or in no way that is clear."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import json

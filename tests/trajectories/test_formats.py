@@ -1,5 +1,7 @@
 """NPZ, HDF5 and MATLAB files of other programs, written here by those programs' own libraries."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import struct

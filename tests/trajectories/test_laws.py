@@ -1,5 +1,7 @@
 """Logs without the columns of prescribed joints, beside the closed form of their laws."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from collections.abc import Callable

@@ -1,5 +1,7 @@
 """Mapping files: other names, units, orders and signs, and what is wrong with them."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from pathlib import Path

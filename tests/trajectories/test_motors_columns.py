@@ -1,5 +1,7 @@
 """How people name the forces of motors, units in names, and times in JSON: read as they are, or guessed."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import json

@@ -1,5 +1,7 @@
 """Construction, validation and views of a Trajectory."""
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import copy

@@ -24,45 +24,33 @@ T = TypeVar("T")
 DROPPED = ("_from_array", "_from_csc")
 """Endings of the functions that CasADi calls back to convert arguments."""
 
-_depth = 0
 _asked = threading.Event()
 
 
 @contextmanager
 def interruptible() -> Iterator[None]:
     """Work that an interrupt ends; in the main thread, and unless the user handles interrupts otherwise."""
-    global _depth
-    if threading.current_thread() is not threading.main_thread():
+    main = threading.current_thread() is threading.main_thread()
+    handler = signal.getsignal(signal.SIGINT)
+    if not main or handler not in (signal.default_int_handler, _interrupt):
         yield
         return
-    outermost = _depth == 0
-    if outermost and signal.getsignal(signal.SIGINT) not in (
-        signal.default_int_handler,
-        _interrupt,
-    ):
-        yield
-        return
-    if outermost:
-        _asked.clear()
-    before, _depth = _depth, _depth + 1
     try:
-        if outermost:
-            signal.signal(signal.SIGINT, _interrupt)
+        signal.signal(signal.SIGINT, _interrupt)
         check_interrupted()
         try:
             yield
         finally:
             check_interrupted()  # also in place of what a library made of it: NumPy a SystemError
     finally:
-        _depth = before
-        if outermost:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, handler)
+        if handler is not _interrupt:
             _asked.clear()
 
 
 def check_interrupted() -> None:
     """Raise KeyboardInterrupt if one was asked for and dropped on its way here."""
-    if _depth and _asked.is_set() and threading.current_thread() is threading.main_thread():
+    if _asked.is_set() and threading.current_thread() is threading.main_thread():
         raise KeyboardInterrupt
 
 

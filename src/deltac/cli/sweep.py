@@ -124,7 +124,7 @@ def fleet_progress(what: str, total: int) -> Iterator[Progress]:
 
     def advance(fraction: float) -> None:
         nonlocal last
-        line = pace.told(fraction)
+        line = pace.progress_line(fraction)
         if time.monotonic() - last >= INTERVAL:
             last = time.monotonic()
             print(f"deltac: {what}: {line}", file=sys.stderr, flush=True)

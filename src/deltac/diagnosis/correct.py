@@ -33,12 +33,8 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
 from deltac.results import Report, Section, number
-from deltac.simulation.flow import LOST
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.mapping import MappingLike
-
-SWEEPS = 5
-"""Sweeps at most. Errors are squared, so that a tenth of the range is rounding after five."""
 
 CONTRACTION = 0.5
 """A sweep corrects less than this share of what the one before did, or the motion is lost from there on."""
@@ -144,13 +140,13 @@ def correct_trajectory(
     before: Array | None = (
         None  # the largest correction of the last sweep up to each row, shares of the scale
     )
-    for _ in range(SWEEPS):
+    while before is None or before[-1] > FLOW:
         error, doubt = _error(model_of_rows, rows, forces, noise)
         now = np.maximum.accumulate(
             np.max(np.abs(np.nan_to_num(error, nan=np.inf)) / scale, axis=1)
         )
-        lost = now > (np.full(len(now), np.inf) if before is None else CONTRACTION * before + FLOW)
-        lost |= now > (LOST if len(sizes) == SWEEPS - 1 else np.finfo(float).max)
+        finite = np.full(len(now), np.finfo(float).max)
+        lost = now > (finite if before is None else np.maximum(CONTRACTION * before, FLOW))
         count = int(np.argmax(lost)) if lost.any() else len(now)
         if count < LEAST_ROWS:
             raise _refused(
@@ -162,8 +158,6 @@ def correct_trajectory(
         sizes.append(float(np.abs(error).max()))
         ratio = 1.0 if before is None else float(now[count - 1] / max(before[count - 1], EPS))
         before = now[:count]
-        if now[count - 1] <= FLOW:
-            break
     # What is left is to the last correction as that is to the one before; and what is not known.
     remaining = np.abs(error).max(axis=0) * min(ratio, 1.0) + NORMAL_95 * doubt[:count].max(axis=0)
     if np.max(np.abs(total) / scale) < BEYOND * np.max(remaining / scale):

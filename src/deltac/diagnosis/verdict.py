@@ -46,6 +46,9 @@ system has: samples, digits of a log and the low orders of real-time engines lea
 REFINED_TOLERANCE = 1e-6
 """The same where the step is ours to refine: methods of order 4 and more reach it at affordable steps."""
 
+LEAST_ORDER = 0.5
+"""What falls more slowly with the step is not seen to fall: non-smooth motions show 0.5 to 1."""
+
 
 def check_tolerance(tolerance: float) -> float:
     """A tolerance as a number; InputError unless it is a fraction between 0 and 1."""

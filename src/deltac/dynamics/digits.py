@@ -11,6 +11,7 @@ state are changed (`noise`). So from `SUSPECT` or `NOISY` on every instruction i
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -22,14 +23,14 @@ from deltac.arrays import HALF_DIGITS, SMALL_SHARE, Array
 from deltac.dynamics.equations_of_motion import EquationsOfMotion
 from deltac.kernels import to_mpmath
 
-DECIMAL_DIGITS = 60
+DECIMAL_DIGITS = 4 * sys.float_info.dig
 """Decimal digits of the comparison: conditions of 10³⁵ occur, where no double has a digit."""
 
 SUSPECT = 1.0 / HALF_DIGITS
 """Condition number, scaled to a unit diagonal, from which the digits are counted: 10⁻⁹ may be lost there."""
 
 NOISY = HALF_DIGITS
-"""Scatter of the accelerations, from which the digits are counted: a tenth of what is told."""
+"""Scatter of the accelerations, from which the digits are counted: a tenth of what is reported."""
 
 NEARBY = 1e-2
 """How far away accelerations are looked at where they vanish, to know what is small."""

@@ -408,7 +408,7 @@ class RowBalance:
         names, own = (*kernels.momenta, *kernels.speeds), len(kernels.momenta)
         impulses = [self.jumped.momentum.get(name) for name in kernels.momenta]
         impulses += [*self.jumped.speeds.T] or [None] * len(kernels.speeds)
-        departures: list[Work] = []
+        departures, unit = list[Work](), self.growth * EPS
         for k, (p, rate, impulse) in enumerate(
             zip(self.columns.outputs["momentum"], self.columns.sums["force"], impulses)
         ):
@@ -418,8 +418,10 @@ class RowBalance:
                 flowed, bar = integral - integral[0], np.zeros(len(p))
             if impulse is not None:
                 flowed = flowed + impulse
-            rounding = self.growth * EPS * (largest(p) + largest(flowed))
-            departures.append(Work(p - p[0] - flowed, bar + rounding))
+            departure, rounding = p - p[0], unit * (largest(p) + largest(flowed))
+            departure -= flowed  # of long logs each new column costs as much as what is computed
+            rounding += bar
+            departures.append(Work(departure, rounding))
         return dict(zip(names[:own], departures)), dict(zip(names[own:], departures[own:]))
 
     @cached_property

@@ -38,12 +38,13 @@ from deltac.energy.sampling.samples import Samples
 from deltac.energy.terms import LedgerKernels, LedgerSymbols, LoggedForces, variants
 from deltac.energy.works import LIKELY
 from deltac.kernels import Kernel
+from deltac.kernels.kernel import AT_ONCE
 from deltac.kernels.parallel import check_cancelled, cores, spread
 from deltac.kernels.simd import aligned
 from deltac.mechanism.channels import ChannelName
 
-ROWS = 1024
-"""Rows in a block, about: what is made of them stays in a core's second cache."""
+ROWS = AT_ONCE
+"""Rows in a block, about."""
 
 PART = ROWS // 2
 """Rows of which one is kept at least."""

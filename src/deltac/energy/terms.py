@@ -296,12 +296,13 @@ def ledger_kernels(
         """The terms without the powers whose integrals are known."""
         if not recorded:
             return all_terms
+        # In the order of the channels: kernels are kept by their text, and that of sets is by chance.
+        known = {n: power[n] for n in power if n in recorded}
         return replace(
             all_terms,
-            force_power=all_terms.force_power
-            - sum([power[n] for n in recorded] + list(conservative.values())),
+            force_power=all_terms.force_power - sum([*known.values(), *conservative.values()]),
             nonpotential_power=all_terms.nonpotential_power
-            - sum(power[n] for n in recorded if n not in potential),
+            - sum(p for n, p in known.items() if n not in potential),
         )
 
     P = {

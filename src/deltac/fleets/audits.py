@@ -288,11 +288,11 @@ def audit_many(
 
 @dataclass(frozen=True, eq=False)
 class AuditPlan(Plan):
-    """The logs of a fleet, what their audits share, and what lies beside the logs and is none."""
+    """The logs of a fleet, the settings that their audits share, and other files that lie beside them."""
 
     kind = "audit"
 
-    told: dict[str, Any]
+    settings: dict[str, Any]
     task: AuditTask
     logs: tuple[LogEntry, ...]
     skipped: tuple[str, ...]
@@ -303,8 +303,8 @@ class AuditPlan(Plan):
 
     def head(self) -> dict[str, Any]:
         """What the audits share, and what was left out."""
-        models = {self.name: self.told["model"]}
-        return {"plan": self.told, "models": models, "skipped": self.skipped}
+        models = {self.name: self.settings["model"]}
+        return {"plan": self.settings, "models": models, "skipped": self.skipped}
 
     def pieces(self, missing: Sequence[int], workers: int, chunk: int | None) -> Iterator[Piece]:
         """Logs in small pieces, episodes in larger ones of one log; each once."""

@@ -189,7 +189,7 @@ class Pace:
         self.total = total
         self._first: tuple[float, float] | None = None
 
-    def told(self, fraction: float) -> str:
+    def progress_line(self, fraction: float) -> str:
         """Such as "1024 of 4096, 512/s, 6 s left"."""
         now = time.monotonic()
         if self._first is None:

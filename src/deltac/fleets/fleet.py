@@ -1,4 +1,4 @@
-"""`Plan`: what it lacks is done, kept, and told; a sweep and an audit of many logs alike."""
+"""`Plan`: its rows are computed where they are missing, stored and reported, in sweeps and audits alike."""
 
 from __future__ import annotations
 

@@ -14,14 +14,11 @@ from deltac.fleets.rows import FAILED
 from deltac.report.files import check_page
 from deltac.report.page.document import write_page
 from deltac.report.page.parts import Chapter, Grid, Page, Part, Tone
-from deltac.report.panels import Cloud, HeatMap, LogPlot
+from deltac.report.panels import MOST_DRAWN, Cloud, HeatMap, LogPlot
 from deltac.results import SHOWN, Table, number, percent
 
 if TYPE_CHECKING:
     import polars
-
-CASES = 3
-"""Worst cases that get a page of their own."""
 
 
 def write_summary(
@@ -52,7 +49,7 @@ def _cases(fleet: Fleet, target: Path, case: Callable[[str, Path], None] | None)
         except InputError:
             continue
         links[row["address"]] = f"{folder.name}/{own.name}"
-        if len(links) == CASES:
+        if len(links) == SHOWN:
             break
     return links
 
@@ -197,20 +194,16 @@ def heat_maps(frame: polars.DataFrame, x: str | None, y: str | None) -> list[Par
     return [replace(one, low=min(sizes), high=max(sizes)) for one in drawn]
 
 
-BINS = 40
-"""Cells of a heat map along an axis with more values than that."""
-
-
 def _heat_map(frame: polars.DataFrame, x: str, y: str) -> HeatMap:
     import numpy as np
 
     def cells(name: str) -> tuple[Any, Any]:
         values = frame[name].to_numpy()
         own = np.unique(values)
-        if len(own) <= BINS:
+        if len(own) <= MOST_DRAWN:
             return own, np.searchsorted(own, values)
-        edges = np.linspace(own[0], own[-1], BINS + 1)
-        places = np.clip(np.searchsorted(edges, values, "right") - 1, 0, BINS - 1)
+        edges = np.linspace(own[0], own[-1], MOST_DRAWN + 1)
+        places = np.clip(np.searchsorted(edges, values, "right") - 1, 0, MOST_DRAWN - 1)
         return 0.5 * (edges[1:] + edges[:-1]), places
 
     (at_x, i), (at_y, j) = cells(x), cells(y)

@@ -123,7 +123,7 @@ def clear_cache() -> None:
     """
     folder = cache_folder()
     files = _files(folder, FINISHED) + _files(folder, UNFINISHED)
-    errors = [error for file, _, _ in files if (error := _removed(file))]
+    errors = [error for file, _, _ in files if (error := _removed(Path(file)))]
     if errors:
         raise FileError(
             f"the kernel cache in {folder} cannot be cleared: {len(errors)} of {len(files)} files cannot be "
@@ -168,9 +168,9 @@ def verify_cache() -> dict[str, str]:
         try:
             if secret is None:
                 raise _Unsealed("there is no key that it could be sealed with")
-            _content(file, secret)
+            _content(Path(file), secret)
         except _Unsealed as problem:
-            states[str(file)] = str(problem)
+            states[file] = str(problem)
     return states
 
 
@@ -393,7 +393,7 @@ def _evict(folder: Path) -> None:
     for file, own, _ in files:
         if size <= KEPT:
             break
-        if _removed(file) is None:
+        if _removed(Path(file)) is None:
             size -= own
 
 
@@ -406,15 +406,15 @@ def _removed(file: Path) -> OSError | None:
     return None
 
 
-def _files(folder: Path | None, name: re.Pattern[str]) -> list[tuple[Path, int, float]]:
-    """Our files of that name: (file, bytes, last used)."""
+def _files(folder: Path | None, name: re.Pattern[str]) -> list[tuple[str, int, float]]:
+    """Our files of that name: (path, bytes, last used)."""
     files = []
     with suppress(OSError):
         for entry in os.scandir(folder) if folder is not None else ():
             if name.fullmatch(entry.name):
                 with suppress(OSError):  # another process may have removed it
                     about = entry.stat()
-                    files.append((Path(entry.path), about.st_size, about.st_mtime))
+                    files.append((entry.path, about.st_size, about.st_mtime))
     return files
 
 

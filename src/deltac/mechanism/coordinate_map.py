@@ -143,7 +143,7 @@ class CoordinateMap:
 
 
 def _fits(own: int, free: int, mechanism: Mechanism) -> bool:
-    """Whether a mechanism with `free` speeds can be told by `own` ones, fewer if it has constraints."""
+    """Whether a mechanism with `free` speeds can be described by `own` ones, fewer if it has constraints."""
     return own == free or (bool(mechanism.constraints) and 0 < own < free)
 
 

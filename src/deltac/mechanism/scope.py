@@ -111,7 +111,7 @@ class Scope:
 
 
 def require_name(name: object, what: str, where: str) -> None:
-    """InputError unless a body or joint is told by its name; a part itself is not."""
+    """InputError unless a body or joint is given by its name; a part itself is not."""
     if isinstance(name, str):
         return
     remedy = f"; write {name.name!r}" if hasattr(name, "name") else ""

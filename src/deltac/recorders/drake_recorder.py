@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from deltac import rotations
-from deltac.arrays import SAME, Array
+from deltac.arrays import ENDLESS, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.errors import ModelError, RecordingError
 from deltac.models import ModelLike
@@ -64,9 +64,6 @@ GAUSS = np.polynomial.legendre.leggauss(3)
 
 QUADRATURE = SAME
 """Works of a part of a step are found when halving it changes them by less, relative to all work so far."""
-
-MOST_PARTS = 1000
-"""Parts of a step, at most: some twenty contacts open or close in it; beyond that the run blows up."""
 
 LEAST_PART = 2.0**-20
 """Parts of a step that are smaller are not halved: there is a jump in them."""
@@ -259,7 +256,7 @@ class DrakeRecorder(Recorder):
             self._exchanged += sum(map(abs, finer.values())) if last - first == 1.0 else 0.0
             change = max((abs(finer[n] - whole.get(n, 0.0)) for n in names), default=0.0)
             fine = change <= QUADRATURE * self._exchanged or last - first < LEAST_PART
-            if fine or count > MOST_PARTS:
+            if fine or count > ENDLESS:
                 self._builder.work(finer)
             else:
                 parts += [(first, middle, halves[0]), (middle, last, halves[1])]
@@ -325,7 +322,7 @@ class DrakeRecorder(Recorder):
         return float(size), rest
 
     def _of_the_step(self, rest: Array, change: Array, size: float) -> Iterator[tuple[str, Array]]:
-        """What is left of a discrete step, sorted: dampers taken at its end, joint limits, the rest."""
+        """The residual force of a discrete step, sorted: dampers taken at its end, joint limits, the rest."""
         least = SAME * size
         implicit = np.zeros_like(rest)
         if self._implicit:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import ENDLESS, EPS, SAME, Array
+from deltac.arrays import ENDLESS, EPS, SAME, SOLVED, Array
 from deltac.calls.arguments import checked
 from deltac.calls.progress import Progress
 from deltac.errors import (
@@ -70,9 +70,6 @@ INPUTS = (
 
 ORDERS = {"euler": 1, "rk4": 4, "implicit": 1, "implicitfast": 1, "discrete": 1}
 """Order of each integrator in the state, for smooth forces."""
-
-REPLAY = 1e-6
-"""How far a replayed step may be off, relative: the constraint solver's tolerance, not more."""
 
 IMPLICIT = "correction implicit"
 """The force that an implicit integrator adds to those of the start of the step: M(q_k)(a − q̈)."""
@@ -350,7 +347,7 @@ class MujocoRecorder(Recorder):
             difference = float(np.abs(replayed - reached).max(initial=0.0))
             scale = max(1.0, float(np.abs(reached).max(initial=0.0)))
             self._off = max(self._off, difference)
-            if not difference <= REPLAY * scale:
+            if not difference <= SOLVED * scale:
                 raise RecordingError(
                     f"sample() at t = {self._data.time:g} s: the step taken again from the last sample "
                     f"ends with a {name} that is off by {difference:.3g}. Between the samples the state, the "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import re
 import time
 from collections import Counter
@@ -23,8 +24,9 @@ from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
 from deltac.repair.edits.candidates import EditCandidate, unified_diff
+from deltac.repair.edits.insertions import FEWEST_STATES
 from deltac.repair.edits.running import RUN_TIME, right_edits
-from deltac.repair.edits.search import FIRST_STATES, EditSearch, confirmed, pairs
+from deltac.repair.edits.search import EditSearch, confirmed, pairs
 from deltac.repair.outcome import Fix, Repair, blamed_terms, suspects
 from deltac.repair.sandbox import sandbox, task
 from deltac.repair.tracing.library import flatten
@@ -59,11 +61,11 @@ MORE = MOST_VALIDATED // 3
 TWO = 2.5
 """A single edit that costs more than this is compared with pairs of plain edits."""
 
-BRANCHES = 12
-"""Edits of one branch that are combined with those of another."""
+BRANCHES = math.isqrt(MOST_VALIDATED)
+"""Edits of one branch that are combined with those of another: no more pairs are tried."""
 
 WRITTEN_DIGITS = 6
-"""A number of more digits than these is none that anybody writes."""
+"""Decimals of more digits are fitted: nobody wrote them, so such a repair is not certain."""
 
 NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")
 
@@ -212,7 +214,7 @@ def _by_running(
     fixes: list[Fix] = []
     if ".py:" in text and not caller.form.momenta and not samples.wrong(result) < RIGHT:
         source = replace(read_source(text), form=caller.form)
-        some = samples.at(np.arange(min(FIRST_STATES, len(samples.t))))
+        some = samples.at(np.arange(min(FEWEST_STATES, len(samples.t))))
         right = right_edits(source, some, deadline)
         right = [edit for edit, answer in zip(right, _ran(right, samples)) if samples.right(answer)]
         groups = _groups(source, right, [0] * len(right))

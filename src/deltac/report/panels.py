@@ -159,6 +159,12 @@ class Flows(Panel):
 POINTS = 4000
 """Points, or stretches with their extremes, that a curve is drawn with: no screen has more columns."""
 
+MOST_DRAWN = 30
+"""Bars, arrows, cells or whole curves of a picture: of more, the largest are drawn, or they are joined."""
+
+SEEN = 0.02
+"""Share of what is drawn that can be seen: of a distance to two points, of a curve to a log axis."""
+
 
 def colours(ledger: Ledger) -> dict[str, int]:
     """The colour of every energy and every channel of a ledger, the same in all panels: the largest first."""
@@ -216,14 +222,10 @@ def floored(values: Array, ledger: Ledger) -> Array:
     return sized
 
 
-SPIKE = 0.02
-"""Part of a curve's values that a log axis need not reach down to: ΔC begins at zero, and grows from it."""
-
-
 def lowest(curves: Iterable[Array]) -> float:
     """Where a log axis may begin: below all values of the curves but their few smallest; inf without any."""
     positive = [y[np.isfinite(y) & (y > 0.0)] for y in curves]
-    return min((float(np.quantile(y, SPIKE)) for y in positive if len(y)), default=np.inf)
+    return min((float(np.quantile(y, SEEN)) for y in positive if len(y)), default=np.inf)
 
 
 def all_functions(ledger: Ledger) -> TimePlot:
@@ -396,10 +398,6 @@ def resampled(t: Array, y: Array, at: Array) -> Array:
         return y
     curve: Array = np.interp(at, t, y, right=np.nan)
     return curve
-
-
-SEEN = 0.02
-"""Points of one step that differ by more than this are drawn as two."""
 
 
 def orders(report: Study) -> LogPlot:

@@ -16,6 +16,7 @@ import numpy as np
 from deltac.arrays import EPS, TINY, Array
 from deltac.errors import InputError, UnknownName, WrongType, closest
 from deltac.report.panels import (
+    MOST_DRAWN,
     Bars,
     Flows,
     Guide,
@@ -148,9 +149,6 @@ def _colour(colour: int | str | None, k: int) -> str:
 
 MARKS = "osD^vPX*<>ph"
 
-MOST_BARS = 30
-"""Sizes drawn one by one; the largest ones."""
-
 PANEL_GAP = 0.72
 """Between two panels that each have a title and a label (inches)."""
 
@@ -245,7 +243,7 @@ def _points(panel: Axes, plot: LogPlot) -> None:
 
 def _bars(panel: Axes, plot: Bars) -> None:
     """Sizes on a log axis; the largest ones, in their order."""
-    ranked = sorted(range(len(plot.bars)), key=lambda k: -plot.bars[k][1])[:MOST_BARS]
+    ranked = sorted(range(len(plot.bars)), key=lambda k: -plot.bars[k][1])[:MOST_DRAWN]
     shown = [plot.bars[k] for k in sorted(ranked)]
     floor = 0.25 * EPS
     for row, (_, size, large) in enumerate(shown):
@@ -303,7 +301,7 @@ _DRAWERS: dict[type, Callable[[Axes, Any], None]] = {
 _HEIGHTS: dict[type, Callable[[Any], float]] = {
     TimePlot: lambda plot: 2.0 if plot.tall else 1.6,
     LogPlot: lambda plot: 2.5,
-    Bars: lambda plot: 0.3 * max(min(len(plot.bars), MOST_BARS), 3),
+    Bars: lambda plot: 0.3 * max(min(len(plot.bars), MOST_DRAWN), 3),
     Flows: lambda plot: 0.2 * len(plot.flows) + 0.1,
 }
 """Of panels, inches."""
@@ -343,7 +341,7 @@ def _recommendation(advice: Recommendation) -> Figure:
 
 
 def _localisation(report: Localisation) -> Figure:
-    """What is left of each equation over time, and the power that each joint takes beyond the model's."""
+    """The residual of each equation over time, and the power that each joint takes beyond the model's."""
     residuals = [(name, report.residual[:, k]) for k, name in enumerate(report.speeds)]
     return _drawn(
         "Where the motion departs from the model",

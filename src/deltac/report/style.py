@@ -33,7 +33,7 @@ COLOURS = (
 """The palette of figures and pages: what a colour means is the same in all panels of one of them."""
 
 INK, GOOD, BAD, DOUBT = "#1d2126", "#0b7a4b", "#b3261e", "#9a6700"
-"""What is left of a balance; what is accepted or right, what is wrong, what is in doubt."""
+"""The residual of a balance; what is accepted or right, what is wrong, what is in doubt."""
 
 GREY = "#888888"
 SHADES = {

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac import rotations
-from deltac.arrays import LONG_LOG, SAME_STEP
+from deltac.arrays import LONG_LOG, SAME_STEP, SMALL_SHARE
 from deltac.calls.arguments import checked
 from deltac.errors import LogError, WrongType, closest
 from deltac.mechanism.channels import ChannelName
@@ -27,7 +27,6 @@ from deltac.trajectories.rates import GAP
 from deltac.trajectories.trajectory import FloatArray, Trajectory
 
 _DEGREE = math.pi / 180.0
-_SURE = 0.999  # for a ratio that no unit explains
 MANY, STRETCHES = LONG_LOG, 8
 """Rows that are looked at of a longer log, and the stretches of neighbours that they are taken from."""
 
@@ -184,7 +183,7 @@ def _of_rate(
             )
             yield Suspicion(kind, evidence, remedy, factors={columns[which]: factor})
             return
-    if abs(fit.correlation) >= _SURE:
+    if abs(fit.correlation) > 1.0 - SMALL_SHARE:
         yield Suspicion("rate", evidence, "check the units of both, and the gear between them")
 
 
@@ -304,7 +303,7 @@ def _of_turning(joint: str, fit: RatioFit, order: str, frame: str) -> Iterator[S
         yield Suspicion(
             "sign", evidence, "the angular velocity has the wrong sign: correct it (sign = -1)"
         )
-    elif not units and not size.near(1.0) and abs(fit.correlation) >= _SURE:
+    elif not units and not size.near(1.0) and abs(fit.correlation) > 1.0 - SMALL_SHARE:
         yield Suspicion("rate", evidence, "check the unit of the angular velocity")
 
 

@@ -33,10 +33,10 @@ _PARTS = 40
 
 @dataclass(frozen=True, eq=False)
 class Movement:
-    """Increments of coordinates `moved` and integrals of speeds `told`, over intervals (I, n)."""
+    """Increments of coordinates and integrals of speeds, over intervals (I, n)."""
 
-    moved: FloatArray
-    told: FloatArray
+    increments: FloatArray
+    integrals: FloatArray
 
     @classmethod
     def of(cls, t: FloatArray, q: FloatArray, u: FloatArray) -> Movement:
@@ -50,17 +50,17 @@ class Movement:
 
     def among(self, intervals: npt.NDArray[np.bool_]) -> Movement:
         """The same over some of the intervals."""
-        return Movement(self.moved[intervals], self.told[intervals])
+        return Movement(self.increments[intervals], self.integrals[intervals])
 
     def column(self, k: int) -> Movement:
         """That of one coordinate (I, 1)."""
-        return Movement(self.moved[:, k : k + 1], self.told[:, k : k + 1])
+        return Movement(self.increments[:, k : k + 1], self.integrals[:, k : k + 1])
 
     def sizes(self) -> tuple[float, float]:
         """The sum of all movement, and of all differences; missing values count nothing."""
         return (
-            float(np.nansum(np.abs(self.moved)) + np.nansum(np.abs(self.told))),
-            float(np.nansum(np.abs(self.moved - self.told))),
+            float(np.nansum(np.abs(self.increments)) + np.nansum(np.abs(self.integrals))),
+            float(np.nansum(np.abs(self.increments - self.integrals))),
         )
 
     @property
@@ -69,16 +69,18 @@ class Movement:
 
         Summed over some rows the noise of coordinates falls out; then they must agree twice as well.
         """
-        rows = np.arange(0, len(self.moved), max(1, len(self.moved) // _PARTS))
-        sums = (np.add.reduceat(values, rows, axis=0) for values in (self.moved, self.told))
-        return min(_worst(self.moved, self.told), 2.0 * _worst(*sums))
+        rows = np.arange(0, len(self.increments), max(1, len(self.increments) // _PARTS))
+        sums = (
+            np.add.reduceat(values, rows, axis=0) for values in (self.increments, self.integrals)
+        )
+        return min(_worst(self.increments, self.integrals), 2.0 * _worst(*sums))
 
     def fit(self) -> RatioFit:
-        """Least squares of `moved` on `told`, each scaled first, so that no square under- or overflows."""
-        a, b = (float(np.max(np.abs(x), initial=0.0)) for x in (self.moved, self.told))
+        """Least squares of the increments on the integrals, scaled first: no square under- or overflows."""
+        a, b = (float(np.max(np.abs(x), initial=0.0)) for x in (self.increments, self.integrals))
         if not (a > 0.0 and b > 0.0):
             return RatioFit(0.0, 0.0)
-        x, y = (self.told / b).ravel(), (self.moved / a).ravel()
+        x, y = (self.integrals / b).ravel(), (self.increments / a).ravel()
         xy, xx, yy = float(x @ y), float(x @ x), float(y @ y)
         return RatioFit(xy / xx * (a / b), xy / math.sqrt(xx * yy))
 

@@ -54,7 +54,7 @@ ROWS, INTERPOLATED = "rows", "interpolated"
 """The note of a provenance that rows lie between the steps of the solver, on its interpolant."""
 
 LEFT_OUT = "left out"
-"""The note of provenance that says which rows were left out."""
+"""The note of provenance that says which rows, or columns, were left out."""
 
 FRAMES = "frames"
 """The note of provenance that says in which components velocities are that were turned."""

@@ -4,6 +4,8 @@ A force element is a set of forces at points of bodies and of moments, in the wo
 mass centre (F; M = d × F), as Kane does before dotting it with partial velocities.
 """
 
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 import math

@@ -22,7 +22,7 @@ from deltac.diagnosis.explain.explain import joint_explanation, with_gears
 from deltac.diagnosis.explain.result import Cause, Explanation
 from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import infer
-from deltac.diagnosis.inference.integrators import IntegratorEstimate
+from deltac.diagnosis.inference.integrators import NEAR, IntegratorEstimate
 from deltac.diagnosis.inference.result import Attribution, Inference, Share
 from deltac.diagnosis.inputs import channels as motors
 from deltac.diagnosis.inputs import omissions
@@ -197,10 +197,10 @@ class Audit(
         if not self.integrator.names or {"higher-order", "adaptive"} & set(self.integrator.names):
             return f"{self.integrator.sentence}, and its joules cannot be told from those of others"
         energy, error = self.attribution.integrator.largest
-        if energy <= SIGNIFICANT * error:
+        if energy <= NEAR * error:
             return f"its joules, {energy:.2g} J, are within their error"
         others = float(np.hypot(*self.attribution.log.largest))
-        if energy <= SIGNIFICANT * others:
+        if energy <= NEAR * others:
             return f"beside its {energy:.2g} J, up to {others:.2g} J of ΔC are of the log"
         return ""
 
@@ -337,9 +337,6 @@ _BEYOND_TOLERANCE = (
     "constraint-drift",
 )
 """Causes that set the exit code although the balance holds: their forces are those of the log."""
-
-SIGNIFICANT = 3.0
-"""Standard errors above which joules of the integrator can be extrapolated to other steps."""
 
 SHARES = {"read": 0.4, "evidence": 0.6}
 """Of the time that each part of an audit takes, roughly."""

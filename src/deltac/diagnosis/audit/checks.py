@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SAME, Array
 from deltac.calls.progress import TimeLimit
 from deltac.codes import FINDINGS
 from deltac.diagnosis.inference.hypotheses import autocorrelation_time
@@ -299,9 +299,6 @@ def _difference(
 LEFT = 1e-4
 """Share of a squared residual that forces of constraints leave of it, to first order in the step."""
 
-RANK = 1e-9
-"""Singular values of a Jacobian below this share of the largest are none."""
-
 
 def missing_equalities(
     mechanism: Mechanism, report: ImportReport | None, run: Trajectory, inference: Inference
@@ -351,7 +348,7 @@ def _unexplained(G: Array, inference: Inference) -> tuple[float, int]:
     weight = 1.0 / np.sqrt(np.einsum("tii->ti", M).mean(axis=0))
     r = force * weight
     U, singular, _ = np.linalg.svd(np.swapaxes(G * weight, 1, 2), full_matrices=False)
-    real = singular > RANK * singular.max(initial=0.0)
+    real = singular > SAME * singular.max(initial=0.0)
     U = U * real[:, None, :]
     along = np.einsum("tij,tj->ti", U, np.einsum("tij,ti->tj", U, r))
     share = float(np.sum((r - along) ** 2) / max(np.sum(r**2), 1e-300))

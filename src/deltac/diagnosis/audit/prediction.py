@@ -10,23 +10,21 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import make_interp_spline
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, NEWTON_STEPS, SAME_STEP, Array
 from deltac.diagnosis.inference.flow import predict
 from deltac.diagnosis.inference.forces import FORCES, ForceInStep
 from deltac.diagnosis.inference.integrators import Integrator
 from deltac.diagnosis.inference.model import Intervals, Rows
 from deltac.diagnosis.inference.result import Inference
+from deltac.diagnosis.verdict import LEAST_ORDER
 
 ROWS = 200
 """Rows of the log from which a method is tried, at most: the largest of a sum needs two digits."""
 
 SHARE = 0.1
 """Share of the errors of a step that is noise to the flow from which they are measured."""
-
-CORRECTIONS = 60
-"""Corrections of an implicit step by its fixed point, which contracts where the step is small enough."""
 
 SETTLED = 1e-10
 """Change of an implicit step, relative to the state, at which it is solved."""
@@ -36,12 +34,6 @@ TRIALS = 6
 
 LONGEST = 10.0
 """Steps, in steps of the log, up to which its rows tell what a method does."""
-
-LEAST_ORDER = 0.5
-"""Slope below which the joules are not in an order of the step."""
-
-CLOSE = 0.01
-"""Relative error of a predicted step."""
 
 
 def step_with(inference: Inference, energy: float, accepted: float) -> float:
@@ -64,7 +56,7 @@ def step_with(inference: Inference, energy: float, accepted: float) -> float:
         secant = (reached - y) / (after - x) if after != x else slope
         slope = secant if secant > LEAST_ORDER else slope
         x, y = after, reached
-        if abs(goal - y) < CLOSE * slope or (x == farthest and y < goal):
+        if abs(goal - y) < SAME_STEP * slope or (x == farthest and y < goal):
             break
     return float(own * np.exp(min(x + (goal - y) / slope, farthest)))
 
@@ -85,14 +77,18 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
     own, order = inference.integrator.step, inference.integrator.order
     a, b, c, d = np.array([FORCES[kind] for kind in inference.forces]).reshape(-1, 4).T
     # What a cubic tells of smooth forces a straight line would turn into kinks, which no order foresees.
-    kinds: list[Callable[..., Callable[[Array], Array]]]
-    kinds = [CubicSpline if smooth > 0.0 else _straight for smooth in c]
     rows, ends = log.intervals.start, log.intervals.end
     times, forces = np.append(rows.t, ends.t[-1]), np.vstack([rows.F, ends.F[-1:]])
-    columns = [kind(times, column) for kind, column in zip(kinds, forces.T, strict=True)]
+    degrees = ((c > 0.0, min(3, len(times) - 1)), (c == 0.0, 1))
+    splines = [
+        (some, make_interp_spline(times, forces[:, some], k)) for some, k in degrees if some.any()
+    ]
 
     def logged(at: Array) -> Array:
-        return np.stack([f(at) for f in columns], axis=1) if columns else np.zeros((len(at), 0))
+        F = np.empty((len(at), forces.shape[1]))
+        for columns, spline in splines:
+            F[:, columns] = spline(at)
+        return F
 
     @np.errstate(all="ignore")
     def joules(step: float) -> float:
@@ -110,14 +106,10 @@ def _size(inference: Inference) -> Callable[[float], float] | None:
         slope = 0.5 * (model.energy_gradient(end) + model.energy_gradient(after))
         power = np.einsum("km,km->k", slope, model.difference(end, after)) / step
         # Behind the last row no force is known.
-        inside = not columns or start.t + step <= times[-1] + EPS
+        inside = not splines or start.t + step <= times[-1] + EPS
         return float(np.abs(np.cumsum(np.where(inside, power, 0.0) * weight)).max())
 
     return joules
-
-
-def _straight(t: Array, values: Array) -> Callable[[Array], Array]:
-    return lambda at: np.interp(at, t, values)
 
 
 def _stepped(
@@ -133,7 +125,7 @@ def _stepped(
         return Rows(end.t, *method.step(model, start, h, force), end.F)
     assert method.defect is not None
     at = end
-    for _ in range(CORRECTIONS):
+    for _ in range(NEWTON_STEPS):
         after = Rows(end.t, *method.defect(model, start, at, h), end.F)
         change = max(np.abs(after.q - at.q).max(), np.abs(after.u - at.u).max())
         at = after

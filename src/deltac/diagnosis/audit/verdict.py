@@ -20,6 +20,7 @@ from deltac.diagnosis.explain.explain import explanation_of
 from deltac.diagnosis.explain.result import Explanation, Outcome
 from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.hypotheses import CERTAIN
+from deltac.diagnosis.inference.integrators import NEAR
 from deltac.diagnosis.inference.result import (
     OF_THE_LOG,
     SLIGHT,
@@ -29,7 +30,7 @@ from deltac.diagnosis.inference.result import (
 )
 from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
 from deltac.energy import Ledger
-from deltac.results import HEADINGS
+from deltac.results import HEADINGS, SHOWN
 from deltac.trajectories import Trajectory
 from deltac.trajectories.trajectory import INTERPOLATED, ROWS
 
@@ -52,9 +53,6 @@ MOST = 0.9
 
 EXACT = 1e-6
 """Noise of rows as a share of their changes below which they are as a simulator computed them."""
-
-SCATTER = 3.0
-"""Standard deviations of the noise within which what is left of the rows is noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,7 +357,7 @@ class Judgement:
             generic.log_odds > CERTAIN and generic.explained > MOST
         ):
             return False
-        noise = bool((self.left <= SCATTER * inference.relative[1]).all())
+        noise = bool((self.left <= NEAR * inference.relative[1]).all())
         return noise or self.left_flow <= self.allowed_flow
 
     @cached_property
@@ -521,22 +519,18 @@ def _departing_equations(e: Judgement) -> Finding | None:
         return None
     sizes = ", ".join(
         f"{momenta[n]['delta_p']:.3g} ± {momenta[n]['error_bar']:.1g} of {n!r}"
-        for n in names[:NAMED]
+        for n in names[:SHOWN]
     )
     rest = [momenta[n]["delta_p"] for n in momenta if n not in names]
     others = f"; at most {max(rest):.2g} of the others" if rest else ""
     return Finding(
         "equation-departs",
-        f"the equation{'s' if len(names) > 1 else ''} of {', '.join(map(repr, names[:NAMED]))} "
+        f"the equation{'s' if len(names) > 1 else ''} of {', '.join(map(repr, names[:SHOWN]))} "
         f"{'do' if len(names) > 1 else 'does'} not hold: no force of the model makes up for its momentum",
         f"largest |ΔP| in kg, m, s: {sizes}{others}",
         "",
         element=names[0],
     )
-
-
-NAMED = 3
-"""Equations that are named at most."""
 
 
 def _missing_contact(e: Judgement, inference: Inference, kind: Kind) -> Finding:

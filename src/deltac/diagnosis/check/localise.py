@@ -7,12 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SOLVED, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.location import Blame, blame_at
 from deltac.diagnosis.residuals.at_samples import (
-    LEAST_RESIDUAL,
     MOST_ROWS,
     RunResidual,
     run_residual,
@@ -27,7 +26,7 @@ from deltac.results import Report
 from deltac.trajectories import Trajectory
 
 BULK = 0.8
-"""Share of a residual that the told part of the motion holds."""
+"""Share of the residual that lies within the reported interval."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -132,7 +131,7 @@ def _by_momenta(
         joints[joint] = joints.get(joint, 0.0) - run.u[rows, int(index)] * force
     residual, departures = forces(own), []
     for k, (name, size) in enumerate(own.momenta().items()):
-        if size["delta_p"] > size["error_bar"] and size["relative"] > LEAST_RESIDUAL:
+        if size["delta_p"] > size["error_bar"] and size["relative"] > SOLVED:
             span = _span(t, residual[name])
             blame = Blame(name, k + 1, size["relative"], span=span, scale="the momentum exchanged")
             departures.append(blame)

@@ -63,7 +63,7 @@ def explanation_of(
     if inference is None:
         return Explanation(kind, reasons=reasons)
     block, posterior = inference.blocks[0], inference.posterior
-    told = Explanation(
+    explanation = Explanation(
         kind,
         unseen=_unseen(inference),
         form="samples" if inference.measured else "steps",
@@ -73,10 +73,10 @@ def explanation_of(
         reasons=reasons,
     )
     if not by_causes:
-        return told
+        return explanation
     built = any(c.edit is not None for c in posterior.best.chosen)
     return replace(
-        told,
+        explanation,
         causes=causes_of(inference, posterior.best),
         explained=_explained(posterior.best, block.projected.left),
         alternatives=tuple(causes_of(inference, fit) for fit in posterior.alternatives),

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SIX_DIGITS, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.inference.comparison import Comparison
 from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER
@@ -42,15 +42,11 @@ from deltac.diagnosis.inference.linearisation import Point
 from deltac.diagnosis.inference.methods import FAR
 from deltac.diagnosis.inference.model import Intervals, Rows
 from deltac.diagnosis.inference.observations import Observations
-from deltac.diagnosis.inference.regression import NEGLIGIBLE
 from deltac.diagnosis.inference.result import OF_THE_LOG, Attribution, Generic, Share
 
 HALF = 0.6
 """Standard deviation of what forces do between rows that a method does not see, in units of what others
 would: two of them hold either, with a fifth to spare for what is not linear in it."""
-
-SAME = 1e-5
-"""Share of what a mistake does to the rows that the integrator's fields leave where they do the same."""
 
 
 def integrator_estimate(comparison: Comparison) -> IntegratorEstimate:
@@ -152,7 +148,7 @@ def disputed_joules(
 
     def same(c: Candidate) -> bool:
         L, some = c.linear[:, 0], list(c.columns)
-        return bool(L @ p.A[np.ix_(some, some)] @ L < SAME * float(L**2 @ p.raw[some]))
+        return bool(L @ p.A[np.ix_(some, some)] @ L < SIX_DIGITS * float(L**2 @ p.raw[some]))
 
     most = [unseen.get(_name(c), 0.0) for c in comparison.point.candidates if same(c)]
     c = comparison.numbers[0]
@@ -360,7 +356,7 @@ def generic_equations(comparison: Comparison) -> Generic:
     at, point, best = comparison.at, comparison.point, comparison.posterior.best
     odds, explained, further = beyond_causes(comparison.blocks[0], best)
     joules = float(np.abs(at.gradient * (at.of_causes @ further)).sum() * point.log.whole)
-    if joules < max(NEGLIGIBLE * point.energy, at.bias, at.omitted):
+    if joules < max(SIX_DIGITS * point.energy, at.bias, at.omitted):
         odds = -np.inf
     shift = 0.0
     if not comparison.maps:

@@ -20,20 +20,16 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import NEGLIGIBLE, SAME, SMALL_SHARE, Array
 from deltac.diagnosis.causes.causes import Candidate
-
-SINGULAR = 1e-9
-"""Share of a column that others must leave of it for it to be told from them."""
+from deltac.diagnosis.inference.whitening import RIDGE
 
 CANCELLED = 1e-13
 """Share of a sum of squares below which differences of Gram matrices have no digits: fits to that are
 equal."""
 
 LAGS = 200
-"""Rows over which correlations are summed at most; to where they fall below `QUIET`."""
-
-QUIET = 0.05
+"""Rows over which correlations are summed at most; to where they fall below `NEGLIGIBLE`."""
 
 ITERATIONS, HALVINGS = 12, 4
 """Gauss–Newton steps of causes with squares of their numbers, and of the noise of several blocks; and how
@@ -126,13 +122,13 @@ class Block:
     @property
     def rank(self) -> int:
         """Directions of all causes that the log tells from the nuisance."""
-        return int(np.count_nonzero(self._spectrum[0] > SINGULAR))
+        return int(np.count_nonzero(self._spectrum[0] > SAME))
 
     @property
     def optimum(self) -> Array:
         """Coefficients (P,) of all columns of causes together, by least squares."""
         values, vectors, d = self._spectrum
-        inverse = np.where(values > SINGULAR, 1.0 / np.maximum(values, SINGULAR), 0.0)
+        inverse = np.where(values > SAME, 1.0 / np.maximum(values, SAME), 0.0)
         step = d * (vectors @ (inverse * (vectors.T @ (d * self.projected.b))))
         return np.asarray(self.projected.origin + step)
 
@@ -273,10 +269,6 @@ def least_squares(A: Array, b: Array) -> Array:
     return np.asarray(d * np.linalg.solve(scaled, d * b))
 
 
-RIDGE = 1e-10
-"""Share of each column's square that keeps Gram matrices regular: half the digits of a double."""
-
-
 def autocorrelation_time(r: Array) -> float:
     """τ = 1 + 2Σρ of residuals (K, d), K in the order of time; at least 1."""
     flat, d = r.ravel(), r.shape[1]
@@ -286,7 +278,7 @@ def autocorrelation_time(r: Array) -> float:
     total = 0.0
     for lag in range(1, min(LAGS, len(r) // 4)):
         rho = float(flat[lag * d :] @ flat[: -lag * d]) / power
-        if rho < QUIET:
+        if rho < NEGLIGIBLE:
             break
         total += rho
     return 1.0 + 2.0 * total
@@ -323,7 +315,7 @@ class Fit:
         """Whether it is another set in more numbers, of which those that the other lacks are none."""
         gap = np.abs(self.coefficients - other.coefficients)
         deviation = np.sqrt(np.einsum("ij,jk,ik->i", self.tangent, self.covariance, self.tangent))
-        return bool(np.all(gap <= SIGNIFICANT * deviation + SINGULAR * np.abs(other.coefficients)))
+        return bool(np.all(gap <= SIGNIFICANT * deviation + SAME * np.abs(other.coefficients)))
 
     def settled(self, other: Fit) -> bool:
         """Whether another set has the same causes, whose numbers are the same beside their errors."""
@@ -331,7 +323,7 @@ class Fit:
             return False
         numbers = [np.concatenate(fit.theta) for fit in (self, other)]
         error = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        allowed = STILL * error + SINGULAR * np.abs(numbers[1])
+        allowed = STILL * error + SAME * np.abs(numbers[1])
         return bool(np.all(np.abs(numbers[0] - numbers[1]) <= allowed))
 
     def deviation(self, place: int) -> Array:
@@ -437,7 +429,7 @@ def fitted(
         d = _inverse_sizes(squares)
         X = np.asarray(sum(T.T @ A @ T / s for A, s in zip(left_of, variance)))
         values, vectors = np.linalg.eigh(d[:, None] * X * d)
-        if not values[0] >= SINGULAR:
+        if not values[0] >= SAME:
             return None
         return np.asarray(d[:, None] * ((vectors / values) @ vectors.T) * d)
 
@@ -529,17 +521,6 @@ TOGETHER, MANY = 3, 24
 """Maximum numbers of simultaneous causes, by prediction errors and by known accelerations."""
 
 
-BESIDE = 0.05
-"""Joules that a further cause must exchange as a share of the largest: what a cause is off a straight line by
-its own size looks like a small one of another kind."""
-
-
-ALL = 1e-3
-"""Share of a sum of squares that a cause leaves which explains all: three per cent of the errors."""
-
-PAIR = 0.05
-"""Share of what one cause leaves that two causes of a body, found at once, must leave at most."""
-
 PROMISING = 48
 """Causes that are fitted in full at most."""
 
@@ -560,7 +541,7 @@ def _ordered(
         alone.append((A, b))
         if best.chosen:
             to = A @ best.tangent
-            inner = np.linalg.pinv(best.tangent.T @ to, rcond=SINGULAR, hermitian=True)
+            inner = np.linalg.pinv(best.tangent.T @ to, rcond=SAME, hermitian=True)
             A, b = A - to @ inner @ to.T, b - to @ (inner @ (best.tangent.T @ b))
         beside.append((A, b))
         rows += block.count
@@ -636,15 +617,15 @@ def search(
     least: float,
     negligible: float = 0.0,
     most: int = TOGETHER,
-    beside: float = BESIDE,
+    beside: float = NEGLIGIBLE,
     pairs: bool = False,
 ) -> Posterior:
     """The causes with the best odds, one after the other, each beside all before.
 
     `exchanged` are the joules that each cause of a fit exchanges; a cause of less than `least` is not told,
-    one of less than `negligible` only if it leaves next to nothing (`ALL`) of what was left before. `most`
-    are found together, each with a share of `beside` of the largest at least; `pairs`: mass and mass centre
-    of a body at once.
+    one of less than `negligible` only if it leaves next to nothing (`SMALL_SHARE`) of what was left before.
+    `most` are found together, each with a share of `beside` of the largest at least; `pairs`: mass and mass
+    centre of a body at once.
     """
     best, near = nothing(len(blocks[0].causes)), list[Fit]()
     scores: list[tuple[float, Candidate, float]] = []
@@ -670,7 +651,7 @@ def search(
             if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
                 continue
             left = [b.misfit(fit.coefficients) / b.misfit(alone.coefficients) for b in blocks]
-            if exchanged(fit).min() >= max(least, negligible) and max(left) < PAIR:
+            if exchanged(fit).min() >= max(least, negligible) and max(left) < NEGLIGIBLE:
                 fits.append((evidence(blocks, best, fit, len(candidates), False), fit))
         fits.sort(key=lambda item: (-round(item[0], 3), item[1].chosen[-1].rank(item[1].theta[-1])))
         if not scores:
@@ -695,7 +676,9 @@ def _of_one_body(
 
 
 def _explains_all(blocks: Sequence[Block], without: Fit, fit: Fit) -> bool:
-    return all(b.misfit(fit.coefficients) <= ALL * b.misfit(without.coefficients) for b in blocks)
+    return all(
+        b.misfit(fit.coefficients) <= SMALL_SHARE * b.misfit(without.coefficients) for b in blocks
+    )
 
 
 def refitted(

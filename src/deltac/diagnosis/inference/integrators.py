@@ -22,6 +22,7 @@ from deltac.diagnosis.inference.fields import FIELDS
 from deltac.diagnosis.inference.flow import runge_kutta
 from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
 from deltac.diagnosis.inference.model import AT_ONCE, Intervals, Model, Rows
+from deltac.results import SHOWN
 from deltac.simulation.stepping.runge_kutta import Tableau, tableau_of
 
 PLACES = {f.name: k for k, f in enumerate(FIELDS)}
@@ -102,16 +103,19 @@ def _implicit_in(whole: bool) -> Step:
     def step(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
         F = force(0.0)
         a = model.acceleration(at.t, at.q, at.u, F)
-        columns = []
-        for e in np.eye(model.n)[:, None]:
-            if whole:
-                d = 1e-6 * (1.0 + np.abs(at.u).max())
-                both = [model.acceleration(at.t, at.q, at.u + s * d * e, F) for s in (1.0, -1.0)]
-                columns.append((both[0] - both[1]) / (2.0 * d))
-            else:
-                change = model.damping(at.t, at.q, at.u + e, F) - model.damping(at.t, at.q, at.u, F)
-                columns.append(model.response(at.t, at.q, change))
-        A = np.eye(model.n) - h[:, :, None] * np.stack(columns, axis=2)
+        units = np.eye(model.n)[:, None]
+        if whole:
+            d = 1e-6 * (1.0 + np.abs(at.u).max())
+            ends = (
+                [model.acceleration(at.t, at.q, at.u + s * d * e, F) for s in (1.0, -1.0)]
+                for e in units
+            )
+            slopes = np.stack([(x - y) / (2.0 * d) for x, y in ends], axis=2)
+        else:
+            still = model.damping(at.t, at.q, at.u, F)
+            change = [model.damping(at.t, at.q, at.u + e, F) - still for e in units]
+            slopes = model.response(at.t, at.q, np.stack(change, axis=2))
+        A = np.eye(model.n) - h[:, :, None] * slopes
         u = at.u + np.linalg.solve(A, (h * a)[:, :, None])[:, :, 0]
         return model.moved(at.q, u, h), u
 
@@ -405,9 +409,6 @@ def _stepped(
     return rows
 
 
-FEW = 4
-"""Methods that are named in a sentence at most."""
-
 TRIED = 6
 """Methods that are tried by parts of an interval at most."""
 
@@ -445,7 +446,7 @@ class IntegratorEstimate:
             return "the integrator is none of those known"
         if self.names == ("higher-order",):
             return "the integrator is of order 3 or more"
-        if len(self.names) > FEW:
+        if len(self.names) > SHOWN:
             return f"the integrator is of order {self.order} or more"
         return f"the integrator is {' or '.join(self.names)}"
 

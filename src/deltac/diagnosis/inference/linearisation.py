@@ -38,14 +38,12 @@ from deltac.diagnosis.inference.integrators import EXACT, Integrator, Map, maps
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.measurements.kinematics import trusted
+from deltac.diagnosis.residuals.at_samples import STIFFEST
 from deltac.errors import InputError
 from deltac.trajectories import Trajectory
 
 SHARES = (0.0, 0.01, 0.1, 1.0)
 """Shares of what forces may have done between the rows of a thinned log that are compared by likelihood."""
-
-STIFF = 3.0
-"""A step times the spectral radius from which on the series says nothing."""
 
 ACROSS = 1e3
 """How much more than the prediction errors a solver may do across the constraints: nothing is told by
@@ -442,7 +440,7 @@ def _beyond_series(tangent: Tangent, step: Array) -> Array:
     Along a field of first order terms beyond third order are to it as those of e^ρ − 1 are to ρ, ρ the step
     times the spectral radius of ∂f/∂x, and at most as large: an onset of friction or contact tells little.
     """
-    rho, first = np.minimum(step * tangent.rates, STIFF), tangent.fields[0][:, :, :FIRST_ORDER]
+    rho, first = np.minimum(step * tangent.rates, STIFFEST), tangent.fields[0][:, :, :FIRST_ORDER]
     beyond = sum(rho**k / factorial(k + 1) for k in range(3, 12))
     return np.asarray(np.minimum(beyond, 1.0) * tangent.h * np.abs(first).max(axis=2))
 

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import HALF_DIGITS, Array
 from deltac.diagnosis.causes.columns import Column, ColumnKernels
 from deltac.dynamics.forces import total_force
 from deltac.dynamics.recursions import aba, crba, rnea
@@ -342,7 +342,7 @@ class Model:
             w = at.u[:, j : j + 3]
             J[:, j + 1, j + 2], J[:, j + 2, j], J[:, j, j + 1] = w[:, 0], w[:, 1], w[:, 2]
             J[:, j + 2, j + 1], J[:, j, j + 2], J[:, j + 1, j] = -w[:, 0], -w[:, 1], -w[:, 2]
-        states, sizes = self.neighbours(at, JACOBIAN_DIFFERENCE)
+        states, sizes = self.neighbours(at, HALF_DIGITS)
         here, *ends = self.at_each([at, *states])
         for k, (end, d) in enumerate(zip(ends, sizes, strict=True)):
             J[:, n:, k] = (end - here) / d
@@ -370,9 +370,6 @@ def _constrained(M: Array, G: Array, force: Array) -> Array:
     multipliers = np.linalg.pinv(G @ response, rcond=1e-10)
     return np.asarray((inverse - response @ multipliers @ response.transpose(0, 2, 1)) @ force)
 
-
-JACOBIAN_DIFFERENCE = 1e-7
-"""Length of one-sided differences of states of unit size: near √ε, where rounding and curvature balance."""
 
 AT_ONCE = 4096
 """Rows up to which states are evaluated together: a call costs as much as some hundred rows, and longer

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, ROUNDED, Array
 from deltac.diagnosis.inference.integrators import WHOLE, step_of, steps_between
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.whitening import Innovations
 from deltac.diagnosis.measurements.digits import digits_of, white_noise
-from deltac.diagnosis.measurements.kinematics import stretches
+from deltac.diagnosis.measurements.kinematics import LEAST_ROWS, stretches
 from deltac.trajectories import Trajectory
 
 
@@ -235,7 +235,7 @@ def _alike(values: Array, chosen: NDArray[np.intp], half: Array) -> Array:
     last digits and the result are of the chosen rows.
     """
     shared = np.ones_like(half)
-    coarse = half > COARSE * np.abs(values[chosen])
+    coarse = half > ROUNDED * np.abs(values[chosen])
     for k in np.flatnonzero(coarse.any(axis=0)):
         changes = np.diff(values[:, k]) != 0.0
         runs = np.diff(np.flatnonzero(np.concatenate([[True], changes, [True]])))
@@ -243,14 +243,8 @@ def _alike(values: Array, chosen: NDArray[np.intp], half: Array) -> Array:
     return shared
 
 
-COARSE = 1e-12
-"""Half of a last digit, as a share of the number, from which on it is one that was rounded."""
-
 LEAST_INTERVALS = 4
 """Intervals from which on anything is inferred."""
-
-SHORTEST = 12
-"""Rows of a stretch at least."""
 
 STRETCHES = 4
 """Stretches of a long log: slow fields show in long ones."""
@@ -260,8 +254,8 @@ def _evenly(edges: list[tuple[int, int]], most: int, total: int) -> list[tuple[i
     """Stretches with so many rows in all, taken from those of a log in proportion to their lengths."""
     chosen = list[tuple[int, int]]()
     for a, b in edges:
-        share = max(SHORTEST, int(most * (b - a) / total))
-        parts = max(1, min(STRETCHES // len(edges), share // SHORTEST))
+        share = max(LEAST_ROWS, int(most * (b - a) / total))
+        parts = max(1, min(STRETCHES // len(edges), share // LEAST_ROWS))
         size = min(share // parts, b - a)
         chosen += [(int(s), int(s) + size) for s in np.linspace(a, b - size, parts).astype(int)]
     while sum(b - a for a, b in chosen) > 1.2 * most and len(chosen) > 1:

@@ -20,6 +20,7 @@ from scipy.linalg import qr
 from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.model import Model, Rows
+from deltac.diagnosis.residuals.states import WELL_CONDITIONED
 from deltac.kernels.rows import Expression
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -29,9 +30,6 @@ CORRECTIONS = 12
 
 PROBES = 40
 """Rows at which independent coordinates are chosen."""
-
-WORST = 100.0
-"""Condition number of the dependent coordinates' Jacobian up to which the others count as independent."""
 
 SETS, MOST_SETS = 3, 300
 """Sets of independent coordinates that are tried, and of which these are chosen; of more there is one."""
@@ -176,7 +174,7 @@ def reductions(model: Model, run: Trajectory) -> Iterator[Reduced]:
         worst = float(np.linalg.cond(G[:, :, others]).max())
         sets.append((worst, own))
     for worst, own in sorted(sets)[:SETS]:
-        if worst <= WORST:
+        if worst <= 1.0 / WELL_CONDITIONED:
             reduced = Reduced(model, run, own)
             if _satisfied(reduced, rows):
                 yield reduced

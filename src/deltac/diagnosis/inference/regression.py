@@ -11,10 +11,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import NEGLIGIBLE, SIX_DIGITS, Array
 from deltac.diagnosis.inference.fields import FIELDS, FIRST_ORDER, first_order_jacobian
 from deltac.diagnosis.inference.hypotheses import (
-    BESIDE,
     MANY,
     TOGETHER,
     Block,
@@ -28,10 +27,6 @@ from deltac.diagnosis.inference.linearisation import Point, cause_responses
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.whitening import Innovations, robust_weights
 from deltac.diagnosis.measurements.digits import digits_of
-
-NEGLIGIBLE = 1e-5
-"""Share of the energy exchanged below which a cause is told only if it is all that is left of the rows:
-iterations of constraint solvers stop there."""
 
 ENOUGH = 300
 """Intervals of which the energy that a cause exchanges is summed."""
@@ -295,11 +290,11 @@ def searched(at: Regression, block: Block, before: Posterior | None = None) -> P
     if before is not None:
         return refitted((block,), before, point.candidates)
     # Known accelerations are linear in almost all causes: small ones beside large ones are real.
-    many = (MANY, 0.0, True) if point.accelerations_known else (TOGETHER, BESIDE)
+    many = (MANY, 0.0, True) if point.accelerations_known else (TOGETHER, NEGLIGIBLE)
     # What the series leaves out is no matter of known accelerations, nor of a method's own map.
     series = len(block.nuisance) > at.bent.shape[2]
     least = max(at.bias, at.omitted if series else 0.0)
-    negligible = NEGLIGIBLE * point.energy
+    negligible = SIX_DIGITS * point.energy
     return search(
         (block,), point.candidates, lambda fit: at.exchanged(fit)[0], least, negligible, *many
     )

@@ -22,9 +22,11 @@ from scipy.linalg import lapack
 
 from deltac.arrays import Array
 
-ROUNDING = 1e-10
-"""Relative variance that keeps the covariance positive definite in double precision; it is not seen in the
-noise of ten million rows."""
+RIDGE = 1e-10
+"""Share of each variance, or column's square, that keeps a matrix of products positive definite.
+
+Half the digits of a double: it is not seen in what is inferred.
+"""
 
 GROUP = 16
 """Rows of a block at least: smaller ones are substituted faster together than one after the other."""
@@ -154,7 +156,7 @@ class Innovations:
         N, m = S.shape[:2]
         scale = np.sqrt(np.einsum("kii->ki", S))
         S = S / (scale[:, :, None] * scale[:, None, :])
-        S[:, np.arange(m), np.arange(m)] += ROUNDING
+        S[:, np.arange(m), np.arange(m)] += RIDGE
         blocks = -(-N // self._group)
         band = np.zeros(((len(off) + 1) * m, blocks * self._group, m))
         band[0, N:] = 1.0

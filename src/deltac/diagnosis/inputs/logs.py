@@ -193,7 +193,7 @@ def _size(path: Path) -> tuple[int, int]:
 NOTES = {
     "left-out": (
         LEFT_OUT,
-        "rows in which a value is missing were left out",
+        "the parts of the log in which values are missing were left out",
         "Nothing, if samples were lost",
     ),
     "frames": (

@@ -1,4 +1,4 @@
-"""Slips of a log that its coordinates and speeds betray: what is safe to undo is undone, the rest is told."""
+"""Recording errors that coordinates and speeds reveal: what is safe to undo is undone, the rest reported."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ from deltac.diagnosis.verdict import Finding, percent
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import MechanismNames, RateNames
+from deltac.trajectories.motion import CLEAR_RATIO
 from deltac.trajectories.rates import GAP, with_speeds
 
 FEW = 0.1
@@ -31,10 +32,6 @@ FEW = 0.1
 
 COPIES = 0.34
 """Share of the rows up to which copies are left out and the rest is judged."""
-
-
-CLEARLY = 0.3
-"""An even clock is believed where it leaves this share of the unsteadiness, or less."""
 
 
 LATE = 0.8
@@ -83,7 +80,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     even = _evenly_timed(run)
     if even is not None:
         other = coordinates_against_speeds(mechanism, even)
-        if unsteadiness(other) < CLEARLY * unsteadiness(comparisons):
+        if unsteadiness(other) < CLEAR_RATIO * unsteadiness(comparisons):
             findings.append(_jitter(run, even))
             run, comparisons = even, other
     findings += [*_jumps(run, comparisons), *_wrong_rates(run, comparisons)]
@@ -309,7 +306,7 @@ def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[F
     """Single intervals over which coordinates move farther than any speed in the log would take them."""
     jumped: dict[int, str] = {}
     for name, comparison in comparisons.items():
-        farthest = float(np.abs(comparison.told).max(initial=0.0))
+        farthest = float(np.abs(comparison.integrals).max(initial=0.0))
         far = comparison.outliers & (np.abs(comparison.defect) > GAP * farthest)
         jumped |= dict.fromkeys(comparison.start[far].tolist(), name)
     rows = np.array(sorted(jumped), dtype=np.intp)
@@ -374,7 +371,7 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iter
     yield from _scaled(scaled, rest) if scaled else ()
     for name, c in rest.items():
         if name not in scaled and c.significant and c.off > 1e-3:
-            bar, moved = size_of(c.bar), size_of(c.moved)
+            bar, moved = size_of(c.bar), size_of(c.increments)
             resolved = bar < RESOLVED * moved and len(run) > 30
             yield Finding(
                 "speed-not-rate",
@@ -391,10 +388,10 @@ def _swapped(comparisons: Mapping[str, Comparison]) -> Iterator[tuple[str, str]]
     """Pairs of speeds that fit each other's coordinates and not their own."""
 
     def fits(a: Comparison, b: Comparison) -> bool:
-        if len(a.moved) != len(b.told):
+        if len(a.increments) != len(b.integrals):
             return False
-        size = float(np.linalg.norm(a.moved) * np.linalg.norm(b.told))
-        return abs(float(a.moved @ b.told)) > 0.99 * size > 0.0
+        size = float(np.linalg.norm(a.increments) * np.linalg.norm(b.integrals))
+        return abs(float(a.increments @ b.integrals)) > 0.99 * size > 0.0
 
     poor = {n: c for n, c in comparisons.items() if c.alike < 0.95}
     for a, x in poor.items():
@@ -410,8 +407,8 @@ def _is_clipped(u: Array, c: Comparison) -> bool:
     inside = at[c.start] & at[c.start + 1]
     if at.sum() < 6 or inside.sum() < 4 or inside.all():
         return False
-    excess = np.median(np.abs(c.moved[inside]) - np.abs(c.told[inside]))
-    return bool(excess > 5.0 * np.median(c.bar) + 1e-3 * size_of(c.moved))
+    excess = np.median(np.abs(c.increments[inside]) - np.abs(c.integrals[inside]))
+    return bool(excess > 5.0 * np.median(c.bar) + 1e-3 * size_of(c.increments))
 
 
 def _is_late(c: Comparison) -> bool:

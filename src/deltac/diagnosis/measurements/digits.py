@@ -20,7 +20,7 @@ PROBES = 400
 
 
 LEAST_VALUES = 3
-"""Different numbers of a column from which on their digits are told: a constant has none."""
+"""Distinct values that a column needs before its digits are counted: a constant shows none."""
 
 LEVELS = 8
 """The same of forces where all states are doubles: fewer are commands, such as on and off."""

@@ -38,7 +38,7 @@ SURE = 8.0
 """Standard errors by which r must differ from one."""
 
 LEAST_RATIO = 2e-4
-"""Relative differences of r from one below this are not told: quadratures of simulators reach that far."""
+"""Relative differences of r from one below this are not reported: quadratures err by as much."""
 
 BLOCKS = 8
 """Parts of a log of which most must say the same factor."""
@@ -55,7 +55,7 @@ FAR = 30.0
 """A defect beyond this multiple of its error bar and of the others' scatter is no quadrature error."""
 
 
-ARRAYS = ("defect", "bar", "moved", "told", "outliers")
+ARRAYS = ("defect", "bar", "increments", "integrals", "outliers")
 """What a comparison tells of each interval, beside the row at its start."""
 
 
@@ -68,8 +68,8 @@ class Comparison:
         late: θ in rows, of the median length; positive where the rate is older than the column beside it.
         defect: what is left of each interval (I,), in units of x.
         bar: error bar of each, from digits, noise and quadrature (I,).
-        moved: the change of each interval (I,).
-        told: ∫x' dt of each (I,).
+        increments: the change of each interval (I,).
+        integrals: ∫x' dt of each (I,).
         start: the row at the start of each interval (I,).
         off: root mean square of the defects, as a share of the movement; the largest tenth left out.
         alike: correlation of the change and ∫x' dt, without sign; 0 where one is none.
@@ -86,8 +86,8 @@ class Comparison:
     late: float
     defect: Array
     bar: Array
-    moved: Array
-    told: Array
+    increments: Array
+    integrals: Array
     start: NDArray[np.intp]
     off: float
     alike: float

@@ -41,31 +41,24 @@ from deltac.diagnosis.recommend.work_precision import (
     Trial,
     Trials,
 )
-from deltac.diagnosis.study.convergence import LEAST_ORDER
 from deltac.diagnosis.study.simulators import (
     MUJOCO,
     SimulationOptions,
     handed_on,
     starting,
 )
-from deltac.diagnosis.verdict import REFINED_TOLERANCE, check_tolerance
+from deltac.diagnosis.verdict import LEAST_ORDER, REFINED_TOLERANCE, check_tolerance
 from deltac.errors import NO_NUMBER, InputError, SolverError
 from deltac.models import ModelLike, StateLike, load_model
 
 TOO_DEAR = 8.0
 """A run may take this many times as long as the best prediction, then its solver is given up."""
 
-STEPS = 50
-"""Of the first run of a solver with fixed steps."""
-
 SLACK = 2.0
 """Factor by which a solver with a small error constant may exceed the step that the motion suggests."""
 
 REFINEMENT = 4.0
 """By what factor a step is divided that has no order yet, because the run broke down."""
-
-STEP_MARGIN = 1.03
-"""Margin on a step that an order predicts, so that it seldom fails its verification."""
 
 
 @checked
@@ -269,14 +262,14 @@ class SolverCandidate:
         """The setting that keeps the tolerances by the order, or the `first` one towards it."""
         settings = self.family.settings
         if not self.trials:
-            return self._duration / STEPS if self.family.knob == "step" else settings[0]
+            return settings[0]
         fails, passes = self._bracket()
         tried = passes if passes < len(settings) else fails
         excess, setting = self._excess(tried), settings[tried]
         if math.isinf(excess):
             return setting / REFINEMENT
         if self._resolved(tried):
-            return setting / (STEP_MARGIN * float(max(excess, EPS) ** (1.0 / self.order)))
+            return setting / float(max(excess, EPS) ** (1.0 / self.order))
         # Coarser than anything that has an order: the error has still to fall from `ROUGHLY`.
         rest = 1.0 if first else float((ROUGHLY / min(self.tolerances)) ** (1.0 / self.order))
         return setting / (2.0 * max(rest, 1.0))

@@ -14,7 +14,7 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from deltac.arrays import EPS, NEGLIGIBLE, Array
+from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, Array
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
 from deltac.diagnosis.verdict import NOTHING
@@ -39,7 +39,7 @@ LEAST_BUDGET = 0.1
 BRIEF = 0.5 * LEAST_BUDGET
 """Seconds after which a run is not timed once more."""
 
-SAME_TIME = 1.2
+SAME_TIME = 1.0 + ROUGHLY
 """Times within this factor are the same."""
 
 NATIVE = 1e-9

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, NEGLIGIBLE, Array
+from deltac.arrays import EPS, NEGLIGIBLE, SOLVED, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.residuals.at_states import EquationTest, rms
 from deltac.diagnosis.residuals.kane import Kane, times
@@ -30,13 +30,10 @@ CLEAR_OF_ROUNDING = 50.0
 """A residual this many times above what digits allow is no rounding: terms are sums of some tens
 of products."""
 
-LEAST_RESIDUAL = 1e-6
-"""Relative residuals below this are not called a mistake: constraint solvers stop there."""
-
 
 @dataclass(frozen=True, eq=False)
 class RunResidual:
-    """What is left of the equations at B rows of a run, for n (own) speeds and c constraint rows.
+    """Residuals of the equations at B rows of a run, for n (own) speeds and c constraint rows.
 
     Attributes:
         run: the run; `rows` of it; `test` the equations there, with the forces of the run.
@@ -67,7 +64,7 @@ class RunResidual:
         """Root mean square as a fraction of `scale` (n,); zero where digits or rounding explain it."""
         size = rms(self.residual)
         relative = size / self.scale
-        large = relative > LEAST_RESIDUAL
+        large = relative > SOLVED
         if large.any():  # else it is no matter what digits explain
             large &= size > CLEAR_OF_ROUNDING * self.precision[0]
         return np.where(large, relative, 0.0)
@@ -88,11 +85,11 @@ class RunResidual:
         scale = rms(np.abs(test.gamma) + times(G, np.abs(self.udot)))
         scale = scale + rms(times(G, np.abs(test.states.u))) / float(np.ptp(self.run.t))
         # What a row has no terms of, such as the height of a ball on a table, has no size of its own.
-        scale = np.maximum(scale, LEAST_RESIDUAL * scale.max())
+        scale = np.maximum(scale, SOLVED * scale.max())
         decay = STIFFEST / (self.run.provenance.step or float(np.median(np.diff(self.run.t))))
         restoring = 2.0 * decay * np.abs(test.terms.psi) + decay**2 * np.abs(test.terms.phi)
         size = rms(self.rates)
-        large = size > np.maximum(LEAST_RESIDUAL * scale, rms(restoring))
+        large = size > np.maximum(SOLVED * scale, rms(restoring))
         if large.any():
             explained = CLEAR_OF_ROUNDING * (self.precision[1] + 4.0 * EPS * scale) + rms(restoring)
             large &= size > explained
@@ -107,7 +104,7 @@ class RunResidual:
 
 
 STIFFEST = 3.0
-"""Largest decay rate of a stabilisation, times the step: explicit methods are unstable beyond it."""
+"""Largest decay rate, or spectral radius, times the step: explicit methods are unstable beyond it."""
 
 
 def run_residual(kane: Kane, run: Trajectory) -> RunResidual:

@@ -29,7 +29,7 @@ from deltac.mechanism.mechanism import Mechanism
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What is left of the equations at B states, for some accelerations, as shares of typical terms.
+    """Residuals of the equations at B states, for some accelerations, as shares of typical terms.
 
     Attributes:
         relative: |F_r + F*_r| of each own speed, less what constraint forces can explain (n, B); infinite

@@ -17,6 +17,7 @@ import numpy as np
 
 from deltac.arrays import NEGLIGIBLE, Array
 from deltac.calls.arguments import checked
+from deltac.diagnosis.verdict import LEAST_ORDER
 from deltac.errors import InputError
 
 Trend = Literal[
@@ -26,10 +27,6 @@ Trend = Literal[
 CLEAR = 4.0
 """A curve, a difference or a limit counts beyond this multiple of its uncertainty (rounding, quadrature,
 terms of higher order)."""
-
-LEAST_ORDER = 0.5
-"""What falls more slowly with the step is not seen to fall: non-smooth motions show 0.5 to 1."""
-
 
 EARLY = 32
 """The first of so many parts of the time tells truncation from rounding, before either is amplified."""

@@ -9,7 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, ROUGHLY, SAME, Array
+from deltac.arrays import EPS, ROUGHLY, SAME, SIX_DIGITS, Array
 from deltac.diagnosis.study.convergence import Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
@@ -163,9 +163,6 @@ def one_sided(mechanism: Mechanism, q: Array, reference: Array) -> Array:
 
 # --- which runs are of one motion and may be compared, and what is wrong with the others ---------
 
-SAME_START = 1e-6
-"""Scaled difference of two starts from which on they are starts of two motions."""
-
 
 def disagreements(
     mechanism: Mechanism, runs: Sequence[StudyRun]
@@ -185,7 +182,7 @@ def disagreements(
     for entry, start in zip(usable, starts):
         late = abs(entry.run.t[0] - finest.t[0]) > 1e-6 * span
         distance = float(np.abs(start - starts[-1]).max(initial=0.0))
-        if late or distance > SAME_START:
+        if late or distance > SIX_DIGITS:
             findings.append(_other_start(entry, finest, distance, late=bool(late)))
         elif comparable and _same(comparable[-1].run, entry.run):
             findings.append(_ignored(comparable[-1], entry))

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.study.convergence import LEAST_ORDER, Convergence, order_of
+from deltac.diagnosis.study.convergence import Convergence, order_of
 from deltac.diagnosis.study.curves import FEWEST
-from deltac.diagnosis.verdict import Finding, percent
+from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SampleResiduals(Serialisable, omit=("findings",)):
-    """What is left of Kane's equations at the states of the runs.
+    """Residuals of Kane's equations at the states of the runs.
 
     Attributes:
         names: of the coordinates that the equations belong to: the user's own, where given.

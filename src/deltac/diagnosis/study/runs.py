@@ -1,4 +1,4 @@
-"""Runs that blow up: what comes before is a motion, what comes after is none."""
+"""Runs that blow up: rows before the blow-up are kept, those after it are not judged."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from deltac.arrays import EPS, PHYSICAL, SAME_STEP, SMALL_SHARE, Array
+from deltac.arrays import EPS, PHYSICAL, ROUGHLY, SAME_STEP, SMALL_SHARE, Array
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.inputs.omissions import OF_RATES
-from deltac.diagnosis.study.convergence import LEAST_ORDER, order_of
-from deltac.diagnosis.verdict import Finding
+from deltac.diagnosis.study.convergence import order_of
+from deltac.diagnosis.verdict import LEAST_ORDER, Finding
 from deltac.energy import Ledger, balance
 from deltac.errors import NO_NUMBER, ArgumentsError, DeltacError, InputError, WrongType
 from deltac.mechanism.mechanism import Mechanism
@@ -50,9 +50,6 @@ Simulator: TypeAlias = Callable[[float], Trajectory]
 
 DIGIT_SPREAD = 3.0
 """How many times farther than one random rounding moved it a quantity may be off."""
-
-REFINES = 1.1
-"""Steps whose ratio is smaller say nothing about an order: its error grows as 1/log of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +109,7 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
     distinct: list[float] = []
     dropped: list[float] = []
     for number in sorted(values, reverse=True):
-        close = distinct and distinct[-1] / number < REFINES
+        close = distinct and distinct[-1] / number < 1.0 + ROUGHLY
         (dropped if close else distinct).append(number)
     if not dropped:
         return tuple(distinct), []

@@ -43,7 +43,7 @@ MOST_SUMMED, MOST_PAIRS = 3000, 40
 """Products of which two are added, and pairs of them that are tried."""
 
 FEWEST_STATES = 6
-"""States that tell a sum of two products from chance."""
+"""States that tell chance from a formula of two numbers, or of none."""
 
 MOST_EXPRESSIONS = 60
 """Expressions of the source that are taken as parts of what is missing."""

@@ -28,9 +28,6 @@ EDIT_ITERATIONS = 10
 STARTS = (1.0, 0.0, -1.0, 4.0, 0.25)
 """Newton's method starts from these multiples of the value, where the earlier ones led nowhere."""
 
-INFLUENCE = 1e-6
-"""An equation that feels less than this share of an expression's effect does not contain it."""
-
 Flags: TypeAlias = NDArray[np.bool_]
 Residual: TypeAlias = Callable[[Array], Array]
 
@@ -135,7 +132,7 @@ class Requirements:
             return None
         if not effect.max() > 1e-12:
             return False
-        rows: Flags = effect > INFLUENCE * effect.max()
+        rows: Flags = effect > HALF_DIGITS * effect.max()
         if only is not None:
             rows &= np.arange(len(rows)) == only
         if not rows.any():

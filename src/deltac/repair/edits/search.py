@@ -13,10 +13,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import HALF_DIGITS, Array
+from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
-from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
+from deltac.repair.edits.insertions import FEWEST_STATES, Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements
 from deltac.repair.edits.single import additions, edits, structure
@@ -29,13 +29,6 @@ from deltac.results import SHOWN
 
 OPERATIONS = 20_000_000
 """Operations of a function that a search of one kind runs, about."""
-
-FIRST_STATES = 4
-"""States at which a text is traced again at first."""
-
-TRACED_EDITS = 1500
-"""Edits for which the text is traced again, at most."""
-
 
 FAIR_COST = 1.7
 """With an edit as simple as this in hand, none is looked for by tracing the text again."""
@@ -169,7 +162,8 @@ class EditSearch:
             if id(statement) in statements or any(id(n) in statements for n in inner):
                 self.untraced += structure(source, place, self.names)
         right: list[EditCandidate] = []
-        most = min(TRACED_EDITS, OPERATIONS // 10 // len(self.program.tape))
+        # To trace an operation takes a hundred times as long as to run it.
+        most = OPERATIONS // 100 // len(self.program.tape)
         texts: set[tuple[int, str]] = set()
         for candidate in sorted(self.untraced, key=lambda c: c.cost):
             late = time.monotonic() > self.deadline
@@ -189,7 +183,7 @@ class EditSearch:
             return False
         samples = self.target.samples()
         try:
-            few = samples.at(np.arange(min(FIRST_STATES, len(samples.t))))
+            few = samples.at(np.arange(min(FEWEST_STATES, len(samples.t))))
             return all(reading(changed, some).wrong < RIGHT for some in (few, samples))
         except InputError:
             return False
@@ -210,10 +204,6 @@ def confirmed(
     except InputError:
         return None
     return changed if again.wrong < RIGHT else None
-
-
-ALONG = 1e-5
-"""A residual within this share of the direction in which an expression acts may be that expression's."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -371,7 +361,7 @@ def _explained(along: Array, residual: Array) -> NDArray[np.bool_]:
         return np.zeros(len(along), dtype=bool)
     share = np.einsum("pnb,nb->pb", along, residual)
     rest = np.sum((residual - share[:, None] * along) ** 2, axis=1)
-    return np.asarray(np.sqrt(rest.max(axis=1)) < ALONG * np.abs(residual).max())
+    return np.asarray(np.sqrt(rest.max(axis=1)) < SIX_DIGITS * np.abs(residual).max())
 
 
 def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:

@@ -8,6 +8,7 @@ slots in which the results are linear and homogeneous, everything else held. M�
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -21,10 +22,8 @@ from deltac.repair.tracing.tape import TapeChange, identity
 LINEAR = ROOT_EPS
 """Relative departure from linearity that is rounding."""
 
-MOST_SLOTS = 80
-"""Slots among which f is looked for, the earliest ones."""
-
-MOST_EQUATIONS = 3
+MOST_SETS = 100_000
+"""Sets of slots that are looked at, of the earliest ones."""
 
 WORST = 1.0 / ROOT_EPS
 """Condition of M⁻¹ beyond which its inverse says nothing."""
@@ -61,7 +60,7 @@ class UnsolvedForm(Program):
 def unsolved_form(program: Program) -> UnsolvedForm | None:
     """The program by the rows of M u̇ = f, where it has such rows."""
     n = len(program.samples.acceleration)
-    if program.solves or not 2 <= n <= MOST_EQUATIONS:
+    if program.solves or n < 2:
         return None
     for forces in _forces(program):
         form = UnsolvedForm(program.trace, program.samples, forces)
@@ -108,7 +107,7 @@ def _forces(program: Program) -> Iterator[tuple[int, ...]]:
         if straight and np.abs(part).max() > LINEAR * size:
             slots.append(k)
             parts.append(part.ravel())
-        if len(slots) == MOST_SLOTS:
+        if math.comb(len(slots) + 1, n) > MOST_SETS:
             break
     if len(slots) < n:
         return

@@ -28,10 +28,8 @@ from deltac.mechanism import (
 )
 from deltac.report.page.geometry import constant
 from deltac.report.page.parts import Numbers
+from deltac.report.panels import MOST_DRAWN
 from deltac.trajectories import Trajectory
-
-ARROWS = 24
-"""Forces that are drawn, at most: those that get largest."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +47,7 @@ def arrows(mechanism: Mechanism, run: Trajectory, at: Instants) -> Iterator[Arro
     acting = _Acted(mechanism, run, at)
     arrows = [arrow for part in _acting(mechanism, run) if (arrow := part.arrow(acting))]
     arrows.sort(key=lambda arrow: -float(np.abs(arrow.force.values).max(initial=0.0)))
-    yield from arrows[:ARROWS]
+    yield from arrows[:MOST_DRAWN]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,8 @@ the largest value of each of many stretches, so that no peak is lost.
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
@@ -16,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.report.panels import POINTS, Bars, Flows, HeatMap, LogPlot, Panel, TimePlot
+from deltac.report.panels import POINTS, Bars, Flows, HeatMap, Line, LogPlot, Panel, TimePlot
 from deltac.results import Finding, Serialisable, Table, plain
 
 if TYPE_CHECKING:
     from deltac.report.page.scene import Drawing
 
-NUMBERS = 120_000
-"""Numbers of time histories, which all plots share, and of what moves that a page holds: 0.65 MB each."""
+NUMBERS = 25 * POINTS
+"""Numbers of time histories, which all plots share, and of what moves that a page holds: 0.55 MB each."""
 
 
 Tone = Literal["good", "bad", "doubt", "plain"]
@@ -181,27 +182,42 @@ class Page:
     def packed(self) -> dict[str, Any]:
         """The page in terms of JSON."""
         plots = [p for chapter in self.chapters for p in chapter.parts if isinstance(p, TimePlot)]
-        stretches = POINTS
-        while stretches > 250 and sum(_numbers(plot, stretches) for plot in plots) > NUMBERS:
-            stretches //= 2
+        share = _share(plots)
 
         def cut(chapter: Chapter) -> dict[str, Any]:
-            parts = [_cut(p, stretches) if isinstance(p, TimePlot) else p for p in chapter.parts]
+            parts = [_cut(p, share) if isinstance(p, TimePlot) else p for p in chapter.parts]
             return {**vars(chapter), "parts": parts}
 
         packed: dict[str, Any] = plain({**vars(self), "chapters": [*map(cut, self.chapters)]})
         return packed
 
 
-def _numbers(plot: TimePlot, stretches: int) -> int:
-    """How many numbers a plot takes in the page."""
-    columns = len(plot.lines) + 2 * sum(line.bar is not None for line in plot.lines)
-    return (columns + 2) * min(len(plot.t), 2 * stretches)
+def _share(plots: Sequence[TimePlot]) -> float:
+    """How many numbers a plot may take: what small ones leave is for the larger ones."""
+    sizes = sorted(_columns(plot) * min(len(plot.t), 2 * POINTS) for plot in plots)
+    rest = float(NUMBERS)
+    for count, size in zip(range(len(sizes), 0, -1), sizes):
+        if size * count > rest:
+            return rest / count
+        rest -= size
+    return math.inf
 
 
-def _cut(plot: TimePlot, stretches: int) -> dict[str, Any]:
-    """A plot in terms of JSON, its curves cut down to the extremes of so many stretches."""
-    cut = Stretches.of(plot.t, stretches)
+def _columns(plot: TimePlot) -> int:
+    """How many numbers a plot takes for each point; times are twice as long as others."""
+    return 2 + len(plot.lines) + 2 * sum(_shaded(plot, line) for line in plot.lines)
+
+
+def _shaded(plot: TimePlot, line: Line) -> bool:
+    """Whether the error bar of a curve can be seen: it is more than a row of a screen."""
+    if line.bar is None:
+        return False
+    return plot.log or not POINTS * np.max(line.bar) <= np.ptp(line.y)
+
+
+def _cut(plot: TimePlot, share: float) -> dict[str, Any]:
+    """A plot in terms of JSON, its curves cut down to the extremes of as many stretches as it may have."""
+    cut = Stretches.of(plot.t, int(min(POINTS, max(1.0, 0.5 * share / _columns(plot)))))
     lines = []
     for line in plot.lines:
         y = np.abs(line.y) if plot.log else line.y
@@ -212,7 +228,7 @@ def _cut(plot: TimePlot, stretches: int) -> dict[str, Any]:
             "shown": line.shown,
             "colour": line.colour,
         }
-        if line.bar is not None:
+        if line.bar is not None and _shaded(plot, line):
             entry["high"] = Numbers(cut.largest(line.bar if plot.log else y + line.bar))
             if not plot.log:
                 entry["low"] = Numbers(cut.smallest(y - line.bar))

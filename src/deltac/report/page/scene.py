@@ -16,7 +16,7 @@ from deltac.analysis.kinematics import Kinematics
 from deltac.analysis.model import Instants, instants
 from deltac.arrays import Array
 from deltac.mechanism import GROUND, HalfSpace, Mechanism
-from deltac.report.page.forces import ARROWS, Arrow, arrows
+from deltac.report.page.forces import Arrow, arrows
 from deltac.report.page.geometry import (
     Drawn,
     Tie,
@@ -31,7 +31,7 @@ from deltac.report.page.geometry import (
     unit,
 )
 from deltac.report.page.parts import NUMBERS, Numbers
-from deltac.report.panels import POINTS
+from deltac.report.panels import MOST_DRAWN, POINTS
 from deltac.trajectories import Trajectory
 
 
@@ -118,7 +118,7 @@ def _frames(mechanism: Mechanism, run: Trajectory, share: int) -> Instants:
 
     A body and a frame take seven numbers each, a force six.
     """
-    of_frame = 7 * len(mechanism.bodies) * share + 6 * min(ARROWS, len(run.forces))
+    of_frame = 7 * len(mechanism.bodies) * share + 6 * min(MOST_DRAWN, len(run.forces))
     count = int(max(60, min(POINTS, NUMBERS / of_frame)))
     at = instants(mechanism, run)
     if len(at.t) <= count:

@@ -29,7 +29,7 @@ HEIGHT = ROUNDED
 
 
 SLOW = ROUNDED
-"""Speeds of a contact below this are none, by the speeds of the run or 1 m/s; so with accelerations."""
+"""Contact speeds below this share of the run's, or of 1 m/s, count as zero; so do accelerations."""
 
 
 @dataclass(frozen=True, eq=False)

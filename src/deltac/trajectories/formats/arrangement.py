@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from deltac.trajectories.formats.raw import WIDEST
 from deltac.trajectories.formats.words import arrays_of, is_time
 
 if TYPE_CHECKING:
@@ -24,8 +25,6 @@ STAMPS = (
     ("sec", "nanosec"), ("secs", "nsecs"), ("sec", "nsec"), ("seconds", "nanoseconds")
 )  # fmt: skip
 """Ends of the names of two columns that are one time together: whole seconds, and nanoseconds."""
-
-_MOST_KEYS = 200
 
 
 def arranged(frame: polars.DataFrame) -> polars.DataFrame:
@@ -78,7 +77,7 @@ def _lists(frame: polars.DataFrame) -> polars.DataFrame:
             cells = plain.str.replace_all(r"[\s,]+", ",").str.split(",")
         if isinstance(cells.dtype, polars.List) and not cells.dtype.inner.is_nested():
             widths = cells.list.len().unique()
-            if len(widths) == 1 and 0 < (width := int(widths[0] or 0)) <= _MOST_KEYS:
+            if len(widths) == 1 and 0 < (width := int(widths[0] or 0)) <= WIDEST:
                 parts += [cells.list.get(k).alias(f"{series.name}[{k}]") for k in range(width)]
                 continue
         parts.append(series)
@@ -132,7 +131,7 @@ def _long(frame: polars.DataFrame) -> polars.DataFrame:
     of = polars.concat_str([polars.col(name).str.strip_chars() for name in texts], separator=".")
     key = frame.select(of.alias("key"))["key"]
     count = key.n_unique()
-    if not 1 < count <= _MOST_KEYS or frame.height % count or count == frame.height:
+    if not 1 < count <= WIDEST or frame.height % count or count == frame.height:
         return frame  # as many texts as rows are their times
     index = next((n for n in rest if frame[n].n_unique() * count == frame.height), None)
     if index is None or len(rest) < 2:

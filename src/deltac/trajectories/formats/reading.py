@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltac import rotations
+from deltac.arrays import ROUGHLY
 from deltac.errors import ArgumentsError, InputError, LogError, UnknownName, closest, listed, shown
 from deltac.mechanism.expressions import Law
 from deltac.mechanism.laws import at_times, symbol_names
@@ -44,9 +45,6 @@ from deltac.trajectories.trajectory import (
 )
 
 _LAW = "the law of its prescribed joint"
-
-_AT_ZERO = 0.1
-"""How far from zero, as a fraction of their span, times may begin that are taken for the model's."""
 
 _PURPOSES = {
     "time": "the times of the samples",
@@ -647,7 +645,7 @@ def _require_clock(readings: Sequence[ColumnReading], columns: Mapping[str, Floa
         return
     t = columns["time"]
     start = float(t[0]) if len(t) else 0.0
-    if abs(start) > _AT_ZERO * float(np.ptp(t)):
+    if abs(start) > ROUGHLY * float(np.ptp(t)):
         name, offset = json.dumps(clock.column, ensure_ascii=False), -start / clock.factor
         raise LogError(
             f"no column {time_dependent[0]!r}: the law of its prescribed joint is one of the model's time t, "

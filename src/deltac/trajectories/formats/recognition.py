@@ -76,7 +76,7 @@ _OF_MUJOCO = ("qpos", "qvel", "qacc")
 """Names that say the conventions of a floating body: MuJoCo's, which are the schema's."""
 
 _COMMANDS = frozenset("ctrl control controls action actions act u input inputs command".split())
-"""Names of arrays of what motors were told."""
+"""Names of arrays of motor commands."""
 
 
 @dataclass

@@ -26,24 +26,21 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from deltac.arrays import ROUGHLY
 from deltac.errors import FileError, LogError, PackageError
 from deltac.foreign.isolation import apart
 from deltac.foreign.limits import Limits
-from deltac.trajectories.formats.raw import Budget, Collector, RawLog, damage_named
+from deltac.trajectories.formats.raw import WIDEST, Budget, Collector, RawLog, damage_named
 from deltac.trajectories.rates import FEWEST_ROWS, GAP, continuous
 from deltac.trajectories.trajectory import FloatArray
 
 JOINT_STATE = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
 _PARTS = ("position", "velocity", "effort")
-_LARGEST = 4096
-"""Bytes of a message: larger ones are pictures and clouds of points."""
+_LARGEST = 8 * WIDEST
+"""Bytes of a message: larger ones have more numbers than a log has columns: pictures, clouds of points."""
 
 _MOST_ENTRIES = 32
 """Entries of an array in a message that are a column each; covariances have 36."""
-
-_COVERED = 0.9
-"""Share of the joint states' time that another topic must cover to be read beside them."""
-
 
 Message: TypeAlias = tuple[str, str, int, "Callable[[], Any] | None"]
 """Topic, type, time of recording (ns), and what decodes it (None where it is too large)."""
@@ -225,7 +222,7 @@ def _merged(
     first, last = 0, len(stamps)
     for topic, (times, topic_columns) in tables.items():
         a, b = np.searchsorted(stamps, times[0]), np.searchsorted(stamps, times[-1], side="right")
-        if b - a < max(FEWEST_ROWS, _COVERED * len(stamps)):
+        if b - a < max(FEWEST_ROWS, (1.0 - ROUGHLY) * len(stamps)):
             collector.skip(topic, f"covers {b - a} of the {len(stamps)} times of {main}")
             continue
         first, last = max(first, int(a)), min(last, int(b))

@@ -12,6 +12,7 @@ import numpy as np
 from deltac.arrays import EPS, ROOT_EPS, Array
 from deltac.dynamics.spatial import SX
 from deltac.kernels import Kernel
+from deltac.mechanism.friction import SLIP_WIDTH
 
 MOST_ITERATIONS = 400
 FREE, MOST_HALVED = 8, 40
@@ -25,9 +26,6 @@ SLOW = 0.01
 
 ROUNDING = ROOT_EPS
 """Updates below this (relative) that will not shrink any more are rounding of stiff forces."""
-
-LEAST_SPEED = 1e-3
-"""Speeds (m/s or rad/s) below this are not resolved to more than `TOLERANCE` of it."""
 
 SPARSE = 48
 """Unknowns from which on a sparse factorisation pays."""
@@ -84,7 +82,7 @@ class Newton:
         if not self._size:  # every joint is prescribed
             return NewtonOutcome(start, True, 0, start)
         self._in[self._size :] = data
-        y, step, size, scale = start.copy(), np.zeros_like(start), np.inf, LEAST_SPEED
+        y, step, size, scale = start.copy(), np.zeros_like(start), np.inf, SLIP_WIDTH
         last, smallest, before = np.inf, np.inf, np.inf
         refresh, exact, halved = False, False, 0
         with np.errstate(all="ignore"):
@@ -124,7 +122,7 @@ class Newton:
                     step = np.zeros_like(y)
                     continue
                 y = y + step
-                scale = max(fastest, float(np.abs(y[: self._speeds]).max()), LEAST_SPEED)
+                scale = max(fastest, float(np.abs(y[: self._speeds]).max()), SLIP_WIDTH)
                 ahead = size * min(rate, 1.0)  # what the next step would be
                 if size <= TOLERANCE * scale or (k > 2 and ahead <= TOLERANCE * scale):
                     return NewtonOutcome(y, True, k, r)

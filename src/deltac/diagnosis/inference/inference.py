@@ -380,7 +380,10 @@ def _at_causes(point: Point, found: Posterior, turns: int = 0) -> Comparison | N
             if not there.best.chosen:
                 return None
             moved = compared(point, there)
-            if before.settled(moved.posterior.best):
+            best = moved.posterior.best
+            if len(best.each) < len(best.chosen):  # they are not told apart here
+                return None
+            if before.settled(best):
                 break
             point = moved.point
     except (FlowError, np.linalg.LinAlgError):
@@ -406,9 +409,10 @@ def _built(comparison: Comparison) -> list[Comparison]:
         and fit.chosen[0].plausible(fit.theta[0])
     ]
     likely.sort(key=lambda fit: (fit.chosen[0].size, block.misfit(fit.coefficients)))
+    alone = replace(point, accelerations=None)  # whose posterior is of all causes
     cost = len(point.log.intervals) * sum(kernels.cost for kernels in point.kernels)
     rivals = int(np.clip(RIVALS * REBUILT / cost, 2, RIVALS))
-    built = (_at_causes(point, Posterior(fit, (), ()), 1) for fit in likely[:rivals])
+    built = (_at_causes(alone, Posterior(fit, (), ()), 1) for fit in likely[:rivals])
     once = [one for one in built if one is not None]
     once = [one for one in once if one.posterior.best.chosen and not _has_simpler(one, once)]
     once.sort(key=_left)

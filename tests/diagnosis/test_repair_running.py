@@ -129,7 +129,7 @@ def test_of_a_function_without_a_text_the_wrong_term_is_named(tmp_path: Path) ->
     )
     target = f"{library}:rhs"
     found = dc.repair_equations(SPRING, target, function=load_equations(target), coordinates=POLAR)
-    assert found.exit_code == 1 and not found.fixes and found.unread
+    assert found.exit_code == 1 and not found.fixes and "librhs.so:rhs" in found.unread
     assert found.equations == ("a",)
     assert len(found.terms) == 1 and "gravity" in found.terms[0]
     assert "wrong sign" in found.terms[0]

@@ -25,6 +25,7 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {name: (name, {}) for name in pro
     "ball-on-rising-table, the table a body": ("ball-on-rising-table", {"table": "body"}),
     "disc-on-moving-plane, upright": ("disc-on-moving-plane", {"lean": 0.0}),
     "bicycle, tipped over hard": ("bicycle", {"speed": 4.6, "nudge": 0.5}),
+    "bouncing-ball, from 3 m": ("bouncing-ball", {"height": 3.0}),
     "ball-on-compliant-floor, Hertz": ("ball-on-compliant-floor", {"exponent": 1.5}),
 }
 

@@ -16,17 +16,18 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.problems.problem import G, Measure, Problem, Reference
 from deltac.trajectories import Trajectory
 
-HEIGHT = 1.0
 BOUNCES = (1, 5, 10)
 
 
-def problem(restitution: float = 0.8) -> Problem:
-    """A ball of 1 kg dropped from 1 m, until shortly before its bounces come to an end.
+def problem(restitution: float = 0.8, height: float = 1.0) -> Problem:
+    """A ball of 1 kg dropped from a `height` (m), until shortly before its bounces come to an end.
 
     `restitution` e lies between 0.1 and 0.95.
     """
     if not (isinstance(restitution, int | float) and 0.1 <= restitution <= 0.95):
         raise InputError(f"restitution is {restitution!r}, expected a number from 0.1 to 0.95")
+    if not (isinstance(height, int | float) and 0.1 <= height <= 100.0):
+        raise InputError(f"height is {height!r}, expected a number from 0.1 to 100 (m)")
     e = float(restitution)
     mechanism = Mechanism(
         bodies=[point_mass("ball", "m")],
@@ -39,7 +40,7 @@ def problem(restitution: float = 0.8) -> Problem:
         ],
         name="bouncing ball",
     )
-    fall = math.sqrt(2.0 * HEIGHT / G)
+    fall = math.sqrt(2.0 * height / G)
     rest = fall * (1.0 + e) / (1.0 - e)
     step = 0.01
     # Bounce k begins at fall (1 + 2 e + … + 2 e^(k−1)); the run is to hold as many as it can.
@@ -50,10 +51,10 @@ def problem(restitution: float = 0.8) -> Problem:
     for k in bounces:
         reference += [
             _exact(f"time of impact {k}", begins[k - 1], "s", _impact(k, "t")),
-            _exact(f"height of bounce {k}", HEIGHT * e ** (2 * k), "m", _height(k)),
+            _exact(f"height of bounce {k}", height * e ** (2 * k), "m", _height(k)),
             _exact(
                 f"loss of impact {k}",
-                (1.0 - e**2) * G * HEIGHT * e ** (2 * (k - 1)),
+                (1.0 - e**2) * G * height * e ** (2 * (k - 1)),
                 "J",
                 _impact(k, "energy_lost"),
             ),
@@ -62,7 +63,7 @@ def problem(restitution: float = 0.8) -> Problem:
         name="bouncing-ball",
         title="Bouncing ball",
         mechanism=mechanism,
-        state=mechanism.state({"height": HEIGHT}),
+        state=mechanism.state({"height": height}),
         duration=duration,
         step=step,
         solver="ode5",

@@ -146,7 +146,7 @@ def repair_equations(
         why = f"{name} is written in momenta ∂K/∂u"
         return _by_running(name, caller, target, start, time_limit, why)
     failures: list[InputError] = []
-    for read_text in _sources(name, live):
+    for read_text in _sources("" if function is None else name, live):
         try:
             source = read_text()
             _as_run(source, live.rhs, target)
@@ -169,11 +169,11 @@ def _caller(name: str, equations: Equations, target: Target) -> Caller:
 
 
 def _sources(text: str, equations: Equations) -> Iterator[Callable[[], Source]]:
-    """How to read a function that has been loaded: from its file, then as what it is."""
+    """How to read a function that has been loaded: by the text that names it, then as what it is."""
     function, declared = equations.rhs, (equations.form, equations.order)
     python = innermost(function)
     outside = {} if python is None else dict(python.__globals__)
-    first = partial_in(function) or (text if ".py:" in text else function)
+    first = partial_in(function) or text or function
     yield lambda: replace(read_source(first), declared=declared, outside=outside)
     if python is not None:
         yield lambda: replace(read_source(function), declared=declared)

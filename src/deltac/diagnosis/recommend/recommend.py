@@ -264,11 +264,11 @@ class SolverCandidate:
         if not self.trials:
             return settings[0]
         fails, passes = self._bracket()
-        tried = passes if passes < len(settings) else fails
-        excess, setting = self._excess(tried), settings[tried]
+        nearest = passes if passes < len(settings) else fails
+        excess, setting = self._excess(nearest), settings[nearest]
         if math.isinf(excess):
             return setting / REFINEMENT
-        if self._resolved(tried):
+        if self._resolved(nearest):
             return setting / float(max(excess, EPS) ** (1.0 / self.order))
         # Coarser than anything that has an order: the error has still to fall from `ROUGHLY`.
         rest = 1.0 if first else float((ROUGHLY / min(self.tolerances)) ** (1.0 / self.order))
@@ -350,8 +350,8 @@ class Search:
     def _at_hand(self) -> SolverCandidate | None:
         """The cheapest of those that a trial has found to keep the tolerances, verified."""
         self._deadline.lift()
-        while ready := [c for c in self._alive if c.passing in c.trials]:
-            best = min(ready, key=lambda c: c.times[c.passing])
+        while passing := [c for c in self._alive if c.passing in c.trials]:
+            best = min(passing, key=lambda c: c.times[c.passing])
             if best.trials[best.passing].verified:
                 return best
             self._verify(best, best.passing)
@@ -467,8 +467,8 @@ class Search:
 
     def prospects(self, best: SolverCandidate | None) -> tuple[Prospect, ...]:
         """What was expected of every solver in the end, the cheapest first, the best before all."""
-        tried = [c for c in self._alive if c.trials and c.goal < len(c.family.settings)]
-        rows = {id(c): c.prospect(c.goal, self._overhead) for c in tried if not c.given_up}
+        candidates = [c for c in self._alive if c.trials and c.goal < len(c.family.settings)]
+        rows = {id(c): c.prospect(c.goal, self._overhead) for c in candidates if not c.given_up}
         ranked = sorted(rows, key=lambda key: (key != id(best), rows[key].seconds))
         return tuple(rows[key] for key in ranked)
 

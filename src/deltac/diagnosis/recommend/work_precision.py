@@ -299,10 +299,10 @@ class Trials:
             if not self._motion_matters:
                 continue
             try:
-                found, spans = self._error(piece, run, spans)
+                error, spans = self._error(piece, run, spans)
             except _Stopped as stopped:
                 return _failure(family, trial.setting, f"at much smaller steps: {stopped}")
-            motion = max(motion, found)
+            motion = max(motion, error)
         self.reference_energy = reference_energy
         return replace(trial, energy=energy, motion=motion[0], doubt=motion[1], verified=True)
 
@@ -319,25 +319,25 @@ class Trials:
 
         @cache
         def finer(divisor: float) -> Rows:
-            made = _completed(partial(piece.finer, divisor))
-            if isinstance(made, str):
-                raise _Stopped(made)
-            return made
+            other = _completed(partial(piece.finer, divisor))
+            if isinstance(other, str):
+                raise _Stopped(other)
+            return other
 
         check, divisors = piece.divisors[0], piece.divisors[1:] or piece.divisors
         first = divisors[min(1, len(divisors) - 1)]
         spans = self._spans(finer(first)) if spans is None else spans
-        apart = partial(distance, self.mechanism, spans=spans)
-        error = doubt = apart(run, finer(first))
+        difference = partial(distance, self.mechanism, spans=spans)
+        error = doubt = difference(run, finer(first))
         if first != check:
-            rest = apart(finer(check), finer(first))
+            rest = difference(finer(check), finer(first))
             gain = first ** order_of((1.0, 1.0 / check, 1.0 / first), error - rest, rest)
             if gain >= piece.gain**ORDERLY:
                 doubt = error / (min(gain, piece.gain) - 1.0)
         for coarser, finest in itertools.pairwise(divisors):
             if doubt <= NEGLIGIBLE * max(error, self._tolerance):
                 break
-            error, doubt = apart(run, finer(finest)), apart(finer(coarser), finer(finest))
+            error, doubt = difference(run, finer(finest)), difference(finer(coarser), finer(finest))
         return (error + doubt, doubt), spans
 
     def seconds(self, family: Family, setting: float) -> float:
@@ -361,8 +361,8 @@ class Trials:
     def _run(self, family: Family, setting: float, *, judged: bool) -> _Run | str:
         """A run, made once; again if it is `judged` by its energies, of which it had none."""
         key = (family.name, setting)
-        kept = self._runs.get(key)
-        if kept is None or (judged and isinstance(kept, _Run) and kept.energies is None):
+        cached = self._runs.get(key)
+        if cached is None or (judged and isinstance(cached, _Run) and cached.energies is None):
             self._runs[key] = self._made(family, setting, judged=judged)
         return self._runs[key]
 

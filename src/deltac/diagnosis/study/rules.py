@@ -128,9 +128,9 @@ def _limits(m: StudyMeasures) -> tuple[str, ...]:
 # --- words ----------------------------------------------------------------------------------------
 
 
-def at_step(m: StudyMeasures, k: int = -1) -> str:
-    """How a step is named: "h = 0.001", or "tolerance 1e-08"."""
-    return f"h = {m.steps[k]:g} s" if m.unit else f"tolerance {m.steps[k]:g}"
+def at_step(m: StudyMeasures) -> str:
+    """How the finest step is named: "h = 0.001 s", or "tolerance 1e-08"."""
+    return f"h = {m.steps[-1]:g} s" if m.unit else f"tolerance {m.steps[-1]:g}"
 
 
 def _amount(m: StudyMeasures) -> str:

@@ -75,11 +75,9 @@ _HELD: Mapping[int, Callable[[_Sides, SX, SX], SX]] = {
 """What takes the place of an operation whose branches are held."""
 
 
-def _locked(
-    inputs: Sequence[SX], outputs: Sequence[SX], variables: SX, sides: _Sides | None = None
-) -> tuple[list[SX], _Sides]:
+def _locked(inputs: Sequence[SX], outputs: Sequence[SX], variables: SX) -> tuple[list[SX], _Sides]:
     """The outputs with their branches held; those that depend on `variables`."""
-    sides = sides or _Sides()
+    sides = _Sides()
     f = ca.Function("f", list(inputs), [ca.densify(o) for o in outputs], {"cse": True})
     work: dict[int, SX] = {}
     elements = [ca.SX(column).elements() for column in inputs]

@@ -51,7 +51,7 @@ def log() -> dc.Trajectory:
         rows.append(x + STEP / 6 * (k + 2 * l + 2 * m + n))
     a, b, v, w = np.array(rows).T
     names = ("shoulder", "elbow")
-    t = STEP * np.arange(len(a))
+    t = np.arange(len(a), dtype=np.float64) * STEP
     q, u = np.stack([a, b - a], axis=1), np.stack([v, w - v], axis=1)
     return dc.Trajectory(t=t, q=q, u=u, coordinates=names, speeds=names)
 

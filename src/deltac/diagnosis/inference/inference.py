@@ -14,6 +14,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.progress import TimeLimit
+from deltac.diagnosis.causes.causes import alike
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.causes.geometry import geometry_columns
 from deltac.diagnosis.inference.attribution import (
@@ -28,7 +29,15 @@ from deltac.diagnosis.inference.attribution import (
     unseen_joules,
 )
 from deltac.diagnosis.inference.comparison import Comparison, compared
-from deltac.diagnosis.inference.hypotheses import CERTAIN, EQUAL, Fit, Posterior, fitted, nothing
+from deltac.diagnosis.inference.hypotheses import (
+    CERTAIN,
+    EQUAL,
+    Fit,
+    Posterior,
+    fitted,
+    nothing,
+    refitted,
+)
 from deltac.diagnosis.inference.interpolation import (
     WITHIN_A_ROW,
     closed_by_other_forces,
@@ -309,6 +318,8 @@ def _relinearised(comparison: Comparison) -> Comparison:
     Causes of the geometry are built into the model. To first order one may look like another: each that does
     is built, and others are asked for beside the likeliest.
     """
+    if all(c.kind in OF_THE_LOG for c in comparison.posterior.best.chosen):
+        return _at_causes(comparison.point, comparison.posterior) or comparison
     built = _built(comparison)
     single = [one.posterior.best.chosen[0].name for one in built]
     if [c.name for c in comparison.posterior.best.chosen] not in [[name] for name in single]:
@@ -326,6 +337,16 @@ def _relinearised(comparison: Comparison) -> Comparison:
         for one in sorted(equal, key=_rank)[::-1]
     }
     first, *others = sorted(simplest.values(), key=_rank)
+    # Zeros of the log do what turns of bodies do, and are not built.
+    block, scores = comparison.blocks[0], comparison.posterior.scores
+    zeros = [fitted(comparison.blocks, [c]) for _, c, _ in scores if c.kind == "zero-offset"]
+    turns = alike(comparison.point.candidates, first.posterior.best.chosen)
+    turned = [fitted(comparison.blocks, [c]) for c in turns if c is not None]
+    left = max((block.misfit(fit.coefficients) for fit in turned if fit), default=0.0)
+    for zero in zeros if len(turned) == 1 else ():
+        if zero is not None and block.misfit(zero.coefficients) <= left:
+            own = refitted(comparison.blocks, Posterior(zero, (), scores), ())
+            return replace(comparison, posterior=own)
     return _beside(first, [one for one in others if len(one.posterior.best.chosen) == 1])
 
 

@@ -165,3 +165,18 @@ def test_the_comparison_of_a_scheme_is_that_of_splines(
         assert own.ratio == 1.0 and other.ratio == pytest.approx(1.0, abs=1e-8)
         assert own.instant == other.instant and not own.scaled and not other.scaled
         assert own.off < HALF_DIGITS and not other.outliers.any()
+
+
+@pytest.mark.parametrize("braked", [0.04, 0.2, 0.5])
+@pytest.mark.parametrize("gear", [1.0, 2.0])
+def test_a_speed_that_decays_evenly_does_not_show_a_small_factor(
+    braked: float, gear: float
+) -> None:
+    """A slide behind a damper by the classical method: a factor or a delay would do the same to its rows."""
+    h, z = 0.01, braked
+    u = (1 - z + z**2 / 2 - z**3 / 6 + z**4 / 24) ** np.arange(80)
+    q = gear * np.append(0.0, np.cumsum(h * u[:-1] * (1 - z / 2 + z**2 / 6 - z**3 / 24)))
+    t, bar = h * np.arange(80), np.full((79, 1), 1e-16)
+    (found,) = kinematics.compare(t, np.diff(q)[:, None], u[:, None], bar, [(0, 80)])
+    assert found is not None
+    assert found.scaled == (gear != 1.0)

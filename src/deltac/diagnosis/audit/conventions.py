@@ -179,7 +179,8 @@ def _closes(other: Inference, inference: Inference) -> bool:
 def _axis(mechanism: Mechanism, run: Trajectory, inference: Inference) -> Finding | None:
     """A joint that turns or slides along another axis of its frame than in the model."""
     single = [j for j in mechanism.joints if len(j.axes) == 1]
-    if not single or len(single) > MANY:
+    built = any(c.edit is not None for c in inference.posterior.best.chosen)
+    if not single or len(single) > MANY or (built and inference.closes):
         return None
     part = _some(run)
     was = _left(Model(mechanism, part), part, inference)

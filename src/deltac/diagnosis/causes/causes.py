@@ -8,17 +8,24 @@ moments of inertia about the joint by squares, and a delay has f(t − τ) = f �
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import Any, Literal
 
-import casadi as ca
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.causes.columns import STOPS, UNIT_MOMENTS, Column, LogEquations, What, stops
-from deltac.diagnosis.causes.geometry import Number, displacements, geometry_numbers
-from deltac.dynamics.system import Link
+from deltac.diagnosis.causes.edits import (
+    Displaced,
+    Edit,
+    Renumbered,
+    Reparametrised,
+    Stretched,
+    bar_of,
+)
+from deltac.diagnosis.causes.geometry import Number, geometry_numbers
+from deltac.diagnosis.causes.masses import BodyMass, six, steiner
 from deltac.mechanism.constraints import perpendiculars
 from deltac.mechanism.coordinates import Entry
 from deltac.mechanism.forces import JointDamper, JointSpring
@@ -288,6 +295,7 @@ class Candidate:
     sign            what its numbers must be, as of its `Kind`
     origin          "logged" or "computed" for channels; the kind of joint for what acts in joints
     limit           of |θ|
+    edit            builds the mechanism with its numbers, for causes of the geometry
     touching        least and largest value of a coordinate, where θ is a stiffness with its force at zero,
                     which only pushes between them
     stop            a coordinate's place, and the two values of it between which a stop begins
@@ -305,8 +313,19 @@ class Candidate:
     quadratic: Array | None = None
     origin: str = ""
     limit: float = np.inf
+    edit: Edit | None = None
     touching: tuple[float, float] | None = None
     stop: tuple[int, float, float] | None = None
+
+    @property
+    def name(self) -> tuple[str, str, str, tuple[str, ...]]:
+        """What it is of a mechanism."""
+        return (*self.what, self.names)
+
+    @property
+    def what(self) -> tuple[str, str, str]:
+        """The same, whichever of its numbers are other ones."""
+        return self.kind, self.element, self.origin
 
     @cached_property
     def size(self) -> int:
@@ -452,36 +471,6 @@ def tensor(six: Array) -> Array:
 # --- causes that are a body's: its mass, its mass centre, its central inertia --------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Mass:
-    """Numbers of a body: mass, mass centre and central inertia in the link frame, E: link to body."""
-
-    name: str
-    mass: float
-    centre: Array
-    central: Array
-    E: Array
-
-    @staticmethod
-    def of(link: Link) -> _Mass:
-        """Those of a link."""
-        mass = float(ca.evalf(ca.SX(link.mass)))
-        centre = np.array(ca.evalf(link.centre)).ravel()
-        J = np.array(ca.evalf(ca.densify(ca.SX(link.inertia.J))))
-        central = J - mass * _steiner(centre)
-        E = np.array(ca.evalf(ca.densify(link.to_body.E)))
-        return _Mass(link.joint.child, mass, centre, central, E)
-
-
-def _steiner(c: Array) -> Array:
-    """|c|² 1 − c cᵀ: the moments of inertia of a unit mass at c."""
-    return np.asarray(float(c @ c) * np.eye(3) - np.outer(c, c))
-
-
-def _six(J: Array) -> list[float]:
-    return [float(J[i, j]) for i, j in UNIT_MOMENTS]
-
-
 def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """Masses, moments of inertia and mass centres of each body, and all masses together."""
     system = equations.symbols.system
@@ -490,13 +479,13 @@ def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     for link in system.links:
         if equations.mechanism.body(link.joint.child).massless:
             continue
-        b = _Mass.of(link)
+        b = BodyMass.of(link)
         indices = [k for k in range(10) if Column("inertia", b.name, k) in places.of]
         at = places(*(Column("inertia", b.name, k) for k in indices))
         if not indices:
             continue
-        mass = np.array([b.mass, *(b.mass * b.centre), *_six(b.mass * _steiner(b.centre))])[indices]
-        moments = np.array([0.0] * 4 + _six(b.central))[indices]
+        mass = np.array([b.mass, *(b.mass * b.centre), *six(b.mass * steiner(b.centre))])[indices]
+        moments = np.array([0.0] * 4 + six(b.central))[indices]
         whole.append((at, mass + moments))
         steady += places(Column("velocity", b.name))
         own = places(Column("gyroscopic", b.name))
@@ -514,7 +503,7 @@ def of_bodies(equations: LogEquations, places: Places) -> Iterator[Candidate]:
         yield from cause("velocity-terms", "all bodies", tuple(steady), ones, 1.0)
 
 
-def _centres(b: _Mass, at: tuple[int, ...], indices: list[int]) -> Iterator[Candidate]:
+def _centres(b: BodyMass, at: tuple[int, ...], indices: list[int]) -> Iterator[Candidate]:
     """The mass centre moved along an axis of the body, or anywhere; in body components."""
     L, Q = np.zeros((10, 3)), np.zeros((10, 3, 3))
     axes = b.E.T  # columns: the body's axes in the link frame
@@ -524,11 +513,11 @@ def _centres(b: _Mass, at: tuple[int, ...], indices: list[int]) -> Iterator[Cand
         turned = (
             2.0 * float(b.centre @ d) * np.eye(3) - np.outer(b.centre, d) - np.outer(d, b.centre)
         )
-        L[4:, k] = _six(b.mass * turned)
+        L[4:, k] = six(b.mass * turned)
         for l in range(3):
             e = axes[:, l]
             both = float(d @ e) * np.eye(3) - 0.5 * (np.outer(d, e) + np.outer(e, d))
-            Q[4:, k, l] = _six(b.mass * both)
+            Q[4:, k, l] = six(b.mass * both)
     L, Q = L[indices], Q[indices]
     gyration = np.sqrt(0.5 * float(np.trace(b.central)) / b.mass) if b.mass else 0.0
     limit = max(3.0 * gyration, float(np.linalg.norm(b.centre)))  # it stays within the body
@@ -542,15 +531,15 @@ def _centres(b: _Mass, at: tuple[int, ...], indices: list[int]) -> Iterator[Cand
             )
 
 
-def _moments(b: _Mass, at: tuple[int, ...], indices: list[int]) -> Iterator[Candidate]:
+def _moments(b: BodyMass, at: tuple[int, ...], indices: list[int]) -> Iterator[Candidate]:
     """Central moments of inertia, in the axes of the body."""
     L = np.zeros((10, 6))
     own = b.E @ b.central @ b.E.T
     for n, (i, j) in enumerate(UNIT_MOMENTS):
         unit = np.zeros((3, 3))
         unit[i, j] = unit[j, i] = 1.0
-        L[4:, n] = _six(b.E.T @ unit @ b.E)
-    L, base, names = L[indices], np.array(_six(own)), ("xx", "yy", "zz", "xy", "xz", "yz")
+        L[4:, n] = six(b.E.T @ unit @ b.E)
+    L, base, names = L[indices], np.array(six(own)), ("xx", "yy", "zz", "xy", "xz", "yz")
     for n in range(3):
         yield from cause("body-moment", b.name, at, L[:, n], base[n], (names[n],))
     yield from cause("body-tensor", b.name, at, L, base, names)
@@ -589,6 +578,55 @@ def candidates(equations: LogEquations, columns: Sequence[Column]) -> tuple[Cand
         causes.extend(part(equations, places))
     # Where columns are missing, since they are zero, several numbers may mean the same as one.
     return tuple(c for c in causes if c.size == 1 or np.linalg.matrix_rank(c.linear) == c.size)
+
+
+def bends(count: int) -> tuple[Column, ...]:
+    """Columns of what is not linear in so many causes that are built into a model."""
+    return tuple(Column("bend", "", k) for k in range(count))
+
+
+def candidates_at(
+    equations: LogEquations,
+    columns: Sequence[Column],
+    own: Sequence[Candidate],
+    built: Sequence[Candidate],
+    theta: Sequence[Array],
+) -> tuple[Candidate, ...]:
+    """All causes at a mechanism into which some of its `own` are built, with the numbers of these.
+
+    What is built counts from the mechanism without it, as do others of that kind there: along one axis, or
+    several. At a share s of it they have the column of its bend s² − 2 s times, see `linearisation.Built`.
+    """
+    places = Places({column: k for k, column in enumerate(columns)})
+    known = {c.what: dict(zip(c.names, x, strict=True)) for c, x in zip(built, theta, strict=True)}
+    place = {c.what: k for k, c in enumerate(built)}
+    bases = {c.name: c.base for c in own}
+    causes = [
+        replace(c, base=bases.get(c.name, c.base))
+        for c in candidates(equations, columns)
+        if c.what not in known
+    ]
+    for c in own:
+        if c.what not in known or c.edit is None:
+            continue
+        at = np.array([known[c.what].get(name, 0.0) for name in c.names])
+        there = edited(equations, places, c.kind, c.element, c.edit, 0.0, c.names, at)
+        bend = places(Column("bend", "", place[c.what]))
+        for one in there:
+            L, Q, some = one.linear, None, one.columns
+            if at.any():
+                share = at / float(at @ at)
+                L, some = np.vstack([L, -2.0 * share]), (*some, *bend)
+                Q = np.zeros((len(some), c.size, c.size))
+                Q[-1] = np.outer(share, share)
+            causes.append(replace(c, columns=some, linear=L, quadratic=Q, limit=np.inf))
+    return tuple(causes)
+
+
+def alike(candidates: Sequence[Candidate], others: Sequence[Candidate]) -> list[Candidate | None]:
+    """Of some candidates those that are the same causes as others, of an equal mechanism."""
+    own = {c.name: c for c in candidates}
+    return [own.get(c.name) for c in others]
 
 
 def _gravity(equations: LogEquations, places: Places) -> Iterator[Candidate]:
@@ -774,59 +812,43 @@ ABOUT_AN_AXIS = ("revolute", "screw", "cylindrical")
 """Joints in which a turn about the axis is another zero of the coordinate."""
 
 
-@dataclass(frozen=True)
-class _Moves:
-    """Displacements of a joint as coefficients of its columns; vectors in axes of bodies.
+def edited(
+    equations: LogEquations,
+    places: Places,
+    kind: str,
+    element: str,
+    edit: Edit,
+    base: float = 0.0,
+    names: tuple[str, ...] = (),
+    theta: Array | None = None,
+    **more: Any,
+) -> Iterator[Candidate]:
+    """A cause that is an edit of the mechanism, at equations that have it with numbers θ, none at first."""
+    theta = np.zeros(max(len(names), 1)) if theta is None else theta
+    weights = {c: w for c, w in edit.weights(equations, theta).items() if c in places.of}
+    if weights:
+        rows = np.array(list(weights.values()))
+        yield from cause(kind, element, places(*weights), rows, base, names, edit=edit, **more)
 
-    `parent` (6, 6) and `child` (6, 6) as of `displacements`; `frame` and `own` turn components in the joint's
-    frame into those of the parent and of the child.
-    """
 
-    joint: Joint
-    parent: Array
-    child: Array
-    frame: Array
-    own: Array
-
-    @staticmethod
-    def of(equations: LogEquations, joint: Joint) -> _Moves:
-        """Those of a joint."""
-        parent, child = displacements(equations.symbols.system, joint)
-        return _Moves(
-            joint, parent, child, np.array(joint.rotation), np.array(joint.child_rotation)
-        )
-
-    @property
-    def axis(self) -> Array | None:
-        """The direction, in the joint's frame, about which a turn is another zero; None if there is none."""
-        return np.array(self.joint.axes[0]) if self.joint.kind in ABOUT_AN_AXIS else None
-
-    def cause(
-        self,
-        places: Places,
-        kind: str,
-        parent: Array | None,
-        child: Array | None,
-        names: Sequence[str],
-        element: str = "",
-        **more: Any,
-    ) -> Iterator[Candidate]:
-        """A cause of each of d displacements (6, d), and of all together."""
-        rows, columns = list[Array](), list[int]()
-        for what, part in (("joint-place", parent), ("body-place", child)):
-            for k in range(6) if part is not None else ():
-                at = places.of.get(Column(what, self.joint.name, k))  # type: ignore[arg-type]
-                if at is not None and part is not None and np.any(np.abs(part[k]) > 1e-12):
-                    columns.append(at)
-                    rows.append(part[k])
-        if not columns:
-            return
-        L = np.where(np.abs(rows) > 1e-12, rows, 0.0)
-        shown = [k for k in range(L.shape[1]) if L[:, k].any()]
-        for group in [*([k] for k in shown), shown] if len(shown) > 1 else [shown]:
-            kind_of_cause = tuple(names[k] for k in group)
-            of = element or self.joint.name
-            yield from cause(kind, of, tuple(columns), L[:, group], names=kind_of_cause, **more)
+def _displaced(
+    equations: LogEquations,
+    places: Places,
+    kind: str,
+    joint: Joint,
+    parent: Array | None,
+    child: Array | None,
+    names: Sequence[str],
+    element: str = "",
+    **more: Any,
+) -> Iterator[Candidate]:
+    """A cause of each of d displacements (6, d) of a joint and of its child, and of all together."""
+    whole, of = Displaced(joint.name, parent, child), element or joint.name
+    rows = [w for c, w in whole.weights(equations, np.zeros(len(names))).items() if c in places.of]
+    shown = [k for k in range(len(names)) if any(row[k] for row in rows)]
+    for group in [[k] for k in shown] + ([shown] if len(shown) > 1 else []):
+        own = tuple(names[k] for k in group)
+        yield from edited(equations, places, kind, of, whole.only(group), names=own, **more)
 
 
 def _directions(axis: Array | None) -> tuple[Array, tuple[str, ...]]:
@@ -844,32 +866,34 @@ def _directions(axis: Array | None) -> tuple[Array, tuple[str, ...]]:
 def _places_of_joints(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     mechanism = equations.mechanism
     carriers = {joint.child: joint for joint in mechanism.joints}
+
+    def shifted(x: Array) -> Array:
+        return np.vstack([x, np.zeros_like(x)])
+
+    def turned(x: Array) -> Array:
+        return np.vstack([np.zeros_like(x), x])
+
     for joint in mechanism.joints:
-        moves = _Moves.of(equations, joint)
-        frame, own, axis = moves.frame, moves.own, moves.axis
-
-        def shifted(x: Array) -> Array:
-            return np.vstack([x, np.zeros_like(x)])
-
-        def turned(x: Array) -> Array:
-            return np.vstack([np.zeros_like(x), x])
-
-        bar = _bar(mechanism, joint)
+        # Turns from the joint's frame into those of the parent and of the child; the direction, in the
+        # joint's frame, about which a turn is another zero.
+        frame, own = np.array(joint.rotation), np.array(joint.child_rotation)
+        axis = np.array(joint.axes[0]) if joint.kind in ABOUT_AN_AXIS else None
+        causes = partial(_displaced, equations, places, joint=joint)
+        bar = bar_of(mechanism, joint)
         length = 0.0 if bar is None else float(np.linalg.norm(bar))
         if bar is not None and length:
             first = carriers[joint.parent]
             start = "its origin" if first.kind == "free" else f"joint `{first.name}`"
-            yield from moves.cause(
-                places, "link-length", moves.parent @ shifted(bar[:, None] / length), None, ["length"],
+            yield from causes(
+                "link-length", parent=shifted(bar[:, None] / length), child=None, names=["length"],
                 element=joint.parent, base=length, origin=f"from {start} to joint `{joint.name}`",
                 limit=MOST_STRETCHED * length,
             )  # fmt: skip
-        for c in moves.cause(
-            places,
+        for c in causes(
             "joint-position",
-            moves.parent @ shifted(np.eye(3)),
-            None,
-            "xyz",
+            parent=shifted(np.eye(3)),
+            child=None,
+            names="xyz",
             origin=_of(joint.parent),
         ):
             along = bar is not None and c.size == 1 and abs(bar["xyz".index(c.names[0])]) == length
@@ -877,39 +901,29 @@ def _places_of_joints(equations: LogEquations, places: Places) -> Iterator[Candi
                 yield c
         across, names = _directions(None if axis is None else own @ axis)
         if joint.kind != "prismatic":
-            yield from moves.cause(
-                places,
-                "body-position",
-                None,
-                moves.child @ shifted(across),
-                names,
-                origin=_of(joint.child),
-            )
+            yield from causes(
+                "body-position", parent=None, child=shifted(across), names=names, origin=_of(joint.child)
+            )  # fmt: skip
         if joint.kind in (*ABOUT_AN_AXIS, "universal", "spherical"):
             pivot, names = _directions(None if axis is None else frame @ axis)
-            yield from moves.cause(
-                places, "joint-pivot", moves.parent @ shifted(pivot),
-                -moves.child @ shifted(own @ frame.T @ pivot), names, origin=_of(joint.parent),
+            yield from causes(
+                "joint-pivot", parent=shifted(pivot), child=-shifted(own @ frame.T @ pivot),
+                names=names, origin=_of(joint.parent),
             )  # fmt: skip
         if joint.kind in (*ABOUT_AN_AXIS, "prismatic"):
             tilts, names = _directions(np.array(joint.axes[0]))
-            yield from moves.cause(
-                places, "joint-axis", moves.parent @ turned(frame @ tilts),
-                -moves.child @ turned(own @ tilts), names, limit=MOST_TURNED,
+            yield from causes(
+                "joint-axis", parent=turned(frame @ tilts), child=-turned(own @ tilts), names=names,
+                limit=MOST_TURNED,
             )  # fmt: skip
         if joint.kind != "free":
             turns, names = _directions(axis)
-            yield from moves.cause(
-                places,
-                "joint-orientation",
-                moves.parent @ turned(frame @ turns),
-                None,
-                names,
-                limit=MOST_TURNED,
-            )
-            yield from moves.cause(
-                places, "body-orientation", None, moves.child @ turned(own @ turns), names, limit=MOST_TURNED,
-                origin=_of(joint.child),
+            yield from causes(
+                "joint-orientation", parent=turned(frame @ turns), child=None, names=names, limit=MOST_TURNED
+            )  # fmt: skip
+            yield from causes(
+                "body-orientation", parent=None, child=turned(own @ turns), names=names,
+                limit=MOST_TURNED, origin=_of(joint.child),
             )  # fmt: skip
 
 
@@ -917,44 +931,12 @@ def _of(body: str) -> str:
     return "the ground" if body == GROUND else f"`{body}`"
 
 
-def _bar(mechanism: Mechanism, joint: Joint) -> Array | None:
-    """From the joint that carries a joint's parent to it, along the parent's axes; None on the ground."""
-    carrier = next((j for j in mechanism.joints if j.child == joint.parent), None)
-    if carrier is None:
-        return None
-    ends = ([mechanism.number(x) for x in p] for p in (carrier.child_position, joint.position))
-    start, end = map(np.array, ends)
-    return np.asarray(end - start)
-
-
 def _sizes(equations: LogEquations, places: Places) -> Iterator[Candidate]:
     """Each body stretched about its joint: with the joints on it, its mass centre and moments of inertia."""
-    mechanism, system = equations.mechanism, equations.symbols.system
-    for link in system.links:
+    for link in equations.symbols.system.links:
         name = link.joint.child
-        if mechanism.body(name).massless or link.joint.kind == "free":
-            continue
-        b = _Mass.of(link)
-        about = np.array(_six(b.central + b.mass * _steiner(b.centre)))
-        weights = {
-            Column("inertia", name, 1 + k): (float(x), 0.0) for k, x in enumerate(b.mass * b.centre)
-        }
-        weights |= {Column("inertia", name, 4 + k): (2.0 * x, x) for k, x in enumerate(about)}
-        for joint in mechanism.children[name]:
-            bar = _bar(mechanism, joint)
-            moved = displacements(system, joint)[0][:, :3] @ np.array(bar)
-            weights |= {Column("joint-place", joint.name, k): (x, 0.0) for k, x in enumerate(moved)}
-        some = [c for c, pair in weights.items() if c in places.of and any(pair)]
-        L, Q = np.array([weights[c] for c in some]).reshape(-1, 2).T
-        yield from cause(
-            "body-size",
-            name,
-            places(*some),
-            L,
-            1.0,
-            quadratic=Q.reshape(-1, 1, 1),
-            limit=MOST_STRETCHED,
-        )
+        if not equations.mechanism.body(name).massless and link.joint.kind != "free":
+            yield from edited(equations, places, "body-size", name, Stretched(name), 1.0)
 
 
 def _numbers(equations: LogEquations, places: Places) -> Iterator[Candidate]:
@@ -968,14 +950,16 @@ def _numbers(equations: LogEquations, places: Places) -> Iterator[Candidate]:
             points.setdefault(n.address.removesuffix(f".{n.axis}"), []).append(n)
             continue
         limit = MOST_STRETCHED * n.value if n.kind in ("element-length", "contact-size") else np.inf
-        at = places(Column("number", n.address))
-        yield from cause(n.kind, n.part, at, [1.0], n.value, limit=limit, origin=n.what)
+        own = Renumbered((n.address,))
+        yield from edited(
+            equations, places, n.kind, n.part, own, n.value, limit=limit, origin=n.what
+        )
     for numbers in points.values():
         for some in [*([n] for n in numbers), numbers] if len(numbers) > 1 else [numbers]:
-            at = places(*(Column("number", n.address) for n in some))
+            own = Renumbered(tuple(n.address for n in some))
             first, axes = some[0], tuple(n.axis for n in some)
-            yield from cause(
-                first.kind, first.part, at, np.eye(len(some)), names=axes, origin=first.what
+            yield from edited(
+                equations, places, first.kind, first.part, own, names=axes, origin=first.what
             )
     for name, value in mechanism.parameters.items():
-        yield from cause("parameter", name, places(Column("parameter", name)), [1.0], value)
+        yield from edited(equations, places, "parameter", name, Reparametrised(name), value)

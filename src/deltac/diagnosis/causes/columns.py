@@ -28,6 +28,7 @@ What = Literal[
     "inertia", "velocity", "gyroscopic", "weight", "gravity", "damper", "friction", "drag",
     "spring", "stop", "constant", "armature", "channel", "delay", "law", "offset", "drag of a body",
     "force", "moment", "body-force", "body-moment", "joint-place", "body-place", "number", "parameter",
+    "bend",
 ]  # fmt: skip
 
 
@@ -56,6 +57,7 @@ class Column:
     body-place   joint; the same of the child on its joint, in its own link frame
     number       address of a number of an element's geometry
     parameter    name of a parameter of the mechanism
+    bend         what is not linear in a cause that is built into the mechanism, in their order
     """
 
     what: What

@@ -15,7 +15,7 @@ kept as symbols and differentiated directly.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
@@ -413,8 +413,9 @@ class _Opened:
         return value
 
     def _number(self, part: Part, at: str, value: Any, **more: str) -> Any:
-        if not isinstance(value, float):
-            return value
+        return self._replaced(part, at, value, **more) if isinstance(value, float) else value
+
+    def _replaced(self, part: Part, at: str, value: float, **more: str) -> Any:
         symbol = ca.SX.sym(at)
         self.numbers.append(Number(at, part=part.where, value=value, symbol=symbol, **more))
         return Varied.of(value, symbol)
@@ -468,13 +469,45 @@ class _Opened:
         law = law.expression if isinstance(law, Polynomial) else law
         if not isinstance(law, sympy.Basic):
             return law
-        names = {}
-        for k, entry in enumerate(sorted(law.atoms(sympy.Float), key=lambda x: (abs(x), x))):
-            name, size = f"{at}.{k}", abs(float(entry))  # q1 − 1.7 q2 has the number 1.7
-            opened = self._number(part, name, size, kind="law-number", what=what)
-            self.values[name] = opened.symbol
-            names[entry] = sympy.Symbol(name, real=True) * (1 if entry > 0 else -1)
-        return law.xreplace(names)
+        numbers = sorted(law.atoms(sympy.Float), key=lambda x: (abs(x), x))
+        changes = {}
+        for k, entry in enumerate(numbers):  # q1 − 1.7 q2 has the number 1.7
+            size = self._in_law(part, f"{at}.{k}", abs(float(entry)), what)
+            changes[entry] = size * (1 if entry > 0 else -1)
+        return law.xreplace(changes)
+
+    def _in_law(self, part: Part, name: str, size: float, what: str) -> Any:
+        import sympy
+
+        opened = self._number(part, name, size, kind="law-number", what=what)
+        self.values[name] = opened.symbol
+        return sympy.Symbol(name, real=True)
+
+
+class _Changed(_Opened):
+    """Copies of parts in which some of these numbers are larger."""
+
+    def __init__(self, by: Mapping[str, float]) -> None:
+        super().__init__()
+        self.by = by
+
+    def _replaced(self, part: Part, at: str, value: float, **more: str) -> Any:
+        return value + self.by.get(at, 0.0)
+
+    def _in_law(self, part: Part, name: str, size: float, what: str) -> Any:
+        import sympy
+
+        return sympy.Float(size + self.by.get(name, 0.0))
+
+
+def with_numbers(mechanism: Mechanism, by: Mapping[str, float]) -> Mechanism:
+    """The mechanism with some numbers of the geometry of its elements and constraints larger, by address."""
+    changed = _Changed(by)
+    return replace(
+        mechanism,
+        forces=[changed.part(e, "force") for e in mechanism.forces],
+        constraints=[changed.part(c, "constraint") for c in mechanism.constraints],
+    )
 
 
 def geometry_numbers(mechanism: Mechanism) -> tuple[tuple[Number, ...], Mechanism, dict[str, SX]]:

@@ -74,12 +74,13 @@ def explanation_of(
     )
     if not by_causes:
         return explanation
+    built = any(c.edit is not None for c in posterior.best.chosen)
     return replace(
         explanation,
         causes=causes_of(inference, posterior.best),
         explained=_explained(posterior.best, block.projected.left),
         alternatives=tuple(causes_of(inference, fit) for fit in posterior.alternatives),
-        separating=advice(run, inference) if posterior.alternatives else "",
+        separating="" if built or not posterior.alternatives else advice(run, inference),
     )
 
 

@@ -225,8 +225,10 @@ def _at_promising(comparison: Comparison) -> Comparison:
         causes = searched(moved.at, block).best
         if not causes.chosen or block.misfit(causes.coefficients) > SOME * block.start:
             break
+        if any(c.edit is not None for c in causes.chosen):
+            break  # of those that look alike each is built, in `inference`
         try:
-            moved = _compared(moved.point.with_causes(causes.coefficients), None)
+            moved = _compared(moved.point.with_causes(causes), None)
         except (FlowError, np.linalg.LinAlgError):
             break
         # What was fitted to rounding tells nothing of causes but where it is linearised at them.

@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import NEGLIGIBLE, ROUNDED, SAME, SMALL_SHARE, Array
+from deltac.arrays import NEGLIGIBLE, SAME, SMALL_SHARE, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.inference.whitening import RIDGE
 
@@ -31,9 +31,9 @@ equal."""
 LAGS = 200
 """Rows over which correlations are summed at most; to where they fall below `NEGLIGIBLE`."""
 
-ITERATIONS = 6
-"""Gauss–Newton steps of causes with squares of their numbers, and of the noise of several blocks."""
-
+ITERATIONS, HALVINGS = 12, 4
+"""Gauss–Newton steps of causes with squares of their numbers, and of the noise of several blocks; and how
+often one is halved that leaves more than before."""
 
 UNIFORM = 0.5
 """Least variance of the last digits of a log, in units of that of uniform ones: what is below is fitted."""
@@ -317,6 +317,15 @@ class Fit:
         deviation = np.sqrt(np.einsum("ij,jk,ik->i", self.tangent, self.covariance, self.tangent))
         return bool(np.all(gap <= SIGNIFICANT * deviation + SAME * np.abs(other.coefficients)))
 
+    def settled(self, other: Fit) -> bool:
+        """Whether another set has the same causes, whose numbers are the same beside their errors."""
+        if [c.name for c in self.chosen] != [c.name for c in other.chosen]:
+            return False
+        numbers = [np.concatenate(fit.theta) for fit in (self, other)]
+        error = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        allowed = STILL * error + SAME * np.abs(numbers[1])
+        return bool(np.all(np.abs(numbers[0] - numbers[1]) <= allowed))
+
     def deviation(self, place: int) -> Array:
         """Standard errors of the numbers of a cause."""
         start = sum(c.size for c in self.chosen[:place])
@@ -373,6 +382,15 @@ class _Together:
             result[at] += factor * c.coefficients(theta)
         return result
 
+    def bent(self, number: int) -> Array:
+        """What the square of a number adds to these."""
+        result = np.zeros(len(self.own))
+        for c, at, of in zip(self.chosen, self.rows, self.numbers):
+            if c.quadratic is not None and of.start <= number < of.stop:
+                k = number - of.start
+                np.add.at(result, at, c.quadratic[:, k, k])
+        return result
+
     def tangent(self, x: Array) -> Array:
         """Derivatives (columns, numbers) of these."""
         if self._fixed is not None:
@@ -395,7 +413,7 @@ def fitted(
     for of, theta in zip(causes.numbers, start):
         x[of] = theta
     raw = [b.gram[0][(at := b.causes[own])[:, None], at] for b in blocks]
-    left = [b.projected.A[own[:, None], own] for b in blocks]
+    left_of = [b.projected.A[own[:, None], own] for b in blocks]
     variance = [b.start / b.count for b in blocks]
 
     def coefficients(x: Array) -> Array:
@@ -409,7 +427,7 @@ def fitted(
         if not np.all(squares > 0.0):
             return None
         d = _inverse_sizes(squares)
-        X = np.asarray(sum(T.T @ A @ T / s for A, s in zip(left, variance)))
+        X = np.asarray(sum(T.T @ A @ T / s for A, s in zip(left_of, variance)))
         values, vectors = np.linalg.eigh(d[:, None] * X * d)
         if not values[0] >= SAME:
             return None
@@ -423,17 +441,32 @@ def fitted(
         if (now := inverted(T)) is None:
             return None
         inverse = now
-        y = sum(T.T @ b.projected.slope(every, own) / s for b, s in zip(blocks, variance))
-        step = inverse @ y
+        slopes = [T.T @ b.projected.slope(every, own) for b in blocks]
+        step = inverse @ sum(y / s for y, s in zip(slopes, variance))
+        for _ in range(0 if causes.linear else HALVINGS):
+            there = coefficients(x + step)
+            left = sum(b.projected.left(there) / s for b, s in zip(blocks, variance))
+            if left <= sum(b.projected.left(every) / s for b, s in zip(blocks, variance)):
+                break
+            step = 0.5 * step
         x = x + step
         every, before = coefficients(x), variance
         variance = [b.misfit(every) / b.count for b in blocks]
-        if np.all(np.abs(step) <= ROUNDED * np.abs(x)):
+        gain = sum(float(y @ step) / s for y, s in zip(slopes, variance))
+        if not once and gain < STILL**2:  # of the sum of squares, in units of the noise
             break
     T = causes.tangent(x)
     covariance = inverse * (variance[0] / before[0]) if once else inverted(T)
     if covariance is None:
         return None
+    if not causes.linear:
+        # Of t x + q x² = 1, where q is what the squares of a number add: t alone may be none.
+        shares = np.ones(causes.size)
+        for k, b in enumerate(np.diag(covariance)):
+            bent = causes.bent(k)
+            q = sum(float(bent @ A @ bent) / s for A, s in zip(left_of, variance))
+            shares[k] = 2.0 / (1.0 + np.sqrt(1.0 + 4.0 * b * np.sqrt(max(q, 0.0))))
+        covariance = shares[:, None] * covariance * shares
     along = np.zeros((P, causes.size))
     along[own] = T
     factors = tuple(causes.factors(x))
@@ -477,6 +510,9 @@ EQUAL = float(np.log(100.0))
 
 SIGNIFICANT = 4.0
 """Standard errors beyond which a number is another one."""
+
+STILL = 0.1
+"""Share of a standard error within which a number stays what it is where causes are linearised anew."""
 
 SHORTLIST = 12
 """Causes of which the correlation of what they leave is looked at."""
@@ -665,7 +701,7 @@ def refitted(
             and (simple in likely or set(simple.columns) <= set(c.columns))
             and not any(simple is x or simple.excludes(x) or x.excludes(simple) for x in rest[0])
         ]
-    fits = [fit for fit in (fitted(blocks, *some) for some in sets) if fit is not None]
+    fits = [fit for fit in (fitted(blocks, *some) for some in sets if some[0]) if fit is not None]
     fits = [f for f in fits if all(c.plausible(x) for c, x in zip(f.chosen, f.theta))]
     if not fits:
         return before

@@ -7,12 +7,14 @@ matrix.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from deltac.arrays import Array
 from deltac.calls.progress import TimeLimit
+from deltac.diagnosis.causes.causes import alike
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
 from deltac.diagnosis.causes.geometry import geometry_columns
 from deltac.diagnosis.inference.attribution import (
@@ -27,7 +29,16 @@ from deltac.diagnosis.inference.attribution import (
     unseen_joules,
 )
 from deltac.diagnosis.inference.comparison import Comparison, compared
-from deltac.diagnosis.inference.hypotheses import Fit, Posterior, fitted, nothing, steadfast
+from deltac.diagnosis.inference.hypotheses import (
+    CERTAIN,
+    EQUAL,
+    Fit,
+    Posterior,
+    fitted,
+    nothing,
+    refitted,
+    steadfast,
+)
 from deltac.diagnosis.inference.interpolation import (
     WITHIN_A_ROW,
     closed_by_other_forces,
@@ -68,6 +79,23 @@ force makes: a smooth one makes none, what is of each on its own is one."""
 
 NARROW = 0.3
 """Least deviation of a filter of forces, steps."""
+
+
+RIVALS, MOST_LEFT, NEAR = 8, 0.1, 4
+"""Causes that are linearised at themselves, one at a time, at most; the share of what there is that they may
+leave to first order; and how many of these, those that leave least, are built until their numbers settle."""
+
+REBUILT = 1e7
+"""Instructions of all columns of all rows up to which so many are: of large models and long logs fewer."""
+
+ALIKE = 1.0
+"""Logarithm of the ratio of what two of them leave, built once, of which one leaves nothing in the end."""
+
+BUILDS = 16
+"""Times at most that one of them is built: by half of its number each, where the first order is none."""
+
+SLACK = 4.0
+"""Ratio to what digits leave of a sum of squares that is nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,14 +298,18 @@ def _with_causes(
         ):
             # Only then is it asked for places and axes: their columns are as many again.
             geometry = geometry_columns(equations)
-            comparison = likeliest(comparison.point.with_candidates(equations, geometry))
+            found = comparison.point
+            if found.forces.filter is not None:  # beside other causes forces look filtered
+                found = point.with_candidates(equations, kernels)
+            comparison = likeliest(found.with_candidates(equations, geometry))
             result = inferred(comparison)
         chosen = comparison.posterior.best.chosen
         if chosen and not passed("causes linearised at themselves"):
             comparison = _relinearised(comparison)
             causes, count = comparison.posterior, len(comparison.point.candidates)
             comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, count))
-            result = inferred(comparison)
+            built = comparison.point.built is not None
+            result = replace(inferred(comparison), unbuilt=result if built else None)
         return _of_steps(comparison, result)
     except (FlowError, np.linalg.LinAlgError):
         return None
@@ -313,29 +345,175 @@ def _in_equations(comparison: Comparison) -> Fit:
 def _relinearised(comparison: Comparison) -> Comparison:
     """The comparison with causes linearised at themselves: what they do is not linear in their size.
 
-    Where the model with the causes in it has no motion between the rows, the one without.
+    Causes of the geometry are built into the model. To first order one may look like another: each that does
+    is built, and others are asked for beside the likeliest.
     """
-    moved = comparison
+    if all(c.kind in OF_THE_LOG for c in comparison.posterior.best.chosen):
+        return _at_causes(comparison.point, comparison.posterior) or comparison
+    built = _built(comparison)
+    single = [one.posterior.best.chosen[0].name for one in built]
+    if [c.name for c in comparison.posterior.best.chosen] not in [[name] for name in single]:
+        as_found = _at_causes(comparison.point, comparison.posterior) or comparison
+        built.append(as_found)
+    if len(built) < 2:
+        return built[0]
+    equal = [one for one in built if _nothing_left(one)]
+    if not equal:
+        odds = _log_odds(built)
+        equal = [one for one, x in zip(built, odds, strict=True) if x > odds.max() - EQUAL]
+    # Of one cause in fewer and in more numbers the former.
+    simplest = {
+        tuple(c.what for c in one.posterior.best.chosen): one
+        for one in sorted(equal, key=_rank)[::-1]
+    }
+    first, *others = sorted(simplest.values(), key=_rank)
+    # Zeros of the log do what turns of bodies do, and are not built.
+    block, scores = comparison.blocks[0], comparison.posterior.scores
+    zeros = [fitted(comparison.blocks, [c]) for _, c, _ in scores if c.kind == "zero-offset"]
+    turns = alike(comparison.point.candidates, first.posterior.best.chosen)
+    turned = [fitted(comparison.blocks, [c]) for c in turns if c is not None]
+    left = max((block.misfit(fit.coefficients) for fit in turned if fit), default=0.0)
+    for zero in zeros if len(turned) == 1 else ():
+        if zero is not None and block.misfit(zero.coefficients) <= left:
+            own = refitted(comparison.blocks, Posterior(zero, (), scores), ())
+            return replace(comparison, posterior=own)
+    return _beside(first, [one for one in others if len(one.posterior.best.chosen) == 1])
+
+
+def _rank(comparison: Comparison) -> tuple[int, int]:
+    """Numbers of the causes, and their rank: the smallest are preferred."""
+    best = comparison.posterior.best
+    numbers = sum(c.size for c in best.chosen)
+    return numbers, sum(c.rank(x) for c, x in zip(best.chosen, best.theta, strict=True))
+
+
+def _nothing_left(comparison: Comparison) -> bool:
+    """Whether the causes leave what digits alone make."""
+    block = comparison.blocks[0]
+    return block.misfit(comparison.posterior.best.coefficients) <= SLACK * block.least
+
+
+def _left(comparison: Comparison) -> float:
+    """Logarithm of the mean size of what the causes leave, whatever noise it is weighed by."""
+    block = comparison.blocks[0]
+    misfit = block.misfit(comparison.posterior.best.coefficients)
+    return 0.5 * float(np.log(misfit / block.r.size)) + block.spread / block.r.size
+
+
+def _log_odds(comparisons: Sequence[Comparison]) -> Array:
+    """Log likelihoods less the price of numbers, by rows that forget as slowly as those of any."""
+    size = comparisons[0].blocks[0].r.size
+    rows = size / max(one.tau for one in comparisons)
+    numbers = np.array([sum(c.size for c in one.posterior.best.chosen) for one in comparisons])
+    price = 0.5 * numbers * np.log(max(rows, 2.0))
+    return np.asarray(-rows * np.array(list(map(_left, comparisons))) - price)
+
+
+def _at_causes(point: Point, found: Posterior, turns: int = 0) -> Comparison | None:
+    """The comparison at causes that were found elsewhere; None where they have no motion between the rows."""
+    moved: Comparison | None = None
+    of_geometry = any(c.edit is not None for c in found.best.chosen)
     try:
-        for turn in range(RELINEARISATIONS):
-            before, point = moved.posterior.best, moved.point
+        for turn in range(turns or (BUILDS if of_geometry else RELINEARISATIONS)):
+            before = moved.posterior.best if moved else found.best
             late = _late_forces(point, before)
-            if not late and not np.any(np.where(point.of_equations, before.coefficients, 0.0)):
+            of_equations = (c.kind not in OF_THE_LOG for c in before.chosen)
+            if not late and not any(of_equations):
                 break
             for delay, spread in late:
                 if abs(delay) > WITHIN_A_ROW * point.log.step or point.forces.filter is not None:
                     point = point.filtered(delay, spread)
-            methods = moved.methods if turn else ()
-            point = point.with_causes(before.coefficients, methods)
+            methods = moved.methods if moved and turn > 1 else ()
+            point = point.with_causes(before, methods)
             if point.forces.filter is not None:
                 point = point.with_process_noise()
-            moved = compared(point, moved.posterior)
+            there = point.named(moved.posterior if moved else found)
+            if not there.best.chosen:
+                return None
+            moved = compared(point, there)
             best = moved.posterior.best
-            if best.chosen == before.chosen and before.repeats(best):
+            if len(best.each) < len(best.chosen):  # they are not told apart here
+                return None
+            if before.settled(best):
                 break
+            point = moved.point
     except (FlowError, np.linalg.LinAlgError):
-        return comparison
+        return None
     return moved
+
+
+def _built(comparison: Comparison) -> list[Comparison]:
+    """Causes that explain most of what is left to first order, each linearised at itself.
+
+    Those go on that leave about as little as the best of them once they are linearised at themselves.
+    """
+    point, block = comparison.point, comparison.blocks[0]
+    if not any(c.edit is not None for _, c, _ in comparison.posterior.scores):
+        return []
+    whats = {c.what for _, c, _ in comparison.posterior.scores if c.kind not in OF_THE_LOG}
+    fits = [fitted(comparison.blocks, [c]) for c in point.candidates if c.what in whats]
+    likely = [
+        fit
+        for fit in fits
+        if fit is not None
+        and block.misfit(fit.coefficients) < MOST_LEFT * block.start
+        and fit.chosen[0].plausible(fit.theta[0])
+    ]
+    likely.sort(key=lambda fit: (fit.chosen[0].size, block.misfit(fit.coefficients)))
+    alone = replace(point, accelerations=None)  # whose posterior is of all causes
+    cost = len(point.log.intervals) * sum(kernels.cost for kernels in point.kernels)
+    rivals = int(np.clip(RIVALS * REBUILT / cost, 2, RIVALS))
+    built = (_at_causes(alone, Posterior(fit, (), ()), 1) for fit in likely[:rivals])
+    once = [one for one in built if one is not None]
+    once = [one for one in once if one.posterior.best.chosen and not _has_simpler(one, once)]
+    once.sort(key=_left)
+    result = list[Comparison]()
+    for one in once[:NEAR]:
+        closed = any(map(_nothing_left, result))
+        if closed and _left(one) > _left(once[0]) + ALIKE:
+            break
+        further = _at_causes(one.point, one.posterior)
+        if further is not None and further.posterior.best.chosen:
+            result.append(further)
+    return result
+
+
+def _has_simpler(one: Comparison, others: Sequence[Comparison]) -> bool:
+    """Whether among others is the same cause in fewer numbers that leaves about as little."""
+    (c,) = one.posterior.best.chosen
+    return any(
+        [x.what for x in other.posterior.best.chosen] == [c.what]
+        and other.posterior.best.chosen[0].size < c.size
+        and _left(other) < _left(one) + ALIKE
+        for other in others
+    )
+
+
+def _beside(built: Comparison, equal: Sequence[Comparison]) -> Comparison:
+    """The comparison of further causes beside one that is built; others that were built explain as much."""
+    best = built.posterior.best
+    if len(best.chosen) != 1:
+        return built
+    of_geometry = best.chosen[0].edit is not None
+    if of_geometry and not _nothing_left(built):
+        searched = compared(built.point).posterior
+        if len(searched.best.chosen) > 1 and best.chosen[0] in searched.best.chosen:
+            further = _at_causes(built.point, searched)
+            odds = _log_odds([built, further]) if further is not None else np.zeros(2)
+            if further is not None and odds[1] > odds[0] + CERTAIN:
+                return further
+    some = np.flatnonzero(best.coefficients)
+    others = [] if of_geometry else list(built.posterior.alternatives)
+    for one in equal:
+        fit = one.posterior.best
+        (c,), (x,) = fit.chosen, fit.theta
+        # It does the same to the rows.
+        along = np.outer(best.coefficients[some], x) / float(x @ x)
+        same = replace(c, columns=tuple(map(int, some)), linear=along, quadratic=None)
+        tangent = np.zeros((len(best.coefficients), c.size))
+        tangent[some] = along
+        others.append(replace(fit, chosen=(same,), coefficients=best.coefficients, tangent=tangent))
+    return replace(built, posterior=replace(built.posterior, alternatives=tuple(others)))
 
 
 def _late_forces(point: Point, best: Fit) -> list[tuple[float, float]]:

@@ -45,6 +45,7 @@ class Joint:
 
 def joint_posterior(inferences: Sequence[Inference]) -> Joint:
     """The causes that all logs have together, with their odds from all rows; one inference at least."""
+    inferences = [one.unbuilt or one for one in inferences]
     first = inferences[0]
     columns = [[c for kernels in one.kernels for c in kernels.columns] for one in inferences]
     shared = [c for c in columns[0] if all(c in other for other in columns[1:])]

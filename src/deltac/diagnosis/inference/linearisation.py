@@ -21,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import Array
-from deltac.diagnosis.causes.causes import Candidate, candidates
-from deltac.diagnosis.causes.columns import Column, ColumnKernels, LogEquations
+from deltac.diagnosis.causes.causes import Candidate, alike, bends, candidates, candidates_at
+from deltac.diagnosis.causes.columns import Column, ColumnKernels, LogEquations, column_kernels
+from deltac.diagnosis.causes.geometry import geometry_columns
 from deltac.diagnosis.inference.fields import (
     FIELDS,
     FIRST_ORDER,
@@ -32,12 +33,13 @@ from deltac.diagnosis.inference.fields import (
 )
 from deltac.diagnosis.inference.flow import Prediction, composed, predict, transitions, transported
 from deltac.diagnosis.inference.forces import FORCES, InterpolatedForces, LoggedForce
-from deltac.diagnosis.inference.hypotheses import ACTIVE, Block, Posterior
+from deltac.diagnosis.inference.hypotheses import ACTIVE, Block, Fit, Posterior
 from deltac.diagnosis.inference.integrators import EXACT, Integrator, Map, maps
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.measurements.kinematics import trusted
 from deltac.diagnosis.residuals.at_samples import STIFFEST
+from deltac.errors import InputError
 from deltac.trajectories import Trajectory
 
 SHARES = (0.0, 0.01, 0.1, 1.0)
@@ -204,7 +206,85 @@ class Tangent:
 # --- causes ---
 
 
-def cause_columns(flow: Flow, log: Observations, kernels: Sequence[ColumnKernels]) -> list[Array]:
+@dataclass(frozen=True, eq=False)
+class Built:
+    """Causes of the geometry that are built into a model, with a column each of what is not linear in them.
+
+    With θ built, the equations at s θ are those at θ with (s − 1) G θ + (s − 1)² b, which is exact at s = 0,
+    the model without the cause.
+
+    causes, theta  as of the model itself
+    model          built anew with all of them, `others` with all but each
+    kernels        of the columns of causes there
+    candidates     all causes there, which count from the model itself
+    coefficients   of the columns (P,) of these causes
+    """
+
+    causes: tuple[Candidate, ...]
+    theta: tuple[Array, ...]
+    model: Model
+    others: tuple[Model, ...]
+    kernels: tuple[ColumnKernels, ...]
+    candidates: tuple[Candidate, ...]
+    coefficients: Array
+
+    @staticmethod
+    def of(
+        model: Model,
+        run: Trajectory,
+        own: Sequence[Candidate],
+        causes: Sequence[Candidate],
+        theta: Sequence[Array],
+    ) -> Built:
+        """Causes, of all its `own`, built into a model.
+
+        Raises:
+            FlowError: there is no such mechanism.
+        """
+
+        def built(some: Sequence[int]) -> Model:
+            mechanism = model.mechanism
+            if not some:
+                return model
+            for k in some:
+                edit = causes[k].edit
+                assert edit is not None
+                mechanism = edit.mechanism(mechanism, theta[k])
+            return model.of_mechanism(mechanism, run)
+
+        every = range(len(causes))
+        try:
+            whole = built(every)
+            others = tuple(built([j for j in every if j != k]) for k in every)
+        except InputError as error:
+            raise FlowError(str(error)) from None
+        equations = LogEquations(whole.mechanism, run)
+        kernels = column_kernels(equations), geometry_columns(equations)
+        columns = kernels[0].columns + kernels[1].columns + bends(len(causes))
+        every_cause = candidates_at(equations, columns, own, causes, theta)
+        coefficients = np.zeros(len(columns))
+        for c, x in zip(alike(every_cause, causes), theta, strict=True):
+            if c is None:
+                raise FlowError("a cause does nothing where it is built")
+            np.add.at(coefficients, list(c.columns), c.coefficients(x))
+        return Built(tuple(causes), tuple(theta), whole, others, kernels, every_cause, coefficients)
+
+    def responses(self, at: Rows, of_columns: Array) -> Array:
+        """The columns b (N, n, causes), by those of the kernels (N, n, P) there."""
+        here, result = self.model.at(at), list[Array]()
+        for c, x, other in zip(
+            alike(self.candidates, self.causes), self.theta, self.others, strict=True
+        ):
+            assert c is not None
+            some = [k for k in c.columns if k < of_columns.shape[2]]
+            along = of_columns[:, :, some] @ (c.linear[: len(some)] @ x)
+            result.append(other.at(at) - here + along)
+        return np.stack(result, axis=2)
+
+
+def cause_columns(
+    flow: Flow, log: Observations, kernels: Sequence[ColumnKernels], built: Built | None
+) -> list[Array]:
     """What a unit of each cause adds to ẋ, G_j = (0, M⁻¹x_j) (N, 2n, P), at the nodes of a flow."""
     intervals, pieces, plant = log.intervals, log.pieces, flow.plant
     rate = (intervals.end.F - intervals.start.F) / intervals.h
@@ -214,7 +294,7 @@ def cause_columns(flow: Flow, log: Observations, kernels: Sequence[ColumnKernels
             curve[a:b] = np.gradient(rate[a:b], intervals.start.t[a:b], axis=0)
 
     def columns(at: Rows, rate: Array, curve: Array) -> Array:
-        u = cause_responses(plant, kernels, at, plant.every(at), rate, curve)
+        u = cause_responses(plant, kernels, built, at, plant.every(at), rate, curve)
         return np.concatenate([np.zeros_like(u), u], axis=1)
 
     last = _last(pieces)
@@ -223,7 +303,13 @@ def cause_columns(flow: Flow, log: Observations, kernels: Sequence[ColumnKernels
 
 
 def cause_responses(
-    model: Model, kernels: Sequence[ColumnKernels], at: Rows, a: Array, rate: Array, curve: Array
+    model: Model,
+    kernels: Sequence[ColumnKernels],
+    built: Built | None,
+    at: Rows,
+    a: Array,
+    rate: Array,
+    curve: Array,
 ) -> Array:
     """What a unit of each cause adds to the accelerations (N, n, P), by force or by geometry.
 
@@ -236,7 +322,8 @@ def cause_responses(
     forces, *geometry = (columns(*samples)[:, :, 1:] for columns in kernels)
     parts = [model.response(at.t, at.q, forces)]
     parts += [model.of_geometry(at.t, at.q, x) for x in geometry]
-    return np.concatenate(parts, axis=2)
+    columns = np.concatenate(parts, axis=2)
+    return columns if built is None else np.append(columns, built.responses(at, columns), axis=2)
 
 
 def _last(pieces: Sequence[tuple[int, int]]) -> NDArray[np.intp]:
@@ -371,9 +458,10 @@ class Point:
     model_noise   of the rows at the starts and ends as the flow of the model shows it
     tangent       perhaps at a flow by other forces between the rows
     noise         what the flow does not know
-    kernels       of the columns of causes, `candidates` the causes themselves
+    own           kernels of the columns of causes, and the causes themselves, of the model
+    built         causes that are built into the model, if any: `kernels` and `candidates` are those there
     columns       what a unit of each column adds to ẋ (N, 2n, P), at the nodes
-    coefficients  of the columns (P,) that are in the equations, or in a filter of the forces
+    coefficients  of the columns (P,) of causes that are in the plant, or in a filter of the forces
     accelerations equations by known accelerations and their posterior, if these were compared
     states        methods that close coordinates alone alike, each with the log at its own states
     """
@@ -388,8 +476,8 @@ class Point:
     noise: ProcessNoise
     columns: list[Array]
     coefficients: Array
-    kernels: tuple[ColumnKernels, ...] = ()
-    candidates: tuple[Candidate, ...] = ()
+    own: tuple[tuple[ColumnKernels, ...], tuple[Candidate, ...]] = ((), ())
+    built: Built | None = None
     accelerations: tuple[Block, Posterior] | None = None
     states: tuple[tuple[Map, Observations], ...] = ()
 
@@ -436,10 +524,26 @@ class Point:
         derived = "udot" in run.provenance.derived or self.model.n < len(free)
         return trusted(run) and run.udot is not None and not derived
 
+    @property
+    def kernels(self) -> tuple[ColumnKernels, ...]:
+        """Of the columns of causes."""
+        return self.own[0] if self.built is None else self.built.kernels
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """All causes."""
+        return self.own[1] if self.built is None else self.built.candidates
+
+    @property
+    def base(self) -> Model:
+        """The model, with causes that are built into it."""
+        return self.model if self.built is None else self.built.model
+
     @cached_property
     def whats(self) -> tuple[Column, ...]:
         """What the columns of causes are of."""
-        return tuple(column for kernels in self.kernels for column in kernels.columns)
+        more = () if self.built is None else bends(len(self.built.causes))
+        return (*(column for kernels in self.kernels for column in kernels.columns), *more)
 
     @property
     def of_equations(self) -> NDArray[np.bool_]:
@@ -468,7 +572,8 @@ class Point:
 
     def with_columns(self) -> Point:
         """With the columns of causes at the flow."""
-        return replace(self, columns=cause_columns(self.flow, self.log, self.kernels))
+        columns = cause_columns(self.flow, self.log, self.kernels, self.built)
+        return replace(self, columns=columns)
 
     def with_tangent(self) -> Point:
         """With the tangent at the flow."""
@@ -480,19 +585,56 @@ class Point:
         moved = replace(self, log=replace(self.log, intervals=intervals)).with_flow(forces=forces)
         return replace(moved, coefficients=moved._of_filter(self.coefficients))
 
-    def with_causes(self, coefficients: Array, methods: tuple[Integrator, ...] = ()) -> Point:
-        """Linearised at the model with causes of these coefficients in its equations.
+    def with_causes(self, fit: Fit, methods: tuple[Integrator, ...] = ()) -> Point:
+        """Linearised at the model with the causes of a fit in it: those of the geometry are built.
 
         Raises:
             FlowError: it has no finite motion between the rows.
         """
-        own = np.where(self.of_equations, coefficients, 0.0)
-        plant = self.model.changed(self.kernels, own)
-        moved = replace(self, coefficients=self._of_filter(own))
+        each = list(zip(fit.chosen, fit.theta, strict=True))
+        # Those of the geometry count from the model itself, wherever they were found.
+        found = alike(self.own[1], fit.chosen)
+        pairs = [(c, x) for c, (_, x) in zip(found, each, strict=True) if c is not None and c.edit]
+        base = replace(self, built=None)
+        if pairs:
+            built = Built.of(self.model, self.run, self.own[1], *zip(*pairs, strict=True))
+            base = replace(self, built=built, accelerations=None)
+        elif self.built is not None:
+            base = replace(base, accelerations=None)
+        own = np.zeros(len(base.whats))
+        for k, c in enumerate(alike(base.candidates, fit.chosen)):
+            if c is not None and c.edit is None:
+                factor = fit.factors[k] if fit.factors else 1.0
+                np.add.at(own, list(c.columns), factor * c.coefficients(fit.theta[k]))
+        own = np.where(base.of_equations, own, 0.0)
+        plant = base.base.changed(base.kernels, own)
+        coefficients = own if base.built is None else own + base.built.coefficients
+        moved = replace(base, coefficients=base._of_filter(coefficients))
         moved = moved.with_flow(plant=plant, methods=methods).with_tangent()
         if not (np.isfinite(moved.flow.w).all() and moved.tangent.finite.all()):
             raise FlowError("the flow of the model with the causes found leaves all bounds")
         return moved.with_columns()
+
+    def named(self, before: Posterior) -> Posterior:
+        """Causes that were found at another point, as they are called at this one."""
+
+        def there(fit: Fit) -> Fit:
+            same = alike(self.candidates, fit.chosen)
+            known = [(c, x) for c, x in zip(same, fit.theta, strict=True) if c is not None]
+            chosen, theta = tuple(c for c, _ in known), tuple(x for _, x in known)
+            P, d = len(self.coefficients), sum(c.size for c in chosen)
+            return Fit(
+                chosen, theta, np.zeros(P), 0.0, np.zeros((d, d)), np.zeros((P, d)), factors=()
+            )
+
+        likely = alike(self.candidates, [c for _, c, _ in before.scores])
+        scores = [
+            (odds, c, joules)
+            for c, (odds, _, joules) in zip(likely, before.scores, strict=True)
+            if c is not None
+        ]
+        others = tuple(map(there, before.alternatives))
+        return Posterior(there(before.best), others, tuple(scores))
 
     def with_candidates(self, equations: LogEquations, kernels: ColumnKernels) -> Point:
         """With further columns, and the causes that they allow.
@@ -506,9 +648,9 @@ class Point:
         moved = replace(self, log=replace(self.log, noise=(start, end)))
         if self.flow.plant is not self.model:
             moved = moved.with_flow(plant=self.model).with_tangent()
-        every = (*self.kernels, kernels)
+        every = (*self.own[0], kernels)
         columns = tuple(column for one in every for column in one.columns)
-        moved = replace(moved, kernels=every, candidates=candidates(equations, columns))
+        moved = replace(moved, own=(every, candidates(equations, columns)), built=None)
         return replace(moved, coefficients=moved._of_filter(np.zeros(len(columns))))
 
     def _of_filter(self, coefficients: Array) -> Array:

@@ -113,20 +113,16 @@ class _Expressions:
 class _Change:
     """Causes with their coefficients: by how much M, the generalized forces and the dampers are others.
 
-    F_r + F*_r + Σ θ_j x_j = 0 with columns that are affine in u̇. Those of the geometry, M ∂u̇/∂θ, tell by how
-    much accelerations are others, constraints included.
+    F_r + F*_r + Σ θ_j x_j = 0 with columns that are affine in u̇: those of the first kernels.
     """
 
     def __init__(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> None:
-        ends = np.cumsum([len(columns.columns) for columns in kernels])
-        own, *geometry = np.split(coefficients, ends[:-1])
+        own = coefficients[: len(kernels[0].columns)]
         of_dampers = np.array([_damps(column) for column in kernels[0].columns], dtype=bool)
         dampers = np.where(of_dampers, own, 0.0)
         self.damped = bool(np.any(dampers))
         self._force = _sum(kernels[0], own, "x", rated=True) if own.any() else None
         self._damping = _sum(kernels[0], dampers, "d") if self.damped else None
-        of = zip(kernels[1:], geometry, strict=True)
-        self._geometry = [_sum(columns, c, "g") for columns, c in of if c.any()]
 
     def force(self, t: Array, q: Array, u: Array, a: Array, F: Array) -> tuple[Array, Array]:
         """Sum x (T, n) of the columns of forces and masses, and ∂x/∂u̇ (T, n, n)."""
@@ -135,11 +131,6 @@ class _Change:
             return np.zeros_like(a), np.zeros((len(t), n, n))
         x, A = self._force(t, q, u, a, F)
         return x, A.reshape(len(t), n, n).transpose(0, 2, 1)
-
-    def geometry(self, t: Array, q: Array, u: Array, a: Array, F: Array) -> Array | None:
-        """M times what places and axes add to the accelerations (T, n); None for nothing."""
-        parts = [part(t, q, u, a, F)[0] for part in self._geometry]
-        return np.sum(parts, axis=0) if parts else None
 
     def damping(self, t: Array, q: Array, u: Array, F: Array) -> Array:
         """What of x are dampers (T, n)."""
@@ -194,6 +185,10 @@ class Model:
             (free_q[i], free_u[j]) for _, i, j in names.quaternions if i in free_q and j in free_u
         ]
 
+    def of_mechanism(self, mechanism: Mechanism, run: Trajectory) -> Model:
+        """The same of another mechanism, with the same joints and channels."""
+        return Model(mechanism, run)
+
     def rows(self, run: Trajectory) -> Rows:
         """All rows of a run: free coordinates and speeds, forces as logged."""
         forces = [np.zeros((len(run), 0)), *self.log.values(run).values()]
@@ -222,7 +217,7 @@ class Model:
         return tuple((F[:, None] + change).transpose(1, 0, 2))
 
     def changed(self, kernels: Sequence[ColumnKernels], coefficients: Array) -> Model:
-        """The model with causes in its equations: coefficients (P,) of the columns of all kernels."""
+        """The model with causes in its equations: coefficients (P,), of the columns of the first kernels."""
         other = copy(self)
         other.change = _Change(kernels, coefficients) if coefficients.any() else None
         other.damped = self._expressions.damped or (
@@ -237,9 +232,6 @@ class Model:
             return a
         # M u̇ = F + x(u̇) with x affine in u̇: exact from any u̇ that it is evaluated at.
         M, G = self._of_model(t, q)
-        of_geometry = self.change.geometry(t, q, u, a, F)
-        if of_geometry is not None:
-            a = a + np.linalg.solve(M, of_geometry[..., None])[..., 0]
         x, A = self.change.force(t, q, u, a, F)
         return a + _constrained(M - A, G, x[..., None])[..., 0]
 

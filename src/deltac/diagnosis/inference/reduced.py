@@ -13,6 +13,7 @@ from itertools import combinations
 from math import comb
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import qr
 
@@ -21,6 +22,7 @@ from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.residuals.states import WELL_CONDITIONED
 from deltac.kernels.rows import Expression
+from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 CORRECTIONS = 12
@@ -36,7 +38,9 @@ SETS, MOST_SETS = 3, 300
 class Reduced(Model):
     """A model whose state are independent coordinates with their rates."""
 
-    def __init__(self, model: Model, run: Trajectory, independent: Sequence[int]) -> None:
+    def __init__(
+        self, model: Model, run: Trajectory, independent: Sequence[int] | NDArray[np.intp]
+    ) -> None:
         self.__dict__.update(model.__dict__)
         self.whole = model
         all_speeds = np.arange(model.n)
@@ -77,6 +81,10 @@ class Reduced(Model):
             drift = b + np.einsum("tij,tj->ti", G[:, :, self.own], u)
             speeds[:, self.others] = -np.einsum("tij,tj->ti", inverse, drift)
         return every, speeds
+
+    def of_mechanism(self, mechanism: Mechanism, run: Trajectory) -> Reduced:
+        """The same of another mechanism, in the same independent coordinates."""
+        return Reduced(self.whole.of_mechanism(mechanism, run), run, self.own)
 
     def completed(self, rows: Rows) -> Rows:
         """The rows with all coordinates and speeds."""

@@ -310,12 +310,13 @@ def by_accelerations(point: Point, some: NDArray[np.intp]) -> tuple[Block, Array
     rows = np.concatenate([np.arange(a, b - 1) for a, b in log.rows])[some]
     free, at = model.mechanism.free.u, log.intervals.start.take(some)
     udot, half = run.udot[rows][:, free], digits_of(run)["udot"].half()[rows][:, free]
-    a, rest = model.at(at), np.zeros_like(at.F)
-    columns = cause_responses(model, point.kernels, at, udot, rest, rest)
+    a, rest = point.base.at(at), np.zeros_like(at.F)
+    columns = cause_responses(point.base, point.kernels, point.built, at, udot, rest, rest)
     slopes = np.abs(point.tangent.J[0][some, model.n :])
     of_rows = np.einsum("kij,kj->ki", slopes, log.digits[0][some])
     sigma = np.sqrt(half**2 + of_rows**2) + 1e-12 * (1.0 + np.abs(a).max())
     sigma = np.sqrt(np.mean(sigma**2, axis=0))
     none, places = np.zeros(0, dtype=np.intp), np.arange(columns.shape[2])
     r, D = (udot - a) / sigma, columns / sigma[:, None]
-    return Block(r, D, none, np.zeros(0), places, 1.0), columns
+    origin = np.zeros(len(places)) if point.built is None else point.built.coefficients
+    return Block(r, D, none, np.zeros(0), places, 1.0, origin=origin), columns

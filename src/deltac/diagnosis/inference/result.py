@@ -123,6 +123,7 @@ class Inference:
         acceleration: u̇ (N, n) of the model at the starts of the intervals.
         w: prediction errors (N, 2n) of the flow.
         gradient: ∂E/∂x (N, 2n) at the ends of the intervals.
+        unbuilt: the inference to first order at the model itself, where causes were built into it.
     """
 
     model: Model
@@ -155,6 +156,7 @@ class Inference:
     acceleration: Array
     w: Array
     gradient: Array
+    unbuilt: Inference | None = None
 
     @cached_property
     def relative(self) -> tuple[Array, Array]:

@@ -51,6 +51,9 @@ That of Adams and Bashforth's method of two steps, the largest in use (Hairer, N
 PROJECTION = 1 / 3
 """The same of a straight step that is put back onto a circle: its angle θ becomes atan θ ≈ θ − θ³/3."""
 
+NEARLY = 0.1
+"""Share of the changes of a rate that the rate itself does not make, of one that decays: else r is told."""
+
 FAR = 30.0
 """A defect beyond this multiple of its error bar and of the others' scatter is no quadrature error."""
 
@@ -199,7 +202,11 @@ def _compared(
         c = np.fmin(QUADRATURE, 4.0 * scatter / np.where(size > 0.0, size, np.nan))
     # Nor is r told better than one quadrature along the rows tells it like another.
     otherwise = np.abs(np.vecdot(B, fine)) / np.vecdot(fine, fine)
-    ratio_error = SURE * error + c * _sizes(C) / _sizes(I) + otherwise
+    # Of rates that decay evenly a delay of a row does the same.
+    along = np.vecdot(I, L) / np.vecdot(I, I)
+    apart = _sizes(L - along[:, None] * I)
+    alike = np.where(apart < NEARLY * _sizes(L), _sizes(L) / _sizes(I), 0.0)
+    ratio_error = SURE * error + c * _sizes(C) / _sizes(I) + otherwise + alike
     scaled = np.abs(r - 1.0) > np.maximum(ratio_error, LEAST_RATIO)
     most = QUADRATURE + PROJECTION * projected
     squares = np.maximum(np.sum(keep * C**2, axis=-1), 1e-300)
@@ -210,7 +217,7 @@ def _compared(
     size = np.abs(residual)
     outliers = size > FAR * (bars + 1.4826 * medians(size)[:, None]) + 1e-6 * extent[:, None]
     squared = np.vecdot(D, D) * np.vecdot(I, I)
-    alike = np.abs(np.vecdot(D, I)) / np.sqrt(np.where(squared > 0.0, squared, np.inf))
+    correlation = np.abs(np.vecdot(D, I)) / np.sqrt(np.where(squared > 0.0, squared, np.inf))
     for k, column in enumerate(active):
         comparisons[column] = Comparison(
             float(r[k]),
@@ -222,7 +229,7 @@ def _compared(
             I[k],
             start,
             float(defect[k] / max(extent[k], 1e-300)),
-            float(alike[k]),
+            float(correlation[k]),
             bool(defect[k] > 4.0 * max(barred[k], 1e-300)),
             outliers[k],
             bool(scaled[k])

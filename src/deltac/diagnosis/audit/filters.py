@@ -211,7 +211,7 @@ class _Rows:
         """
         point, model = self._point(run), self.model
         log = point.log
-        B = point.tangent.transported(cause_columns(point.flow, log, self.kernels))
+        B = point.tangent.transported(cause_columns(point.flow, log, self.kernels, None))
         basis = self._flat(B)
         if basis.shape[1]:
             sizes = np.linalg.norm(basis, axis=0)

@@ -645,9 +645,15 @@ def _inferred(
         return begun, None
     asked = not any(f.kind == "filtered" for f in log.findings)
     asked = asked and not limit.passed("a filter of the log")
-    through = asked and unfiltered(Model(mechanism, rows), rows, begun.kernels)
-    if not through:
-        return begun.with_causes(limit), None
+    model = Model(mechanism, rows)
+    inference, through = None, unfiltered(model, rows) if asked else None
+    if through is None:
+        inference = begun.with_causes(limit)
+        # Beside a mistake a filter may not be seen; beside all causes it is.
+        if asked and inference is not None and inference.finds_something and not inference.closes:
+            through = unfiltered(model, rows, (begun.kernels,))
+    if through is None:
+        return inference, None
     before, told = through
     return None, balanced(mechanism, before, reference.work, (*log.findings, told))
 

@@ -253,12 +253,12 @@ def _likely(rows: _Rows) -> list[_Fit]:
 
 
 def unfiltered(
-    model: Model, run: Trajectory, kernels: ColumnKernels
+    model: Model, run: Trajectory, kernels: tuple[ColumnKernels, ...] = ()
 ) -> tuple[Trajectory, Finding] | None:
     """What went into the filter of a log, if it follows itself; None for no filter.
 
-    All states went through it, or all columns, at even times. Beside a mistake it may not be seen; beside all
-    causes, of columns of these kernels, it is.
+    All states went through it, or all columns, at even times. With the columns of causes it is looked for
+    beside these.
     """
     a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0], default=(0, 0))
     h = np.diff(run.t[a:b])
@@ -272,13 +272,11 @@ def unfiltered(
     part = run.take(slice(0, ROWS))
     part = part if LoggedForces.of(part).places == acting else run
     with np.errstate(all="ignore"), compiled(), suppress(FlowError, np.linalg.LinAlgError):
-        for causes in ((), (kernels,)):
-            some = _Rows(model, part, causes)
-            if some.whole < SIX_DIGITS:  # most rows follow from each other
-                return None
-            for fit in _likely(some):
-                own = _Rows(model, run, causes).settled(fit).filter
-                return own.before(run), _told(own, float(h.mean()), fit.left)
+        if _Rows(model, part, ()).whole < SIX_DIGITS:  # most rows follow from each other
+            return None
+        for fit in _likely(_Rows(model, part, kernels)):
+            own = _Rows(model, run, kernels).settled(fit).filter
+            return own.before(run), _told(own, float(h.mean()), fit.left)
     return None
 
 

@@ -318,9 +318,9 @@ class Candidate:
     stop: tuple[int, float, float] | None = None
 
     @property
-    def name(self) -> tuple[str, str, str, tuple[str, ...]]:
-        """What it is of a mechanism."""
-        return (*self.what, self.names)
+    def name(self) -> tuple[str, str, str, tuple[str, ...], tuple[str, ...]]:
+        """What it is of a mechanism: a free joint may have dampers of two units."""
+        return (*self.what, self.names, self.units)
 
     @property
     def what(self) -> tuple[str, str, str]:

@@ -401,12 +401,11 @@ def _left(comparison: Comparison) -> float:
 
 
 def _log_odds(comparisons: Sequence[Comparison]) -> Array:
-    """Log likelihoods less the price of numbers, by rows that forget as slowly as those of any."""
-    size = comparisons[0].blocks[0].r.size
-    rows = size / max(one.tau for one in comparisons)
-    numbers = np.array([sum(c.size for c in one.posterior.best.chosen) for one in comparisons])
-    price = 0.5 * numbers * np.log(max(rows, 2.0))
-    return np.asarray(-rows * np.array(list(map(_left, comparisons))) - price)
+    """Log evidence of each, integrator and noise included, by rows that forget as slowly as those of any."""
+    tau = max(one.tau for one in comparisons)
+    blocks = [one.blocks[0] for one in comparisons]
+    each = zip(blocks, comparisons, strict=True)
+    return np.array([b.evidence(one.posterior.best, tau) - b.spread / tau for b, one in each])
 
 
 def _at_causes(point: Point, found: Posterior, turns: int = 0) -> Comparison | None:

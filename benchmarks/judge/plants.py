@@ -22,7 +22,9 @@ FRICTION = ("missing-friction", "friction", "dry-friction", "joint-friction")
 GRAVITY = ("gravity", "gravity-vector")
 DRAG = ("missing-drag", "drag")
 GEAR = ("actuator-gear", "channel-factor", "gear")
-GEOMETRY = ("geometry", "length", "place", "axis", "position", "orientation", "centre", "joint")
+GEOMETRY = (
+    "geometry", "length", "size", "place", "axis", "position", "orientation", "centre", "joint",
+)  # fmt: skip
 """Words in the kinds of causes of geometry."""
 
 

@@ -21,6 +21,7 @@ from scipy.linalg import orth
 
 from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SAME_STEP, SIX_DIGITS, SMALL_SHARE, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
+from deltac.diagnosis.inference.inference import LEAST_ROWS
 from deltac.diagnosis.inference.integrators import transition
 from deltac.diagnosis.inference.linearisation import FlowError, Point, cause_columns, start
 from deltac.diagnosis.inference.model import Model
@@ -32,11 +33,8 @@ from deltac.kernels.rows import compiled
 from deltac.results import percent
 from deltac.trajectories import Trajectory
 
-ROWS = 200
-"""Rows by which kinds of filters are compared."""
-
-BEGIN = (1.0, 0.5)
-"""Numbers a and b to begin with, of Butterworth's filter."""
+BEGIN = 1.0
+"""Number a to begin with, rows; Butterworth's filter has b = a²/2."""
 
 LEFT = 0.3
 """Share of the prediction errors of a log that may be left of what went into its filter, beside causes."""
@@ -243,7 +241,9 @@ def _likely(rows: _Rows) -> list[_Fit]:
         if forces and not rows.run.forces:
             continue
         with suppress(FlowError, np.linalg.LinAlgError):
-            fit = rows.improved(_Fit(LowPass(*BEGIN, trapezoid, forces), np.inf), alternates=False)
+            fit = rows.improved(
+                _Fit(LowPass(BEGIN, BEGIN**2 / 2, trapezoid, forces), np.inf), alternates=False
+            )
             if fit.left <= rows.whole:
                 settled.append(rows.settled(fit))
     # Where a filter is all that is wrong with a log, what went in leaves next to nothing.
@@ -263,13 +263,13 @@ def unfiltered(
     a, b = max(stretches(run), key=lambda piece: piece[1] - piece[0], default=(0, 0))
     h = np.diff(run.t[a:b])
     derived = "u" in run.provenance.derived or model.quaternions or run.works or run.integrals
-    if derived or b - a < ROWS or np.ptp(h) > ROUGHLY * h.mean():
+    if derived or b - a < LEAST_ROWS or np.ptp(h) > ROUGHLY * h.mean():
         return None
     acting = LoggedForces.of(run).places
     run = run.take(slice(a, b))
     if LoggedForces.of(run).places != acting:
         return None  # what acts elsewhere only has no column here
-    part = run.take(slice(0, ROWS))
+    part = run.take(slice(0, LEAST_ROWS))
     part = part if LoggedForces.of(part).places == acting else run
     with np.errstate(all="ignore"), compiled(), suppress(FlowError, np.linalg.LinAlgError):
         if _Rows(model, part, ()).whole < SIX_DIGITS:  # most rows follow from each other

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from scipy.linalg import expm
 
-from deltac.arrays import Array
+from deltac.arrays import ROUNDED, Array
 from deltac.diagnosis.causes.columns import UNIT_MOMENTS, Column, LogEquations
 from deltac.diagnosis.causes.geometry import displacements, with_numbers
 from deltac.diagnosis.causes.masses import BodyMass, steiner
@@ -100,14 +100,10 @@ class Displaced:
                 continue
             turning = _left_jacobian(sign * unit[3:] @ theta) @ unit[3:]
             rows = motion @ np.concatenate([unit[:3], turning])
-            rows[np.abs(rows) <= ROUNDING] = 0.0
+            rows[np.abs(rows) <= ROUNDED] = 0.0  # of products of rotations
             some = np.flatnonzero(rows.any(axis=1))
             weights |= {Column(what, self.joint, int(k)): rows[k] for k in some}  # type: ignore[arg-type]
         return weights
-
-
-ROUNDING = 1e-12
-"""Components of displacements below which they are rounding of products of rotations."""
 
 
 def _moved(of: Mechanism, place: Sequence[Any], by: Array) -> list[Any]:

@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import NEGLIGIBLE, SAME, SMALL_SHARE, Array
+from deltac.arrays import NEGLIGIBLE, ROUGHLY, SAME, SMALL_SHARE, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.inference.whitening import RIDGE
 
@@ -323,7 +323,7 @@ class Fit:
             return False
         numbers = [np.concatenate(fit.theta) for fit in (self, other)]
         error = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        allowed = STILL * error + SAME * np.abs(numbers[1])
+        allowed = ROUGHLY * error + SAME * np.abs(numbers[1])
         return bool(np.all(np.abs(numbers[0] - numbers[1]) <= allowed))
 
     def deviation(self, place: int) -> Array:
@@ -453,7 +453,7 @@ def fitted(
         every, before = coefficients(x), variance
         variance = [b.misfit(every) / b.count for b in blocks]
         gain = sum(float(y @ step) / s for y, s in zip(slopes, variance))
-        if not once and gain < STILL**2:  # of the sum of squares, in units of the noise
+        if not once and gain < ROUGHLY**2:  # of the sum of squares, in units of the noise
             break
     T = causes.tangent(x)
     covariance = inverse * (variance[0] / before[0]) if once else inverted(T)
@@ -510,9 +510,6 @@ EQUAL = float(np.log(100.0))
 
 SIGNIFICANT = 4.0
 """Standard errors beyond which a number is another one."""
-
-STILL = 0.1
-"""Share of a standard error within which a number stays what it is where causes are linearised anew."""
 
 SHORTLIST = 12
 """Causes of which the correlation of what they leave is looked at."""

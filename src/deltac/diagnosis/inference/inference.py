@@ -81,9 +81,9 @@ NARROW = 0.3
 """Least deviation of a filter of forces, steps."""
 
 
-RIVALS, MOST_LEFT, NEAR = 8, 0.1, 4
-"""Causes that are linearised at themselves, one at a time, at most; the share of what there is that they may
-leave to first order; and how many of these, those that leave least, are built until their numbers settle."""
+RIVALS, NEAR = 8, 4
+"""Causes that are linearised at themselves, one at a time, at most; and how many of these, those that leave
+least, are built until their numbers settle."""
 
 REBUILT = 1e7
 """Instructions of all columns of all rows up to which so many are: of large models and long logs fewer."""
@@ -93,9 +93,6 @@ ALIKE = 1.0
 
 BUILDS = 16
 """Times at most that one of them is built: by half of its number each, where the first order is none."""
-
-SLACK = 4.0
-"""Ratio to what digits leave of a sum of squares that is nothing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -390,7 +387,7 @@ def _rank(comparison: Comparison) -> tuple[int, int]:
 def _nothing_left(comparison: Comparison) -> bool:
     """Whether the causes leave what digits alone make."""
     block = comparison.blocks[0]
-    return block.misfit(comparison.posterior.best.coefficients) <= SLACK * block.least
+    return block.misfit(comparison.posterior.best.coefficients) <= KNOWN * block.least
 
 
 def _left(comparison: Comparison) -> float:
@@ -455,7 +452,7 @@ def _built(comparison: Comparison) -> list[Comparison]:
         fit
         for fit in fits
         if fit is not None
-        and block.misfit(fit.coefficients) < MOST_LEFT * block.start
+        and block.misfit(fit.coefficients) < SLIGHT * block.start
         and fit.chosen[0].plausible(fit.theta[0])
     ]
     likely.sort(key=lambda fit: (fit.chosen[0].size, block.misfit(fit.coefficients)))

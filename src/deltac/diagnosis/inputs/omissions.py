@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import SAME, SAME_STEP, Array
+from deltac.arrays import ROUGHLY, SAME, SAME_STEP, Array
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger
 from deltac.errors import InputError, listed
@@ -135,9 +135,8 @@ def impacts_not_held(mechanism: Mechanism, run: Trajectory) -> list[Finding]:
     ]
 
 
-JUMP, MOST_JUMPS = 10.0, 200
-"""Changes of a speed's rate, in those of most rows, from which on it may have jumped, and intervals with such
-changes that are simulated at most."""
+MOST_JUMPS = 200
+"""Intervals in which a speed may have jumped that are simulated at most."""
 
 ALIKE = 5.0
 """Ratio of mean and scatter of departures, as shares of the jumps, from which on they are of the restitution:
@@ -157,7 +156,8 @@ def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Fin
         return None
     h = np.diff(run.t)
     change = np.abs(np.diff(np.diff(run.u, axis=0) / h[:, None], axis=0))
-    most = (change > JUMP * np.median(change, axis=0) + SAME * change.max(axis=0)).any(axis=1)
+    usual = np.median(change, axis=0) + SAME * change.max(axis=0)
+    most = (ROUGHLY * change > usual).any(axis=1)
     jumps = np.flatnonzero(np.r_[most, False] | np.r_[False, most])
     if not 0 < len(jumps) <= MOST_JUMPS:
         return None

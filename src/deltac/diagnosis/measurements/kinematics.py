@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import HALF_DIGITS, SAME, SMALL_SHARE, Array, medians
+from deltac.arrays import HALF_DIGITS, ROUGHLY, SAME, SMALL_SHARE, Array, medians
 from deltac.diagnosis.measurements.digits import Chosen, digits_of
 from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
@@ -50,9 +50,6 @@ That of Adams and Bashforth's method of two steps, the largest in use (Hairer, N
 
 PROJECTION = 1 / 3
 """The same of a straight step that is put back onto a circle: its angle θ becomes atan θ ≈ θ − θ³/3."""
-
-NEARLY = 0.1
-"""Share of the changes of a rate that the rate itself does not make, of one that decays: else r is told."""
 
 FAR = 30.0
 """A defect beyond this multiple of its error bar and of the others' scatter is no quadrature error."""
@@ -205,7 +202,7 @@ def _compared(
     # Of rates that decay evenly a delay of a row does the same.
     along = np.vecdot(I, L) / np.vecdot(I, I)
     apart = _sizes(L - along[:, None] * I)
-    alike = np.where(apart < NEARLY * _sizes(L), _sizes(L) / _sizes(I), 0.0)
+    alike = np.where(apart < ROUGHLY * _sizes(L), _sizes(L) / _sizes(I), 0.0)
     ratio_error = SURE * error + c * _sizes(C) / _sizes(I) + otherwise + alike
     scaled = np.abs(r - 1.0) > np.maximum(ratio_error, LEAST_RATIO)
     most = QUADRATURE + PROJECTION * projected

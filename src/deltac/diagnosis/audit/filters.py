@@ -241,9 +241,8 @@ def _likely(rows: _Rows) -> list[_Fit]:
         if forces and not rows.run.forces:
             continue
         with suppress(FlowError, np.linalg.LinAlgError):
-            fit = rows.improved(
-                _Fit(LowPass(BEGIN, BEGIN**2 / 2, trapezoid, forces), np.inf), alternates=False
-            )
+            first = LowPass(BEGIN, BEGIN**2 / 2, trapezoid, forces)
+            fit = rows.improved(_Fit(first, np.inf), alternates=False)
             if fit.left <= rows.whole:
                 settled.append(rows.settled(fit))
     # Where a filter is all that is wrong with a log, what went in leaves next to nothing.

@@ -21,6 +21,9 @@ from deltac.diagnosis.inference.methods import PARTS
 DELAYS, SPREADS = (-8, -4, -2, 0, 2, 4, 8), (0.5, 1, 2, 4)
 """Delays and deviations, in rows, of filters of forces that are compared: enough to linearise at."""
 
+OF_DELAYS = ("late-forces", "actuator-delay")
+"""Causes by which forces act later than they were logged."""
+
 WITHIN_A_ROW = 1.0
 """Delays and deviations, in rows, up to which forces are held or ramped from row to row."""
 
@@ -63,19 +66,20 @@ def closed_by_other_forces(comparison: Comparison) -> Comparison:
     """The comparison with forces that are held, or straight between rows, if a method closes the rows then.
 
     With a mistake in the rows the likelihood without its cause does not tell how forces act: what it does
-    is smooth, and kinks of forces are noise.
+    is smooth, and kinks of forces are noise. Smooth ones that are half a step late may be held.
     """
     point, likeliest = comparison.point, comparison
     if point.forces.filter is not None or point.forces_known:
         return comparison
+    late = any(c.kind in OF_DELAYS for c in comparison.posterior.best.chosen)
     for kind in ("start", "ramp"):
         forces = point.forces.alike(kind)
         if forces.kinds == point.forces.kinds:
             continue
         moved = point.with_flow(forces=forces).with_noise_of_rows()
-        if np.any(LESS * moved.log.noise[1] < point.log.noise[1]):
+        if late or np.any(LESS * moved.log.noise[1] < point.log.noise[1]):
             other = compared(moved.with_process_noise())
-            if other.closing and other.evidence > likeliest.evidence:
+            if (other.closing or late) and other.evidence > likeliest.evidence:
                 likeliest = other
     return likeliest
 

@@ -64,6 +64,11 @@ def test_noise_is_no_restitution() -> None:
     assert not [f for f in audit.findings if f.kind == "restitution"]
 
 
+def test_two_rows_tell_of_no_impact() -> None:
+    audit = dc.audit(problem(0.8), bounced(0.8).take(slice(0, 2)))
+    assert "F-IMPACTS" in {f.code for f in audit.findings}
+
+
 def test_two_impacts_tell_no_restitution() -> None:
     """Two departures may be alike by chance, as what a method does to the places of impacts."""
     audit = dc.audit(problem(0.8), bounced(0.9).take(slice(0, 180)))

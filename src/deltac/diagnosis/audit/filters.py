@@ -203,9 +203,9 @@ class _Rows:
         return point
 
     def _fitted(self, run: Trajectory, change: Array) -> Iterator[tuple[float, Array]]:
-        """What is left by kinds of forces and methods, all or one, beside changes of the rows (T, 2n, p).
+        """What each method leaves, by forces of each kind, beside changes of the rows (T, 2n, p).
 
-        With the numbers of these.
+        With the numbers of these. Causes are beside both.
         """
         point, model = self._point(run), self.model
         log = point.log
@@ -230,8 +230,7 @@ class _Rows:
                     step = np.asarray(-np.linalg.lstsq(D, r)[0], dtype=float)
                     # In most intervals: blows are of a few, which two numbers could explain.
                     each = ((r + D @ step) ** 2).reshape(w.shape).mean(axis=1)
-                    left = float(np.sqrt(np.median(each)))
-                    yield left, step
+                    yield float(np.sqrt(np.median(each))), step
 
 
 def _likely(rows: _Rows) -> list[_Fit]:

@@ -40,6 +40,7 @@ from deltac.diagnosis.inference.hypotheses import (
     steadfast,
 )
 from deltac.diagnosis.inference.interpolation import (
+    OF_DELAYS,
     WITHIN_A_ROW,
     closed_by_other_forces,
     held_as_in,
@@ -516,7 +517,7 @@ def _late_forces(point: Point, best: Fit) -> list[tuple[float, float]]:
     """Delays and deviations (s) of a filter of the forces, as causes of a fit say."""
     # The delay of a motor that is the only one is that of all forces.
     single = sum(c.what == "delay" and c.index == 0 for c in point.whats) == 1
-    kinds = ("late-forces", "actuator-delay") if single else ("late-forces",)
+    kinds = OF_DELAYS if single else OF_DELAYS[:1]
     least = (NARROW * point.log.step) ** 2
     each = zip(best.chosen, best.theta, strict=True)
     late = [(x[0], x[-1] if len(x) > 1 else x[0] ** 2) for c, x in each if c.kind in kinds]

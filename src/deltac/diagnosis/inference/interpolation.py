@@ -22,7 +22,7 @@ DELAYS, SPREADS = (-8, -4, -2, 0, 2, 4, 8), (0.5, 1, 2, 4)
 """Delays and deviations, in rows, of filters of forces that are compared: enough to linearise at."""
 
 OF_DELAYS = ("late-forces", "actuator-delay")
-"""Causes by which forces act later than they were logged."""
+"""Causes by which all forces, or those of one motor, act later than they were logged."""
 
 WITHIN_A_ROW = 1.0
 """Delays and deviations, in rows, up to which forces are held or ramped from row to row."""

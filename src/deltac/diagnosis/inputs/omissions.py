@@ -152,7 +152,8 @@ def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Fin
     Where speeds may have jumped the model is simulated from the row before, with its impacts and no other
     force than its own. Rows that depart from it by equal shares of the jumps are of another restitution.
     """
-    if run.forces:  # those between rows that a step takes in are not known
+    # Forces that a step takes in between rows are not known; a change of rates takes three rows.
+    if run.forces or len(run) < 3:
         return None
     h = np.diff(run.t)
     change = np.abs(np.diff(np.diff(run.u, axis=0) / h[:, None], axis=0))
@@ -161,11 +162,8 @@ def with_impacts(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, Fin
     jumps = np.flatnonzero(np.r_[most, False] | np.r_[False, most])
     if not 0 < len(jumps) <= MOST_JUMPS:
         return None
-    events, hits, free = (
-        list[Occurrence](),
-        list[tuple[Array, Array]](),
-        [SAME * np.abs(run.u).max()],
-    )
+    events, hits = list[Occurrence](), list[tuple[Array, Array]]()
+    free = [SAME * np.abs(run.u).max()]
     for k in jumps:
         start = State(float(run.t[k]), run.q[k], run.u[k])
         try:

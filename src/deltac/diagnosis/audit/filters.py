@@ -19,7 +19,7 @@ from itertools import product
 import numpy as np
 from scipy.linalg import orth
 
-from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SAME_STEP, SIX_DIGITS, SMALL_SHARE, Array
+from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SIX_DIGITS, SMALL_SHARE, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.inference import LEAST_ROWS
 from deltac.diagnosis.inference.integrators import transition
@@ -38,6 +38,9 @@ BEGIN = 1.0
 
 LEFT = 0.3
 """Share of the prediction errors of a log that may be left of what went into its filter, beside causes."""
+
+NOTHING = 0.01
+"""The same where the filter is all that is wrong with a log."""
 
 SMOOTH = 6
 """Order of differences by which what alternates from row to row is told from a motion."""
@@ -244,8 +247,7 @@ def _likely(rows: _Rows) -> list[_Fit]:
             fit = rows.improved(_Fit(first, np.inf), alternates=False)
             if fit.left <= rows.whole:
                 settled.append(rows.settled(fit))
-    # Where a filter is all that is wrong with a log, what went in leaves next to nothing.
-    share = LEFT if rows.kernels else SAME_STEP
+    share = LEFT if rows.kernels else NOTHING
     right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]
     return sorted(right, key=lambda fit: fit.left)
 

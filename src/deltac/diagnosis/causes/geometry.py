@@ -55,7 +55,7 @@ class Change:
 
 
 def geometry_columns(equations: LogEquations, some: Elements = None) -> ColumnKernels:
-    """The columns of all joints' places, of numbers of elements and constraints, and of parameters; or of some.
+    """The columns of joints' places, of numbers of elements and constraints, and of parameters.
 
     They are called as other columns are. The first one is M (u̇ of the model − u̇), and the others are the
     derivatives of that: M ∂u̇/∂θ. Without constraints these are F_r + F*_r and its derivative at the given u̇.

@@ -40,6 +40,7 @@ from deltac.diagnosis.inference.hypotheses import (
     refitted,
     steadfast,
 )
+from deltac.diagnosis.inference.integrators import Integrator
 from deltac.diagnosis.inference.interpolation import (
     OF_DELAYS,
     WITHIN_A_ROW,
@@ -48,7 +49,6 @@ from deltac.diagnosis.inference.interpolation import (
     with_filter,
     with_likeliest_forces,
 )
-from deltac.diagnosis.inference.integrators import Integrator
 from deltac.diagnosis.inference.linearisation import RELINEARISATIONS, FlowError, Point, start
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.observations import observations
@@ -335,13 +335,14 @@ def _relinearised(comparison: Comparison) -> Comparison:
     is built, and others are asked for beside the likeliest.
     """
     point, found = comparison.point, comparison.posterior
-    if all(c.kind in OF_THE_LOG for c in found.best.chosen):
+    rivals = _rivals(comparison)
+    if not rivals or all(c.kind in OF_THE_LOG for c in found.best.chosen):
         return _at_causes(point, found) or comparison
-    rivals = [_settled(point, Posterior(fit, (), ()), True) for fit in _rivals(comparison)]
-    built = [one for one in rivals if one is not None and one.posterior.best.chosen]
+    alone = [_at_causes(point, Posterior(fit, (), ()), True) for fit in rivals]
+    built = [one for one in alone if one is not None and one.posterior.best.chosen]
     names = [[c.name for c in one.posterior.best.chosen] for one in built]
     if [c.name for c in found.best.chosen] not in names:
-        together = _settled(point, found, True)
+        together = _at_causes(point, found, True)
         built += [] if together is None else [together]
     if not built:
         return comparison
@@ -390,35 +391,27 @@ def _log_odds(comparisons: Sequence[Comparison]) -> Array:
     return np.array([b.evidence(one.posterior.best, tau) - b.spread / tau for b, one in each])
 
 
-def _at_causes(point: Point, found: Posterior) -> Comparison | None:
-    """The comparison of all causes at those that were found elsewhere; None as `_settled`."""
-    own = _settled(point, found)
-    try:
-        return own and (_linearised(point, own.posterior) or own)
-    except (FlowError, np.linalg.LinAlgError):
-        return None
+def _at_causes(point: Point, found: Posterior, rival: bool = False) -> Comparison | None:
+    """The comparison at causes that were found elsewhere; None without motion, or where they are not told apart.
 
-
-def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison | None:
-    """The comparison of causes alone, linearised at themselves until their numbers settle.
-
-    A `rival` goes on as long as a step takes away more than it leaves: what it leaves then is no curvature.
-    None where they have no motion between the rows, or are not told apart.
+    They are linearised at themselves until their numbers settle. A `rival` is compared alone, by its own
+    columns, as long as a step takes away more than it leaves: what it leaves then is no curvature.
     """
-    point, moved, methods = point.narrowed(found), None, tuple[Integrator, ...]()
+    point, moved = point.narrowed(found) if rival else point, None
     try:
         for turn in count():
-            before = moved.posterior if moved else found
-            own = _linearised(point, before, methods)
+            before, closing = (moved.posterior, moved.methods) if moved else (found, ())
+            if moved and not moved.posterior.best.chosen:
+                break
+            own = _linearised(point, before, closing if turn > 1 else ())
             if own is None:
-                return moved if before is not found and not before.best.chosen else None
+                return None
             moved, point, best = own, own.point, own.posterior.best
-            if before.best.settled(best) or (turn + 1 >= RELINEARISATIONS and not rival):
-                break
             block = own.blocks[0]
-            if rival and 2.0 * block.misfit(best.coefficients) > block.misfit(point.coefficients):
+            left, start = (block.misfit(x) for x in (best.coefficients, point.coefficients))
+            last = 2.0 * left > start if rival else turn + 1 >= RELINEARISATIONS
+            if last or before.best.settled(best):
                 break
-            methods = own.methods if turn else ()
     except (FlowError, np.linalg.LinAlgError):
         return None
     return moved
@@ -427,7 +420,7 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison 
 def _linearised(
     point: Point, found: Posterior, methods: tuple[Integrator, ...] = ()
 ) -> Comparison | None:
-    """The comparison at causes that were found elsewhere; None where these are none, or not told apart there."""
+    """The comparison linearised at causes; None where these are of the log, or not told apart there."""
     late = _late_forces(point, found.best)
     if not late and all(c.kind in OF_THE_LOG for c in found.best.chosen):
         return None
@@ -446,7 +439,7 @@ def _linearised(
 
 
 def _rivals(comparison: Comparison) -> list[Fit]:
-    """Causes that alone explain most of what is left to first order: the likeliest in as many numbers each."""
+    """Causes that alone explain most of what is left to first order: of each the likeliest in so many numbers."""
     point, block, scores = comparison.point, comparison.blocks[0], comparison.posterior.scores
     if not any(c.edit is not None for _, c, _ in scores):
         return []

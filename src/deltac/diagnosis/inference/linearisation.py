@@ -626,7 +626,7 @@ class Point:
         return moved.with_columns()
 
     def narrowed(self, found: Posterior) -> Point:
-        """The same with the columns of causes that were found only: those built anew are compared by these."""
+        """The same with the columns of some causes only: those that are built anew are compared by these."""
         of = self.whats
         causes = [c for fit in (found.best, *found.alternatives) for c in fit.chosen]
         own = alike(self.own[1], [*causes, *(c for _, c, _ in found.scores)])

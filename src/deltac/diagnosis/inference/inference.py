@@ -335,14 +335,14 @@ def _relinearised(comparison: Comparison) -> Comparison:
     is built, and others are asked for beside the likeliest.
     """
     point, found = comparison.point, comparison.posterior
-    rivals = _rivals(comparison)
-    if not rivals or all(c.kind in OF_THE_LOG for c in found.best.chosen):
+    alone = _rivals(comparison)
+    if not alone or all(c.kind in OF_THE_LOG for c in found.best.chosen):
         return _at_causes(point, found) or comparison
-    alone = [_at_causes(point, Posterior(fit, (), ()), True) for fit in rivals]
-    built = [one for one in alone if one is not None and one.posterior.best.chosen]
+    rivals = [_settled(point.narrowed(one), one, True) for one in alone]
+    built = [one for one in rivals if one is not None and one.posterior.best.chosen]
     names = [[c.name for c in one.posterior.best.chosen] for one in built]
     if [c.name for c in found.best.chosen] not in names:
-        together = _at_causes(point, found, True)
+        together = _settled(point.narrowed(found), found, True)
         built += [] if together is None else [together]
     if not built:
         return comparison
@@ -391,13 +391,21 @@ def _log_odds(comparisons: Sequence[Comparison]) -> Array:
     return np.array([b.evidence(one.posterior.best, tau) - b.spread / tau for b, one in each])
 
 
-def _at_causes(point: Point, found: Posterior, rival: bool = False) -> Comparison | None:
-    """The comparison at causes that were found elsewhere; None without motion, or where they are not told apart.
+def _at_causes(point: Point, found: Posterior) -> Comparison | None:
+    """The comparison at causes that were found elsewhere; None where they do not move, or are not told apart.
 
-    They are linearised at themselves until their numbers settle. A `rival` is compared alone, by its own
-    columns, as long as a step takes away more than it leaves: what it leaves then is no curvature.
+    Their numbers settle by their own columns first: all others cost several times as much.
     """
-    point, moved = point.narrowed(found) if rival else point, None
+    alone = _settled(point.narrowed(found), found)
+    return _settled(point, alone.posterior if alone and alone.posterior.best.chosen else found)
+
+
+def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison | None:
+    """The same by all columns that there are, linearised at the causes until their numbers settle.
+
+    A `rival` goes on as long as a step takes away more than it leaves: what it leaves then is no curvature.
+    """
+    moved: Comparison | None = None
     try:
         for turn in count():
             before, closing = (moved.posterior, moved.methods) if moved else (found, ())
@@ -410,7 +418,7 @@ def _at_causes(point: Point, found: Posterior, rival: bool = False) -> Compariso
             block = own.blocks[0]
             left, start = (block.misfit(x) for x in (best.coefficients, point.coefficients))
             last = 2.0 * left > start if rival else turn + 1 >= RELINEARISATIONS
-            if last or before.best.settled(best):
+            if last or start <= KNOWN * block.least or before.best.settled(best):
                 break
     except (FlowError, np.linalg.LinAlgError):
         return None
@@ -438,22 +446,21 @@ def _linearised(
     return moved if len(best.each) == len(best.chosen) else None
 
 
-def _rivals(comparison: Comparison) -> list[Fit]:
-    """Causes that alone explain most of what is left to first order: of each the likeliest in so many numbers."""
+def _rivals(comparison: Comparison) -> list[Posterior]:
+    """Causes that explain most of what is left to first order, of each the likeliest in so many numbers."""
     point, block, scores = comparison.point, comparison.blocks[0], comparison.posterior.scores
     if not any(c.edit is not None for _, c, _ in scores):
         return []
     least = dict[tuple[str, str, str, int], Fit]()
     whats = {c.what for _, c, _ in scores if c.kind not in OF_THE_LOG}
     for c in (c for c in point.candidates if c.what in whats):
-        fit, alike_causes = fitted(comparison.blocks, [c]), (*c.what, c.size)
+        fit, key = fitted(comparison.blocks, [c]), (*c.what, c.size)
         if fit is None or not c.plausible(fit.theta[0]):
             continue
-        best = least.get(alike_causes)
-        left = SLIGHT * block.start if best is None else block.misfit(best.coefficients)
-        if block.misfit(fit.coefficients) < left:
-            least[alike_causes] = fit
-    return list(least.values())
+        bound = block.misfit(least[key].coefficients) if key in least else SLIGHT * block.start
+        if block.misfit(fit.coefficients) < bound:
+            least[key] = fit
+    return [Posterior(fit, (), ()) for fit in least.values()]
 
 
 def _beside(built: Comparison, point: Point, equal: Sequence[Comparison]) -> Comparison:

@@ -17,6 +17,7 @@ import numpy as np
 from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, Array
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
+from deltac.diagnosis.verdict import LEAST_ORDER
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
 from deltac.errors import DeltacError, InputError, SolverError
@@ -44,9 +45,6 @@ SAME_TIME = 1.0 + ROUGHLY
 NATIVE = 1e-9
 """Seconds that native code takes for an instruction, at most: it is 0.2 to 1 ns."""
 
-
-ORDERLY = 0.75
-"""Runs have the order if they gain at least this power of what it promises: at a kink less remains."""
 
 ROUNDING = 512 * EPS
 """No run in double precision keeps the energy better than this, as a share of the energy that the system has.
@@ -326,7 +324,7 @@ class Trials:
         if first != check:
             rest = difference(finer(check), finer(first))
             gain = first ** order_of((1.0, 1.0 / check, 1.0 / first), error - rest, rest)
-            if gain >= piece.gain**ORDERLY:
+            if gain >= piece.gain**LEAST_ORDER:
                 doubt = error / (min(gain, piece.gain) - 1.0)
         for coarser, finest in itertools.pairwise(divisors):
             if doubt <= NEGLIGIBLE * max(error, self._tolerance):

@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, ROUGHLY, SAME, SIX_DIGITS, Array
-from deltac.diagnosis.study.convergence import Convergence, between_runs, towards_zero
+from deltac.diagnosis.study.convergence import FEWEST, Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 Rows: TypeAlias = NDArray[np.intp]
-
-FEWEST = 8
-"""Common times below which curves are not compared over time."""
 
 
 @dataclass(frozen=True, eq=False)

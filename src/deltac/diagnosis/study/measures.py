@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.study.convergence import Convergence, order_of
-from deltac.diagnosis.study.curves import FEWEST
+from deltac.diagnosis.study.convergence import FEWEST, Convergence, order_of
 from deltac.diagnosis.study.runs import BalancedRun
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.energy import Ledger
@@ -130,7 +129,7 @@ def residuals_of(
 
             findings += stale_stage(of_finest)
             if not findings and of_finest.relative.any():
-                findings = [f for f in [conventions.units(mechanism, finest)] if f is not None]
+                findings = conventions.units(of_finest)
     else:
         worst = [0.0] * len(measured)
     order = 0.0

@@ -76,7 +76,9 @@ def _mistake(m: StudyMeasures) -> tuple[Confidence, str] | None:
         if convergence.trend == "tends to a limit"
         and convergence.limit > CLEAR * max(convergence.floors)
     ]
-    if not momenta or m.blown_up:
+    # While ΔC still falls with the step, what the steps leave of the momenta may look like a limit.
+    falling = m.left[-1] > m.allowed and m.energy.trend == "falls to zero"
+    if not momenta or m.blown_up or falling:
         return None
     return "medium", (
         f"The balance of momentum ({', '.join(momenta)}) does not close, however small the step: a force is "

@@ -256,7 +256,7 @@ def test_controllers_without_forces_in_the_log_accuse_no_model(
     data = mujoco.MjData(model)
     data.qpos[:] = 0.5, -0.3
     rows = []
-    for _ in range(800):
+    for _ in range(400):
         mujoco.mj_forward(model, data)
         spring = -0.3 * (data.qpos - 0.2) if "spring" in control else 0.0
         gravity = data.qfrc_bias if "gravity" in control else np.array([0.2, 0.1])

@@ -135,16 +135,19 @@ def convention(mechanism: Mechanism, run: Trajectory, inference: Inference) -> F
 
 def units(mechanism: Mechanism, run: Trajectory) -> Finding | None:
     """Coordinates and their speeds both in another unit, all of them or those of one joint."""
-    inference = infer(mechanism, run)
-    if inference is None:
+    readings = list(_units(mechanism, run))
+    alone = infer_alone(mechanism, run)
+    # Causes are looked for only where a reading takes away what they might explain.
+    if alone is None or not _tried(mechanism, run, readings, alone)[2]:
         return None
-    return _best(mechanism, run, list(_units(mechanism, run)), inference)
+    inference = infer(mechanism, run)
+    return None if inference is None else _best(mechanism, run, readings, inference)
 
 
-def _best(
+def _tried(
     mechanism: Mechanism, run: Trajectory, readings: list[Reading], inference: Inference
-) -> Finding | None:
-    """The reading that takes nearly all away of what the equations leave, if one does."""
+) -> tuple[float, Array, list[int]]:
+    """What the equations leave, what they leave by each reading, and readings that take nearly all away."""
     part = _some(run)
     model = Model(mechanism, part)
     was = _left(model, part, inference)
@@ -152,6 +155,14 @@ def _best(
     # Of readings that explain as much, the model may be what is turned round: nothing contradicts itself.
     doubts = np.array([reading.weight == "doubt" for reading in readings])
     order = [int(k) for k in np.lexsort((doubts, _digits(residuals))) if residuals[k] < LEFT * was]
+    return was, residuals, order
+
+
+def _best(
+    mechanism: Mechanism, run: Trajectory, readings: list[Reading], inference: Inference
+) -> Finding | None:
+    """The reading that takes nearly all away of what the equations leave, if one does."""
+    was, residuals, order = _tried(mechanism, run, readings, inference)
     for way in (infer_alone, infer):  # a log that has a mistake too closes beside it
         for k in order[: 3 if way is infer_alone else 1]:
             other = way(mechanism, readings[k].of(run))

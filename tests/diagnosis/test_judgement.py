@@ -166,7 +166,7 @@ HOPPER = """<mujoco model="leg"><option timestep="0.002"/><worldbody>
   <body name="foot" pos="0 0 -0.2"><joint name="knee" axis="0 1 0" damping="{damping}"/>
    <geom type="capsule" fromto="0 0 0 0 0 -0.4" size="0.05" mass="2"/></body></body></worldbody>
  <actuator><motor joint="hip" gear="20"/><motor joint="knee" gear="10"/></actuator></mujoco>"""
-SKIP, ROWS = 5, 60
+SKIP, ROWS = 5, 40
 
 
 def policy(damping: float) -> dict[str, np.ndarray]:

@@ -153,9 +153,8 @@ def test_integration_error_is_told_without_accelerations() -> None:
     )
 
 
-@pytest.mark.parametrize(
-    "scheme", repeated(("explicit-euler", "semi-implicit-euler", "rk4"), "explicit-euler")
-)
+@pytest.mark.slow  # by a precise method: test_small_but_real
+@pytest.mark.parametrize("scheme", ("explicit-euler", "semi-implicit-euler", "rk4"))
 def test_a_mistake_far_below_what_integrators_leave_is_named(scheme: str) -> None:
     """Gravity 1e-4 too large, at the step that leaves Euler's methods some per cent."""
     slightly = CartPole(gravity=9.81 * 1.0001)
@@ -178,7 +177,7 @@ def test_scattered_time_stamps_are_put_back() -> None:
     assert np.std(np.diff(found.run.t)) < 1e-9 * h
 
 
-@pytest.mark.parametrize("habit", repeated(("mean", "late", "commanded"), "mean", "commanded"))
+@pytest.mark.parametrize("habit", repeated(("mean", "late", "commanded"), "mean"))
 def test_forces_of_other_rows_accuse_nobody(habit: str) -> None:
     run = log(RIGHT, "rk4", held=False)
     force = run.forces["actuator motor"]
@@ -192,6 +191,7 @@ def test_forces_of_other_rows_accuse_nobody(habit: str) -> None:
     assert not of_equations(found)
 
 
+@pytest.mark.slow  # the zero of an encoder: tests/diagnosis/test_foreign_logs.py
 def test_a_small_cause_is_told_once() -> None:
     """The samples and the steps both show the zero of an encoder."""
     run = log(RIGHT, "rk4", held=False)
@@ -242,12 +242,14 @@ def lacking(run: dc.Trajectory, share: float = 0.6) -> dc.Trajectory:
     )  # fmt: skip
 
 
+@pytest.mark.slow  # rows that are missing: tests/diagnosis/test_audit_logs.py
 def test_a_wrong_mass_is_named_in_a_log_that_lacks_rows() -> None:
     found = dc.audit(MECHANISM, lacking(log(replace(RIGHT, pole=0.63, length=0.4), "heun")))
     assert found.verdict.kind == "equation-error"
     assert any(f.element == "pole" for f in found.verdict.findings if f.weight == "cause")
 
 
+@pytest.mark.slow  # stops: tests/diagnosis/test_foreign_logs.py
 def test_a_wall_that_is_left_in_the_first_rows_is_seen() -> None:
     """The log begins in the last five steps of a touch, and ends before the next one."""
     run = log(Walled(wall=0.3), "semi-implicit-euler", step=0.002)

@@ -122,6 +122,8 @@ def test_a_pendulums_logs_are_judged_by_one_judgement(name: str) -> None:
         assert audit.explanation is not None
         explanation = audit.explanation
     assert_consistent(audit, explanation)
+    if name == "degrees":
+        assert "F-DEGREES" in codes(audit, "doubt") and audit.verdict.kind == "unresolved"
     if name in ("absolute angles", "degrees"):
         assert audit.attribution is None and explanation.kind == "doubtful"
     if name in ("another gravity", "another gravity, noisy"):

@@ -75,10 +75,10 @@ TRAPS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("disc-on-moving-plane", {}),
     ("chaotic-double-body", {}),
     ("free-particle", {}),
-    ("triple-pendulum", {"correct": "energy"}),
-    ("andrews-squeezer", {"stabilisation": (20.0, 20.0)}),
-    ("n-four-bar", {"stabilisation": (20.0, 20.0)}),
-    ("rolling-disc", {"stabilisation": "none"}),
+    ("triple-pendulum", {"constraints": dc.Projection(energy=True)}),
+    ("andrews-squeezer", {"constraints": dc.Baumgarte(20.0, 20.0)}),
+    ("n-four-bar", {"constraints": dc.Baumgarte(20.0, 20.0)}),
+    ("rolling-disc", {"constraints": None}),
 )
 """What has led energy tests astray: impacts, dry friction, contact, moving supports, chaos, stabilisation."""
 

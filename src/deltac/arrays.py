@@ -29,8 +29,8 @@ Rows have the size of lengths and angles. Newton's method reaches EPS times the 
 Jacobian, which `feasibility` bounds by 10⁵; the rest is room for mechanisms of 10 to 100 m.
 """
 
-PHYSICAL = 1e50
-"""No coordinate, speed or force is larger in SI units; squares of squares of these do not overflow."""
+PHYSICAL = float(np.finfo(np.float64).max) ** (1 / 6)
+"""No coordinate, speed or force is larger in SI units: squares of products of three do not overflow."""
 
 SAME = 1e-9
 """Relative difference of numbers that are the same but for rounding.
@@ -47,6 +47,9 @@ ENDLESS = 20_000
 
 SAME_STEP = 1e-2
 """Relative difference of steps that are the same: times of logs are rounded, or in single precision."""
+
+SOME_ROWS = 64
+"""Rows of which the others do as they do, where nothing is estimated: all agree, or one of them does not."""
 
 NEWTON_STEPS = 100
 """Iterations after which what has not converged will not."""

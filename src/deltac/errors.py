@@ -192,7 +192,6 @@ def shown(value: object) -> str:
 _MANY, _LONG = 5000, 200
 
 _short = reprlib.Repr()
-_short.maxlevel = 3
 _short.maxstring = _short.maxother = _short.maxlong = 80
 
 

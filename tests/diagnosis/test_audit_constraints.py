@@ -24,7 +24,7 @@ def geared(ratio: float) -> dc.Mechanism:
     )
 
 
-def turning(ratio: float, rows: int = 400) -> Trajectory:
+def turning(ratio: float, rows: int = 100) -> Trajectory:
     """Both discs swing, b as sin t, a as ratio times that."""
     t = np.linspace(0.0, 4.0, rows)
     b, v = np.sin(t), np.cos(t)

@@ -84,9 +84,10 @@ def test_degrees_are_named() -> None:
     assert not causes(found)
 
 
+@pytest.mark.slow  # of a pendulum: tests/diagnosis/test_judgement.py
 def test_degrees_in_all_columns_are_named() -> None:
     """Coordinates and speeds then agree with each other: only the equations tell."""
-    run = arm_run()
+    run = arm_run().between(0.0, 0.4)
     turned = replace(run, q=np.degrees(run.q), u=np.degrees(run.u), udot=np.degrees(run.udot))
     found = audit(model_of(ARM), turned)
     assert found.verdict.kind == "unresolved", found.verdict.explain()

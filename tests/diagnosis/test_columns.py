@@ -18,7 +18,10 @@ import deltac as dc
 from deltac.diagnosis.causes.causes import Candidate, candidates
 from deltac.diagnosis.causes.columns import LogEquations, column_kernels
 from deltac.diagnosis.inference.hypotheses import fitted
-from deltac.diagnosis.inference.inference import infer
+from deltac.diagnosis.inference.inference import likeliest
+from deltac.diagnosis.inference.linearisation import start
+from deltac.diagnosis.inference.model import Model
+from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.measurements.digits import white_noise
 from tests.support.rate_forms import without_forces
 
@@ -101,15 +104,20 @@ def test_columns_are_what_a_change_does(what: str) -> None:
 def test_steps_tell_what_the_samples_tell(own: bool, rel: float) -> None:
     """Along an exact motion, a cause has the same number from row to row, to what θ² leaves, as by u̇."""
     mechanism = machine(damping=0.1)
-    start = mechanism.state(speeds={"root": [0, 0, 3, 0.5, 1.0, 2.0], "hip": 3.0})
-    run = replace(dc.simulate(mechanism, start, 0.5, 2e-3, solver="ode8"), forces={})
+    state = mechanism.state(speeds={"root": [0, 0, 3, 0.5, 1.0, 2.0], "hip": 3.0})
+    run = replace(dc.simulate(mechanism, state, 0.2, 2e-3, solver="ode8"), forces={})
     if not own:
         run = replace(run, udot=None, works={}, integrals={}, provenance=dc.Provenance("other"))
-    inference = infer(replace(machine(mass=2.0), name="other"), run)
-    assert inference is not None
-    kinds = [(c.kind, c.element, c.size) for c in inference.candidates]
+    other = replace(machine(mass=2.0), name="other")
+    model, equations = Model(other, run), LogEquations(other, run)
+    rows = observations(model, run, len(run))
+    assert rows is not None
+    point = start(model, run, rows).with_candidates(equations, column_kernels(equations))
+    comparison = likeliest(point)
+    causes = comparison.point.candidates
+    kinds = [(c.kind, c.element, c.size) for c in causes]
     planted = {("body-mass", "limb", 1): 1.3 / 2.0 - 1.0, ("missing-damper", "hip", 1): 0.1}
-    fit = fitted(inference.blocks, [inference.candidates[kinds.index(k)] for k in planted])
+    fit = fitted(comparison.blocks, [causes[kinds.index(k)] for k in planted])
     assert fit is not None
     np.testing.assert_allclose(np.concatenate(fit.theta), list(planted.values()), rtol=rel)
 

@@ -110,6 +110,7 @@ def test_the_log_itself_has_no_doubt() -> None:
     assert not [f for f in found.findings if f.weight != "note"]
 
 
+@pytest.mark.slow  # by smaller angles: tests/diagnosis/test_sizes_of_geometry.py
 def test_another_axis_of_a_joint() -> None:
     found = dc.audit(mechanism("x"), run())
     first = found.findings[0]
@@ -160,6 +161,7 @@ def stiff_rate(x: np.ndarray) -> np.ndarray:
     return np.concatenate([[v, w], np.linalg.solve(M, [push, moment])])
 
 
+@pytest.mark.slow  # axes that point the other way: test_a_joint_that_is_turned_round_with_its_motor
 @pytest.mark.parametrize("step", [0.02, 0.005])
 def test_an_axis_that_points_the_other_way_is_told_in_coarse_rows(step: float) -> None:
     rows = [np.array([0.0, 0.4, 0.5, -2.0])]

@@ -18,6 +18,7 @@ import deltac as dc
 
 mujoco = pytest.importorskip("mujoco", reason="the extra 'mujoco' is not installed")
 
+from tests.support.slow import crossed, repeated  # noqa: E402
 from tests.systems.mujoco_models import ARM, BOX, arm_run, box_run, model_of, scaled, with_changes  # noqa: E402
 
 EXACT = 1e-6
@@ -45,8 +46,7 @@ def the_cause(found: dc.Explanation, kind: str, element: str) -> dc.Cause:
 # --- the right model ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("relative", [0.0, NOISE])
-@pytest.mark.parametrize("measured", [True, False], ids=["accelerations", "steps"])
+@pytest.mark.parametrize(("relative", "measured"), crossed((0.0, NOISE), (False, True)))
 def test_nothing_is_blamed_for_a_right_log(relative: float, measured: bool) -> None:
     run = noisy(arm_run(), relative)
     found = dc.explain_residual(model_of(ARM), run if measured else replace(run, udot=None))
@@ -57,7 +57,7 @@ def test_nothing_is_blamed_for_a_right_log(relative: float, measured: bool) -> N
 # --- one cause ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("solver", ["ode1", "semi-implicit-euler"])
+@pytest.mark.parametrize("solver", repeated(["ode1", "semi-implicit-euler"], "ode1"))
 def test_what_a_method_of_first_order_makes_of_the_cause_is_no_other_cause(solver: str) -> None:
     """Euler's methods take a force at one end of a step: of a damper's h/2 times its rate is left."""
 
@@ -227,9 +227,9 @@ def test_four_causes_at_once() -> None:
     ids=["accelerations", "steps"],
 )
 def test_noise_widens_the_error_and_not_the_answer(measured: bool) -> None:
-    """Three logs, ±3 standard errors each: all are within, but once in a hundred times."""
+    """Two logs, ±3 standard errors each: all are within, but once in a hundred times."""
     model, inside = with_changes(ARM, damping=0.0), []
-    for seed in range(3):
+    for seed in range(2):
         run = noisy(arm_run(), NOISE, seed)
         found = dc.explain_residual(model, run if measured else replace(run, udot=None))
         assert found.form == ("samples" if measured else "steps")

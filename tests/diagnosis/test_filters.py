@@ -72,7 +72,7 @@ def test_a_filter_of_all_states_is_told_with_its_delay() -> None:
     assert told.factor == pytest.approx(STEP * a / (1.0 - a), abs=1.01 * STEP)
 
 
-KICK, EVERY, SPAN = 3.0, 4, 900
+KICK, EVERY, SPAN = 3.0, 4, 450
 
 
 def driven(damping: float) -> tuple[dc.Mechanism, dc.Trajectory]:

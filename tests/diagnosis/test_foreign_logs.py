@@ -66,6 +66,11 @@ def test_forces_that_were_held_are_known_to_be(every: int) -> None:
     inference = infer(MECHANISM, run)
     assert inference is not None and set(inference.forces) == {"start"}
     assert not inference.posterior.best.chosen
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("every", (1, 2))
+def test_a_mistake_beside_forces_that_were_held(every: int) -> None:
     wrong = dc.audit(MECHANISM, held(CartPole(gravity=9.81 * 1.1), 10).every(every))
     assert wrong.verdict.kind == "equation-error"
     assert wrong.causes[0].kind.removesuffix("-vector") == "gravity"
@@ -83,15 +88,15 @@ def test_controls_two_rows_late_accuse_nobody() -> None:
     assert dc.audit(MECHANISM, late).verdict.kind != "equation-error"
 
 
-def test_speeds_of_a_slower_sensor() -> None:
+@pytest.mark.parametrize("system", repeated((RIGHT, WRONG), WRONG))
+def test_speeds_of_a_slower_sensor(system: CartPole) -> None:
     """Thinned to the rows in which they are new, the log is judged as one of that pace."""
-    for system, accused in ((RIGHT, False), (WRONG, True)):
-        run = log(system, "rk4", accelerations=False)
-        slow = replace(run, u=np.repeat(run.u[::4], 4, axis=0)[: len(run)])
-        found = dc.audit(MECHANISM, slow)
-        assert "F-HELD-COLUMNS" in codes(found)
-        assert abs(len(found.run) - len(run) / 4) <= 1
-        assert (found.verdict.kind == "equation-error") == accused
+    run = log(system, "rk4", accelerations=False)
+    slow = replace(run, u=np.repeat(run.u[::4], 4, axis=0)[: len(run)])
+    found = dc.audit(MECHANISM, slow)
+    assert "F-HELD-COLUMNS" in codes(found)
+    assert abs(len(found.run) - len(run) / 4) <= 1
+    assert (found.verdict.kind == "equation-error") == (system is WRONG)
 
 
 def test_a_mistake_together_with_a_two_step_method() -> None:
@@ -152,6 +157,7 @@ def test_held_forces_do_their_work_as_held(rows: int) -> None:
     assert abs(told - exact) < 1e-3 * found.energy_exchanged
 
 
+@pytest.mark.slow  # of two per cent: tests/diagnosis/test_audit_logs.py
 def test_a_cause_of_two_thousandths_is_seen_behind_four_decimals() -> None:
     run = log(CartPole(gravity=9.81 * 1.002), "heun", accelerations=False)
     run = replace(run, q=np.round(run.q, 4), u=np.round(run.u, 4))
@@ -204,7 +210,7 @@ def solved(
     return run, energy - energy[0] - work
 
 
-@pytest.mark.parametrize("method", ["RK45", "RK23", "BDF"])
+@pytest.mark.parametrize("method", repeated(["RK45", "RK23", "BDF"], "RK45", "BDF"))
 def test_errors_of_steps_that_a_solver_chose_are_the_integrators(method: str) -> None:
     """Rows of its dense output depart from the flow as no force makes them depart."""
     run, true = solved(RIGHT, method)

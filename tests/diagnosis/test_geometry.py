@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_
 from deltac.diagnosis.causes.geometry import displacements, geometry_columns
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 from tests.support.rate_forms import without_forces
-from tests.support.slow import crossed
+from tests.support.slow import repeated
 
 INERTIA = ((0.05, 0.01, -0.004), (0.01, 0.08, 0.002), (-0.004, 0.002, 0.06))
 STEP = 3e-4
@@ -118,6 +119,20 @@ def placed_anew(joint: Any, side: str, xi: Array) -> dict[str, Any]:
     return made
 
 
+Displacements = dict[str, tuple[str, Array]]
+"""By joint: a side, and what the place there is displaced by, per unit."""
+
+
+def displaced(mechanism: dc.Mechanism, all_of: Displacements, h: float) -> dc.Mechanism:
+    """The mechanism with its joints displaced by h."""
+    joints = [
+        replace(j, **placed_anew(j, side, h * xi)) if xi is not None else j
+        for j in mechanism.joints
+        for side, xi in [all_of.get(j.name, ("", None))]
+    ]
+    return replace(mechanism, joints=joints)
+
+
 def composed(
     outer: Callable[[Any], Array], inner: Callable[[float], Any]
 ) -> Callable[[float], Array]:
@@ -126,11 +141,12 @@ def composed(
 
 
 def changes(mechanism: dc.Mechanism, equations: LogEquations, kernels: ColumnKernels) -> Any:
-    """(what, the mechanism with h of it, coefficients of the columns): places of each joint; all numbers."""
+    """(what, the mechanism with h of it, coefficients of the columns): places of all joints; all numbers."""
     rng = np.random.default_rng(7)
-    for joint in mechanism.joints:
-        both = displacements(equations.symbols.system, joint)
-        for side, D in zip(("joint-place", "body-place"), both):
+    for place, side in enumerate(("joint-place", "body-place")):
+        all_of, x = Displacements(), np.zeros(len(kernels.columns))
+        for joint in mechanism.joints:
+            D = displacements(equations.symbols.system, joint)[place]
             at = [
                 (k, c.index)
                 for k, c in enumerate(kernels.columns)
@@ -141,20 +157,10 @@ def changes(mechanism: dc.Mechanism, equations: LogEquations, kernels: ColumnKer
             xi = rng.standard_normal(6)
             if side == "body-place" and joint.kind == "spherical":
                 xi[3:] = 0.0
-            x = np.zeros(len(kernels.columns))
             for k, index in at:
                 x[k] = (D @ xi)[index]
-
-            def displaced(
-                h: float, joint: Any = joint, side: str = side, xi: Array = xi
-            ) -> dc.Mechanism:
-                fields = placed_anew(joint, side, h * xi)
-                joints = [
-                    replace(j, **fields) if j.name == joint.name else j for j in mechanism.joints
-                ]
-                return replace(mechanism, joints=joints)
-
-            yield f"{joint.name} {side}", displaced, x
+            all_of[joint.name] = side, xi
+        yield f"{side} of {', '.join(all_of)}", partial(displaced, mechanism, all_of), x
     x = np.zeros(len(kernels.columns))
     for k, c in enumerate(kernels.columns):
         if c.what in ("number", "parameter") and c.element in mechanism.numbers:
@@ -340,16 +346,15 @@ def test_without_columns_of_the_geometry_there_are_no_causes_of_it() -> None:
     }
 
 
-@pytest.mark.parametrize(
-    ("wrong", "noise"),
-    crossed(
-        [
-            ((0.6, 0.01), "joint-position", "elbow", 0.01),
-            ((0.606, 0.0), "link-length", "upper", 0.606),
-        ],
-        (1e-4, 0.0),
-    ),
-)
+PLACES = [
+    ((0.6, 0.01), "joint-position", "elbow", 0.01),
+    ((0.606, 0.0), "link-length", "upper", 0.606),
+]
+
+
+# Without noise: tests/diagnosis/test_sizes_of_geometry.py.
+@pytest.mark.parametrize("wrong", repeated(PLACES, PLACES[0]))
+@pytest.mark.parametrize("noise", repeated((0.0, 1e-4), 1e-4))
 def test_an_audit_names_a_place_that_is_wrong(
     wrong: tuple[tuple[float, float], str, str, float], noise: float
 ) -> None:

@@ -536,6 +536,7 @@ def test_a_filtered_force_is_that_of_its_kernel() -> None:
     assert found[inner, 1] == pytest.approx(3.0 * (t[:-1][inner] - delay), abs=1e-9)
 
 
+@pytest.mark.slow  # with a torque that went through none: tests/diagnosis/test_filters.py
 def test_states_that_were_filtered_are_told_by_the_filters_delay() -> None:
     """A Butterworth filter of second order at 60 Hz is late by its group delay."""
     mechanism, run = held()

@@ -38,7 +38,7 @@ def test_the_bar_of_the_energy_covers_noise() -> None:
     """ΔC of right equations stays within it in nine rows of ten; it is at most five times too wide."""
     run = log(RIGHT, "rk4", accelerations=False)
     shares, ratios = [], []
-    for seed in range(8):
+    for seed in range(4):
         audit = dc.audit(MECHANISM, noisy(run, seed, 1e-4, 1e-2), work="samples")
         size, bar = np.abs(audit.energy_error), audit.ledger.error_bar[audit.function]
         shares.append(float(np.mean(size <= bar)))
@@ -58,7 +58,7 @@ def test_the_bar_of_the_energy_covers_digits() -> None:
     assert whole < 1e-2 * bar
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", repeated(range(3), 0))
 def test_right_equations_under_noise_are_not_accused(seed: int) -> None:
     found = dc.audit(MECHANISM, noisy(log(RIGHT, "rk4", accelerations=False), seed, 1e-4, 1e-2))
     assert found.verdict.kind in ("consistent", "unresolved")
@@ -96,7 +96,8 @@ def test_speeds_that_are_differences_accuse_nobody() -> None:
     assert dc.audit(MECHANISM, replace(run, u=u)).verdict.kind != "consistent"
 
 
-@pytest.mark.parametrize(("scheme", "noise"), crossed(("explicit-euler", "rk4"), (1e-3, 1e-2)))
+@pytest.mark.parametrize("scheme", repeated(("explicit-euler", "rk4"), "rk4"))
+@pytest.mark.parametrize("noise", repeated((1e-3, 1e-2), 1e-2))
 def test_a_missing_damper_is_seen_through_noise(scheme: str, noise: float) -> None:
     """It takes a tenth of the pole's energy; rows fit each other's noise, windows do not."""
     run = noisy(log(replace(RIGHT, hinge=0.0), scheme, accelerations=False), 3, 0.01 * noise, noise)
@@ -107,7 +108,7 @@ def test_a_missing_damper_is_seen_through_noise(scheme: str, noise: float) -> No
     assert cause.factor is not None and abs(cause.factor) < 0.2 * RIGHT.hinge
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", repeated(range(4), 0))
 def test_noise_of_one_equation_is_not_that_of_another(seed: int) -> None:
     """Coefficients that noise of the hinge alone tells must not be taken off the slide's equation."""
     run = log(RIGHT, "rk4", accelerations=False)

@@ -77,7 +77,6 @@ def test_a_wrong_force_of_a_constraint(squares: str, udot: bool, expected: str) 
     assert blamed == ({"rod"} if expected == "equation-error" else set())
 
 
-@pytest.mark.slow
 def test_a_wrong_force_of_a_constraint_is_no_log_in_millimetres() -> None:
     """The rod fixes the length, so a thousandth of the coordinates is no reading."""
     problem = dc.problems.load("spherical-pendulum")

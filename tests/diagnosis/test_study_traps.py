@@ -114,6 +114,26 @@ def test_accelerations_that_are_difference_quotients_accuse_nobody(how: str) -> 
     assert found.verdict.kind == "consistent"
 
 
+@pytest.mark.parametrize("single", [False, True])
+@pytest.mark.parametrize("of", [float, np.float32])
+def test_logs_in_degrees(single: bool, of: type) -> None:
+    """Coordinates, speeds and accelerations agree with each other; the equations at the samples tell."""
+    mechanism, runs = damped()
+    factors = np.degrees(1.0) ** np.array([1, not single, not single])
+
+    def degrees(values: Any) -> Any:
+        return (values * factors).astype(of).astype(float)
+
+    logs = [
+        replace(r, q=degrees(r.q), u=degrees(r.u), udot=degrees(r.udot))
+        for r in (log(run, udot=True) for run in runs)
+    ]
+    found = of_logs(mechanism, logs)
+    assert found.verdict.kind == "unresolved", found.verdict.explain()
+    (slip,) = [f for f in found.findings if f.weight == "doubt"]
+    assert (slip.kind, slip.element) == ("degrees", runs[0].coordinates[0] if single else "")
+
+
 @pytest.mark.parametrize("solver", ["ode1", "ode4"])
 def test_dry_friction(solver: str) -> None:
     mechanism = dc.Mechanism(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -28,6 +29,19 @@ LOGS = (
 EQUATIONS = (cases.wrong_velocity, cases.sign_in_the_thesis)
 
 
+@cache
+def audited(case: Callable[[], cases.LogCase]) -> dc.Audit:
+    """The audit of the faulty log, whose explanation is that of `explain_residual`."""
+    given = case()
+    return dc.audit(given.model, given.log)
+
+
+def explained(case: Callable[[], cases.LogCase]) -> dc.Explanation:
+    explanation = audited(case).explanation
+    assert explanation is not None
+    return explanation
+
+
 @pytest.mark.parametrize(
     "case",
     # The others are looked at more closely below.
@@ -37,7 +51,7 @@ EQUATIONS = (cases.wrong_velocity, cases.sign_in_the_thesis)
 def test_logs_with_a_fault_are_equation_errors(case: Callable[[], cases.LogCase]) -> None:
     given = case()
     assert dc.audit(given.model, given.right).verdict.kind == "consistent"
-    found = dc.audit(given.model, given.log)
+    found = audited(case)
     assert (found.verdict.kind, found.exit_code) == ("equation-error", 1), found.verdict.explain()
 
 
@@ -52,8 +66,7 @@ def test_a_right_log_of_coarse_steps_is_an_integration_error() -> None:
 
 def test_an_integrated_solver_residual_is_not_excused() -> None:
     """Its accelerations are differences of its speeds; what is left looks like their noise, and is none."""
-    given = cases.solver_residual_integrated()
-    found = dc.audit(given.model, given.log)
+    found = audited(cases.solver_residual_integrated)
     assert (found.verdict.kind, found.exit_code) == ("unresolved", 3), found.verdict.explain()
     assert found.relative > 0.05
 
@@ -86,8 +99,7 @@ def test_an_anisotropic_drag_without_lever_arm_adds_energy() -> None:
 
 
 def test_dropped_damping_is_named_joint_by_joint() -> None:
-    given = cases.damping_dropped_by_an_importer()
-    found = dc.explain_residual(given.model, given.log)
+    found = explained(cases.damping_dropped_by_an_importer)
     assert found.kind == "explained"
     assert {(c.kind, c.element): c.model[0] for c in found.causes} == pytest.approx(
         {("damping", "shoulder"): 0.2, ("damping", "elbow"): 0.131}
@@ -111,12 +123,11 @@ def test_lost_axes_of_inertia_are_named_with_both_tensors() -> None:
 
 
 def test_what_no_cause_explains_is_not_explained_away() -> None:
-    for case in (cases.missing_lever_arm, cases.force_without_its_potential):
-        given = case()
-        assert dc.explain_residual(given.model, given.log).kind == "unexplained"
+    given = cases.missing_lever_arm()
+    assert dc.explain_residual(given.model, given.log).kind == "unexplained"
+    assert explained(cases.force_without_its_potential).kind == "unexplained"
     # White forces, which add up over windows as noise on speeds does not: something is left.
-    given = cases.solver_residual_integrated()
-    found = dc.explain_residual(given.model, given.log)
+    found = explained(cases.solver_residual_integrated)
     assert found.kind == "unexplained" and found.residual > 10.0 * found.noise
 
 

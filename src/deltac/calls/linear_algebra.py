@@ -26,7 +26,7 @@ _EXTENSIONS = ("numpy.linalg._umath_linalg", "scipy.linalg._flapack", "scipy.lin
 """Compiled modules that link to the libraries; a symbol is looked up in what they link to."""
 
 _lock = threading.Lock()
-_depth = 0
+_users: list[object] = []
 _before: list[tuple[_Threads, int]] = []
 
 
@@ -44,10 +44,10 @@ def one_thread_per_matrix() -> Iterator[None]:
     Libraries that are not known here keep their threads. The number is the process's: matrices of other
     threads are one thread's meanwhile too.
     """
-    global _depth
+    user = object()
     with _lock:
-        _depth += 1
-        if _depth == 1:
+        _users.append(user)
+        if len(_users) == 1:
             # SciPy may be loaded later than this: it is small.
             import scipy.linalg.lapack  # noqa: F401
 
@@ -58,8 +58,8 @@ def one_thread_per_matrix() -> Iterator[None]:
         yield
     finally:
         with _lock:
-            _depth -= 1
-            if _depth == 0:
+            _users.remove(user)
+            if not _users:
                 for library, count in _before:
                     library.set(count)
 

@@ -35,16 +35,10 @@ from deltac.models import ModelLike
 from deltac.results import Report, Section, number
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.mapping import MappingLike
-
-CONTRACTION = 0.5
-"""A sweep corrects less than this share of what the one before did, or the motion is lost from there on."""
+from deltac.trajectories.motion import CLEAR_RATIO
 
 FLOW = SAME
 """Error of the flow over an interval, as a share of the sizes of coordinates and speeds."""
-
-
-BEYOND = 2.0
-"""A correction is this many times what is not known of the corrected motion, or the log may be as good."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +140,7 @@ def correct_trajectory(
             np.max(np.abs(np.nan_to_num(error, nan=np.inf)) / scale, axis=1)
         )
         finite = np.full(len(now), np.finfo(float).max)
-        lost = now > (finite if before is None else np.maximum(CONTRACTION * before, FLOW))
+        lost = now > (finite if before is None else np.maximum(CLEAR_RATIO * before, FLOW))
         count = int(np.argmax(lost)) if lost.any() else len(now)
         if count < LEAST_ROWS:
             raise _refused(
@@ -160,7 +154,7 @@ def correct_trajectory(
         before = now[:count]
     # What is left is to the last correction as that is to the one before; and what is not known.
     remaining = np.abs(error).max(axis=0) * min(ratio, 1.0) + NORMAL_95 * doubt[:count].max(axis=0)
-    if np.max(np.abs(total) / scale) < BEYOND * np.max(remaining / scale):
+    if CLEAR_RATIO * np.max(np.abs(total) / scale) < np.max(remaining / scale):
         raise _refused(
             f"the log is off by up to {np.abs(total).max():.2g} from the motion through its first row, which "
             f"is known to {remaining.max():.2g} only, for the noise and digits of that row: the error of the "

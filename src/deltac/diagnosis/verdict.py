@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
-from deltac.arrays import ROUNDED
 from deltac.errors import InputError
 from deltac.results import Finding, Report, Weight, findings_in_words, percent
 from deltac.simulation.step_size.energy_error import ACCURATE
@@ -35,9 +34,6 @@ EXIT_CODES: dict[Kind, int] = {
     "equation-error": 1,
     "unresolved": 3,
 }
-
-NOTHING = ROUNDED
-"""Energy exchanged below this share of the energies themselves is their rounding."""
 
 RUN_TOLERANCE = ACCURATE
 """Energy error of a run that is judged as it is, accepted by default, as a fraction of the energy that the

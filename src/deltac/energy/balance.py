@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, Array
+from deltac.arrays import EPS, SOME_ROWS, Array
 from deltac.dynamics.coordinates import check_split
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.dynamics.independence import dependent_speeds
@@ -61,8 +61,6 @@ if TYPE_CHECKING:
     from deltac.energy.discrete import DiscreteWork
 
 WORK = ("in-loop", "samples", "discrete")
-DIVISIONS = 64
-"""Samples at which own speeds are held against the constraints."""
 
 
 def balance_of_rows(
@@ -532,7 +530,7 @@ def _check_division(symbols: LedgerSymbols, samples: Samples) -> None:
     """Own speeds must satisfy the constraints wherever they divide the motion."""
     if symbols.split is None or symbols.constrained is None:
         return
-    rows = np.unique(np.linspace(0, len(samples.t) - 1, DIVISIONS).astype(np.intp))
+    rows = np.unique(np.linspace(0, len(samples.t) - 1, SOME_ROWS).astype(np.intp))
     t, q = samples.t[rows], samples.smooth["q"].values[rows].T
     check_split(symbols.system, symbols.split, symbols.constrained.rows, t, q, np.empty(0))
 

@@ -131,6 +131,11 @@ class Ledger(
         return self.energy_exchanged <= max(self._rounding, ROUNDED**2)
 
     @property
+    def still(self) -> bool:
+        """Whether the energy that the system has is rounding of its energies: nothing moves."""
+        return self.reference_energy <= self._rounding
+
+    @property
     def _rounding(self) -> float:
         """Of K and V, J."""
         size = self.kinetic.max() + np.abs(self.potential_energy).max(initial=0.0)

@@ -44,7 +44,7 @@ class Limits:
     metadata   bytes of deltac's own JSON header
     nesting    levels of structures in structures, in JSON, TOML, MATLAB and HDF5
     name       characters of a column's name
-    text       bytes of a mapping or another file of settings
+    text       bytes of a mapping or another file of settings, and of a module that repair reads
     model      bytes of a model file (MJCF, URDF)
     seconds    that native decoders may take (and one more for each 5 MB of the file), and an MJCF file to
                compile, if it is large or asks for many elements

@@ -7,7 +7,7 @@ takes two thirds of the time.
 The angle is x = k π/2 + r with |r| ≤ π/4 (Cody and Waite's reduction, π/2 in three parts), the polynomials
 in r are minimax ones, and the quadrant k turns the pair (cos r, sin r) by right angles. The result is
 within two units in the last place where products and sums are fused (all processors with SIMD of 256 bits
-and more), elsewhere within |x| ε; NaN where |x| is 1e14 or more, and neighbouring numbers a degree apart.
+and more), elsewhere within |x| ε; NaN where neighbouring numbers are a degree apart, from 8e13 on.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Any, TypeAlias
 import casadi
 import numpy as np
 
+from deltac.arrays import EPS
 from deltac.errors import FileError, InputError
 
 Scalar: TypeAlias = Any  # a scalar of an algebra that neither reorders nor folds sums
@@ -52,8 +53,8 @@ COSINE = (
 TO_INTEGER = 1.5 * 2.0**52
 """Added to a number and taken away again it leaves the nearest integer, of two the even one."""
 
-LARGEST = 1e14
-"""Angle (rad) up to which the quadrant is found; next to it, neighbouring numbers are a degree apart."""
+LARGEST = math.radians(1.0) / EPS
+"""Angle (rad) up to which the quadrant is found: beyond it, neighbouring numbers are degrees apart."""
 
 
 LIBRARY = {

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import LONG_LOG, SAME_STEP, Array
+from deltac.arrays import LONG_LOG, SAME_STEP, SOME_ROWS, Array
 from deltac.errors import LogError
 from deltac.recorders.mujoco_recorder import ModelSource, MujocoRecorder, compiled_model
 from deltac.recorders.recorder import ENGINE, simulator
@@ -23,10 +23,6 @@ from deltac.trajectories import Trajectory
 
 DIGITS_ALLOWED = 8.0
 """Units in the last digit of the log that are allowed for besides."""
-
-
-REPLAYS_TRIED = 32
-"""Rows on which it is tried whether controls belong to the steps after their row, or before it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +104,8 @@ def replay_mujoco(
             f"whole number of the model's steps of {h:g} s, the same between all rows (elsewhere {steps}). "
             "Give the model the timestep of the run, and log at equal distances"
         )
-    rows = range(min(len(t) - 1, REPLAYS_TRIED))
+    # Do controls belong to the steps after their row, or before it?
+    rows = range(min(len(t) - 1, SOME_ROWS))
     shifts = (0, 1) if own.nu else (0,)
     misses = [
         _missed(_stepped(own, t, q, u, ctrl, act, steps, rows, shift)[1], q, u) for shift in shifts

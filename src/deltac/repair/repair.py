@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from deltac.arrays import HALF_DIGITS, Array
+from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import TIME_LIMIT
@@ -64,7 +64,7 @@ TWO = 2.5
 BRANCHES = math.isqrt(MOST_VALIDATED)
 """Edits of one branch that are combined with those of another: no more pairs are tried."""
 
-WRITTEN_DIGITS = 6
+WRITTEN_DIGITS = 1 - round(math.log10(SIX_DIGITS))
 """Decimals of more digits are fitted: nobody wrote them, so such a repair is not certain."""
 
 NUMBER = re.compile(r"(?<![\w.])\d+\.\d+")

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import Array
+from deltac.arrays import SOLVED, Array
 from deltac.calls.arguments import checked
 from deltac.calls.caching import Once
 from deltac.dynamics.coordinates import OwnCoordinates, trace_split
@@ -44,8 +44,11 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import ByHand, Equations
 
-LOST = 1e-3
-"""A state this far off a constraint (m or rad, per s of motion constraints) is not on it."""
+LOST = SOLVED**0.5
+"""A state this far off a constraint (m or rad, per s of motion constraints) is not on it.
+
+One of Newton's steps leaves the square of that, on constraints whose curvature is of order one.
+"""
 
 
 @checked

@@ -24,6 +24,7 @@ from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.inference import infer, infer_alone
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.result import OF_THE_LOG, Inference
+from deltac.diagnosis.residuals.at_samples import RunResidual, run_residual
 from deltac.diagnosis.verdict import Finding, Weight
 from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
@@ -133,12 +134,12 @@ def convention(mechanism: Mechanism, run: Trajectory, inference: Inference) -> F
     return _best(mechanism, run, readings, inference) or _axis(mechanism, run, inference)
 
 
-def units(mechanism: Mechanism, run: Trajectory) -> Finding | None:
-    """Coordinates and their speeds both in another unit, all of them or those of one joint."""
-    inference = infer(mechanism, run)
-    if inference is None:
-        return None
-    return _best(mechanism, run, list(_units(mechanism, run)), inference)
+def units(logged: RunResidual) -> list[Finding]:
+    """Coordinates and their speeds both in another unit, in which the equations hold at the samples."""
+    run, kane = logged.run, logged.test.kane
+    readings = list(_units(kane.mechanism, run))
+    closing = [r for r in readings if run_residual(kane, r.of(run)).largest == 0.0]
+    return [_told(closing[0], closing[1:], logged.largest, 0.0)] if closing else []
 
 
 def _best(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SOME_ROWS, Array
 from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.inputs.logs import LogLike, in_model_order
 from deltac.diagnosis.inputs.omissions import assumed_zero
@@ -20,7 +20,7 @@ from deltac.errors import ArgumentsError, InputError, LogError, listed
 from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike
 from deltac.recorders.mujoco_recorder import compiled_model
-from deltac.recorders.replay import REPLAYS_TRIED, Replay, replay_mujoco
+from deltac.recorders.replay import Replay, replay_mujoco
 from deltac.trajectories import Trajectory
 from deltac.trajectories.formats.files import log_reading, naming
 from deltac.trajectories.formats.mapping import MappingLike
@@ -139,7 +139,7 @@ def _unasked(
         return Attempt(None)
     try:
         start = time.monotonic()
-        replay, _ = _stepped(program, mechanism, reading, REPLAYS_TRIED + 1)
+        replay, _ = _stepped(program, mechanism, reading, SOME_ROWS + 1)
         if 2 * len(replay.departures) > len(replay.missed):
             departs = replace(_of(replay), kind="not-replayed", weight="note")
             return Attempt(None, (departs,))

@@ -15,6 +15,7 @@ from deltac.diagnosis.inference.joint import joint_posterior
 from deltac.diagnosis.inference.result import Inference
 from deltac.diagnosis.inputs.channels import Gear
 from deltac.diagnosis.residuals.kane import any_coordinates
+from deltac.diagnosis.residuals.states import TRIAL_STATES
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -171,12 +172,8 @@ def with_gears(explanation: Explanation, gears: list[Gear]) -> Explanation:
 # --- which further motion would tell causes apart that a log does not: computed, not guessed -----
 
 
-STATES = 60
-"""States at which the effects of two causes are compared."""
-
-
 Samples: TypeAlias = tuple[Array, ...]
-"""t, free q, u and u̇, logged forces (STATES, …)."""
+"""t, free q, u and u̇, logged forces, at `TRIAL_STATES` states."""
 
 
 def advice(run: Trajectory, inference: Inference) -> str:
@@ -235,13 +232,16 @@ def _experiments(run: Trajectory, inference: Inference) -> list[tuple[str, Sampl
     nu, logged = len(free.u), inference.model.log.size
 
     def states(q: Array, u: Array, udot: Array, forces: float) -> Samples:
-        t = np.full(STATES, float(run.t[0]))
-        return t, q, u, udot, forces * rng.standard_normal((STATES, logged))
+        t = np.full(TRIAL_STATES, float(run.t[0]))
+        return t, q, u, udot, forces * rng.standard_normal((TRIAL_STATES, logged))
 
-    anywhere = any_coordinates(mechanism, 1.0, rng, STATES).T
-    pose = np.repeat(run.q[:1, free.q], STATES, axis=0)
-    still = np.zeros((STATES, nu))
-    fast, hard = speed * rng.standard_normal((STATES, nu)), bent * rng.standard_normal((STATES, nu))
+    anywhere = any_coordinates(mechanism, 1.0, rng, TRIAL_STATES).T
+    pose = np.repeat(run.q[:1, free.q], TRIAL_STATES, axis=0)
+    still = np.zeros((TRIAL_STATES, nu))
+    fast, hard = (
+        speed * rng.standard_normal((TRIAL_STATES, nu)),
+        bent * rng.standard_normal((TRIAL_STATES, nu)),
+    )
     force = (
         max((float(np.abs(f).max(initial=0.0)) for f in run.forces.values()), default=0.0) or 1.0
     )

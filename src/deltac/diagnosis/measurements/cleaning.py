@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import EPS, NEGLIGIBLE, SIX_DIGITS, Array
+from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SIX_DIGITS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
     AT_ONCE,
@@ -26,20 +26,6 @@ from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import MechanismNames, RateNames
 from deltac.trajectories.motion import CLEAR_RATIO
 from deltac.trajectories.rates import GAP, with_speeds
-
-FEW = 0.1
-"""Share of the rows up to which slips are few: more copies or spikes are something else."""
-
-COPIES = 0.34
-"""Share of the rows up to which copies are left out and the rest is judged."""
-
-
-LATE = 0.8
-"""Rows by which a column must be late to be called so: schemes leave a half at most."""
-
-
-RESOLVED = 5e-3
-"""Share of the movement that quadrature may miss in a log that is fine enough to be doubted."""
 
 LEAST_GEAR = 10.0 * LEAST_RATIO
 """Relative difference below which one coordinate alone has no gear: clocks drift by less."""
@@ -117,7 +103,6 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
             f"{len(copies)} rows repeat the previous row, although time and speeds advance",
             f"the first is row {copies[0]}, t = {run.t[copies[0]]:.6g} s",
             "They were left out. Write each state once, at its own time",
-            "note" if len(copies) <= COPIES * len(run) else "doubt",
         )
     ]
 
@@ -145,11 +130,11 @@ def _at_the_pace_of_the_slower(
     old = {"coordinates": _repeated(run.q, free.q), "speeds": _repeated(run.u, free.u)}
     for (what, repeated), other in zip(old.items(), reversed(old.values())):
         new = np.append(0, np.flatnonzero(~repeated) + 1)
-        if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < FEW:
+        if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < ROUGHLY:
             continue
         pace = np.diff(new)
         every = int(np.median(pace))
-        if every < 2 or np.mean(pace == every) < 1.0 - FEW:
+        if every < 2 or np.mean(pace == every) < 1.0 - ROUGHLY:
             continue
         remaining = (
             new[1:] if new[1] < every else new
@@ -257,7 +242,7 @@ def _without_spikes(
             around = x[rows[:, None] + np.array([-2, -1, 1, 2])]
             distance = np.abs(x[rows] - np.median(around, axis=1))
             spikes |= dict.fromkeys(rows[distance > GAP * np.ptp(around, axis=1)].tolist(), name)
-    if not spikes or len(spikes) > FEW * len(run) or _whole(run):
+    if not spikes or len(spikes) > ROUGHLY * len(run) or _whole(run):
         return run, []
     first = min(spikes)
     finding = Finding(
@@ -310,7 +295,7 @@ def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[F
         far = comparison.outliers & (np.abs(comparison.defect) > GAP * farthest)
         jumped |= dict.fromkeys(comparison.start[far].tolist(), name)
     rows = np.array(sorted(jumped), dtype=np.intp)
-    if not len(rows) or len(rows) > FEW * len(run) or np.diff(rows).min(initial=2) < 2:
+    if not len(rows) or len(rows) > ROUGHLY * len(run) or np.diff(rows).min(initial=2) < 2:
         return
     first = jumped[int(rows[0])]
     times = ", ".join(f"{run.t[k]:.6g}" for k in rows[:3]) + (", …" if len(rows) > 3 else "")
@@ -372,7 +357,7 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iter
     for name, c in rest.items():
         if name not in scaled and c.significant and c.off > 1e-3:
             bar, moved = size_of(c.bar), size_of(c.increments)
-            resolved = bar < RESOLVED * moved and len(run) > 30
+            resolved = bar < ROUGHLY * NEGLIGIBLE * moved and len(run) > 30
             yield Finding(
                 "speed-not-rate",
                 f"the speed {name!r} is not the rate of its coordinate",
@@ -412,9 +397,12 @@ def _is_clipped(u: Array, c: Comparison) -> bool:
 
 
 def _is_late(c: Comparison) -> bool:
-    """Whether the rate is of another row, and changes enough from row to row to tell."""
+    """Whether the rate is of another row, and changes enough from row to row to tell.
+
+    Schemes leave half a row at most.
+    """
     tells = c.instant and c.off < 0.2 and not (c.significant and c.off > NEGLIGIBLE)
-    return tells and abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1
+    return tells and abs(c.late) > 1.0 - ROUGHLY and abs(c.ratio - 1.0) < 0.1
 
 
 def _scaled(scaled: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:

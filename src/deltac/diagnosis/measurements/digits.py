@@ -179,7 +179,7 @@ REPEATS = 1.0 - NEGLIGIBLE
 def _count(column: Array) -> float:
     """The count of which a column holds whole multiples, up to a constant; 0 if there is none."""
     levels = np.unique(column)
-    if len(levels) < 8 or len(levels) > REPEATS * len(column):
+    if len(levels) < LEVELS or len(levels) > REPEATS * len(column):
         return 0.0
     gaps = np.diff(levels)
     count = float(gaps.min())

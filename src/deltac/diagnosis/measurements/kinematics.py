@@ -26,7 +26,7 @@ from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import RateNames
-from deltac.trajectories.lint import MANY, gap_rows
+from deltac.trajectories.lint import MANY, STRETCHES, gap_rows
 from deltac.trajectories.rates import continuous, rotation_vectors
 
 Mask: TypeAlias = NDArray[np.bool_]
@@ -39,9 +39,6 @@ SURE = 8.0
 
 LEAST_RATIO = 2e-4
 """Relative differences of r from one below this are not reported: quadratures err by as much."""
-
-BLOCKS = 8
-"""Parts of a log of which most must say the same factor."""
 
 QUADRATURE = 5 / 12
 """Share of h δ²x' by which a scheme's own quadrature of a rate x' may differ from that along the rows.
@@ -335,7 +332,7 @@ def _robust(
 def _steady(integrals: Array, moved: Array, ratio: float) -> bool:
     """Whether all parts of a log say the same factor: a clock and a gear do, impacts and kinks do not."""
     weights, near = [], []
-    for x, y in zip(np.array_split(integrals, BLOCKS), np.array_split(moved, BLOCKS)):
+    for x, y in zip(np.array_split(integrals, STRETCHES), np.array_split(moved, STRETCHES)):
         size = float(x @ x)
         if size > 0.0:
             weights.append(size)

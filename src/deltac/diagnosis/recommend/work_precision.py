@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -17,7 +17,7 @@ import numpy as np
 from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, Array
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.study.curves import by_unit, common_times, one_sided
-from deltac.diagnosis.verdict import NOTHING
+from deltac.diagnosis.verdict import LEAST_ORDER
 from deltac.dynamics.equations_of_motion import equations_of_motion
 from deltac.energy import balance
 from deltac.errors import DeltacError, InputError, SolverError
@@ -42,12 +42,6 @@ BRIEF = 0.5 * LEAST_BUDGET
 SAME_TIME = 1.0 + ROUGHLY
 """Times within this factor are the same."""
 
-NATIVE = 1e-9
-"""Seconds that native code takes for an instruction, at most: it is 0.2 to 1 ns."""
-
-
-ORDERLY = 0.75
-"""Runs have the order if they gain at least this power of what it promises: at a kink less remains."""
 
 ROUNDING = 512 * EPS
 """No run in double precision keeps the energy better than this, as a share of the energy that the system has.
@@ -225,17 +219,7 @@ class Trials:
         self._tolerance, self._motion_matters = motion_tolerance, math.isfinite(motion_tolerance)
         self._runs: dict[tuple[str, float], _Run | str] = {}
         self.reference_energy = 0.0
-        self._scale = math.nan  # of a run's energies, J; NaN until one was judged
-
-    @cached_property
-    def native(self) -> float:
-        """Seconds that native code takes for an evaluation of ẋ, at most."""
-        return NATIVE * equations_of_motion(self.mechanism).instructions
-
-    @property
-    def still(self) -> bool:
-        """Whether the system has so little energy that the motion is rounding."""
-        return self.reference_energy <= NOTHING * self._scale
+        self.still = False  # whether the motion of the run that was judged last is rounding
 
     def distance(self, run: Rows, other: Rows) -> float:
         """As `distance`, what does not move measured beside what could."""
@@ -271,7 +255,7 @@ class Trials:
                 return _failure(family, setting, f"at half the step: {finer}")
             ratio = 2.0 ** (family.order or 1) if family.knob == "step" else 10.0
             motion = self.distance(run.motion, finer.motion) * ratio / (ratio - 1.0)
-        self.reference_energy, self._scale = energies.reference_energy, energies.scale
+        self.reference_energy, self.still = energies.reference_energy, energies.still
         t = run.motion.t
         steps = round((t[-1] - t[0]) / setting) if family.knob == "step" else 0
         seconds = self.seconds(family, setting)
@@ -332,7 +316,7 @@ class Trials:
         if first != check:
             rest = difference(finer(check), finer(first))
             gain = first ** order_of((1.0, 1.0 / check, 1.0 / first), error - rest, rest)
-            if gain >= piece.gain**ORDERLY:
+            if gain >= piece.gain**LEAST_ORDER:
                 doubt = error / (min(gain, piece.gain) - 1.0)
         for coarser, finest in itertools.pairwise(divisors):
             if doubt <= NEGLIGIBLE * max(error, self._tolerance):
@@ -416,11 +400,11 @@ def _completed(make: Callable[[], Made]) -> Made | str:
 
 @dataclass(frozen=True)
 class _Energies:
-    """Of a run, J: its largest |ΔC|, the energy that the system has, and the scale of all its energies."""
+    """Of a run: its largest |ΔC| and the energy that the system has, J; whether that is rounding."""
 
     error: float
     reference_energy: float
-    scale: float
+    still: bool
 
 
 def _energies(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
@@ -432,8 +416,7 @@ def _energies(mechanism: Mechanism, run: Trajectory) -> _Energies | str:
     delta_c = ledger.uncorrected("wang")
     if not np.isfinite(delta_c).all():
         return "the energies are not finite"
-    scale = float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
-    return _Energies(float(np.abs(delta_c).max()), ledger.reference_energy, scale)
+    return _Energies(float(np.abs(delta_c).max()), ledger.reference_energy, ledger.still)
 
 
 def _share(energy: float, reference_energy: float) -> float:

@@ -10,7 +10,15 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import ASSEMBLED, NEWTON_STEPS, ROOT_EPS, ROUNDED, SAME, Array
+from deltac.arrays import (
+    ASSEMBLED,
+    NEWTON_STEPS,
+    ROOT_EPS,
+    ROUGHLY,
+    ROUNDED,
+    SAME,
+    Array,
+)
 from deltac.calls.arguments import checked
 from deltac.diagnosis.residuals.kane import WINDOW, Kane, any_coordinates, times
 from deltac.dynamics.admissible import onto_positions, onto_speeds
@@ -207,7 +215,14 @@ def states_along(kane: Kane, run: Trajectory, rows: NDArray[np.intp]) -> States:
                 f"{', '.join(ours)}"
             )
     free = kane.mechanism.free
-    t, q, u = run.t[rows], run.q[np.ix_(rows, free.q)].T, run.u[np.ix_(rows, free.u)].T
+    return own_states(kane, run.t[rows], run.q[rows].T[free.q], run.u[rows].T[free.u])
+
+
+def own_states(kane: Kane, t: Array, q: Array, u: Array) -> States:
+    """States of the mechanism's free coordinates and speeds in own ones.
+
+    Raises InputError for a map whose inverse is not known.
+    """
     own_q = kane.own_coordinates(t, q)
     if own_q is None:
         raise ModelError(
@@ -310,12 +325,6 @@ EACH = TRIAL_STATES // 2
 COVERED = (0.2, 4.0)
 """A slip speed in this range of a scale counts as about it."""
 
-OTHERS = 30.0
-"""All other motion is slowed to this many times the slip: a small difference of large speeds is rounding."""
-
-DEPTH = 0.1
-"""Overlap, as a share of the smallest dimension of two shapes, down to which states are drawn."""
-
 
 @dataclass(frozen=True, eq=False)
 class Place:
@@ -393,7 +402,7 @@ def _depth(mechanism: Mechanism, element: Contact) -> float:
             return 2.0 * mechanism.number(shape.radius) or np.inf
         return min(map(mechanism.number, shape.size)) if isinstance(shape, Box) else np.inf
 
-    least = DEPTH * min(thickness(element.first), thickness(element.second))
+    least = ROUGHLY * min(thickness(element.first), thickness(element.second))
     return float(least) if np.isfinite(least) else 1e-3
 
 
@@ -470,7 +479,7 @@ def _sliding(place: Place, states: States, speed: Array) -> States:
             slip, slope, _, _ = place.at(states.t, point.q, point.u)
             if slowed:
                 parts = _parts(slope, point.u)
-                u = u * np.minimum(1.0, OTHERS * speed / np.maximum(parts, 1e-300))
+                u = u * np.minimum(1.0, speed / ROUGHLY / np.maximum(parts, 1e-300))
                 continue
             terms = kane.motion.terms(states.t, point.q, point.u)
             size = np.linalg.norm(slip, axis=0)

@@ -31,6 +31,9 @@ terms of higher order)."""
 EARLY = 32
 """The first of so many parts of the time tells truncation from rounding, before either is amplified."""
 
+FEWEST = 8
+"""Common times below which curves are not compared over time."""
+
 
 @dataclass(frozen=True)
 class Convergence:

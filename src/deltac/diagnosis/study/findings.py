@@ -6,22 +6,20 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from deltac.arrays import SAME, SMALL_SHARE, TINY
+from deltac.arrays import ROUGHLY, SAME, SMALL_SHARE, TINY
 from deltac.diagnosis.inputs.omissions import impacts_not_held
 from deltac.diagnosis.study.convergence import (
+    FEWEST,
     Convergence,
     order_of,
     order_text,
 )
-from deltac.diagnosis.study.curves import FEWEST, ComparedRuns, by_unit
+from deltac.diagnosis.study.curves import ComparedRuns, by_unit
 from deltac.diagnosis.study.runs import BalancedRun, corrections
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
-
-SPEED_JUMP = 10.0
-"""A change of speed so many times its neighbours' is a jump."""
 
 
 def of_comparison(
@@ -171,7 +169,7 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
     around = np.maximum(change[:-2], change[2:])
     # A constant speed that begins to change is no jump: compare with the changes that are usual.
     usual = np.median(change, axis=0)
-    sudden = (change[1:-1] > SPEED_JUMP * np.maximum(around, usual)) & (
+    sudden = (ROUGHLY * change[1:-1] > np.maximum(around, usual)) & (
         change[1:-1] > SMALL_SHARE * np.maximum(top, TINY)
     )
     if not sudden.any():

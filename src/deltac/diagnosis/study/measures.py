@@ -10,15 +10,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.study.convergence import Convergence, order_of
-from deltac.diagnosis.study.curves import FEWEST
+from deltac.diagnosis.study.convergence import FEWEST, Convergence, order_of
+from deltac.diagnosis.study.runs import BalancedRun
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
+from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -128,7 +129,7 @@ def residuals_of(
 
             findings += stale_stage(of_finest)
             if not findings and of_finest.relative.any():
-                findings = [f for f in [conventions.units(mechanism, finest)] if f is not None]
+                findings = conventions.units(of_finest)
     else:
         worst = [0.0] * len(measured)
     order = 0.0
@@ -202,42 +203,60 @@ def _in_own(
 # --- the numbers that the verdict of a study rests on --------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class StudyMeasures:
-    """Numbers (J) that the verdict of a study rests on.
+    """What the verdict of a study rests on.
 
-    steps      of the runs compared, coarsest first; `unit` is "s", or "" for tolerances
-    left       largest |ΔC| of each, corrections included; bars: what else than the motion explains of it
-    energy_exchanged   of the finest; scale: that and the energies themselves
-    energy     how ΔC converges; state: how the motion does; momentum: of each momentum balance
-    residuals  of the equations of motion at the runs' own states, if they have accelerations
-    trusted    the motion was made with the model's own dynamics, which are those of the test
-    nominal    order of the solver, if known
-    tolerance  accepted share of `reference_energy`, the energy that the system has
-    quadrature the error bar comes of samples, and not of rounding alone
-    constrained  the model has constraints; blown_up: the finest run became unstable
-    until      the time (s) up to which `energy` was judged, where motions part before the end; else None
+    Attributes:
+        runs: those that were compared, coarsest first; `function` is the testing function.
+        energy: how its ΔC converges; state: how the motion does; momentum: of each momentum balance.
+        residuals: of the equations of motion at the runs' own states, if they have accelerations.
+        trusted: the motion was made with the model's own dynamics, which are those of the test.
+        nominal: order of the solver, if known.
+        tolerance: accepted share of the energy that the system has.
+        unit: of what was varied: "s", or "" for tolerances.
+        constrained: the model has constraints.
+        until: the time (s) up to which `energy` was judged, where motions part before the end; else None.
     """
 
-    steps: tuple[float, ...]
-    left: tuple[float, ...]
-    bars: tuple[float, ...]
-    energy_exchanged: float
-    reference_energy: float
-    scale: float
+    runs: tuple[BalancedRun, ...]
+    function: str
     energy: Convergence
     state: Convergence
-    momentum: dict[str, Convergence]
+    momentum: Mapping[str, Convergence]
     residuals: SampleResiduals | None
     trusted: bool
     nominal: int | None
     tolerance: float
-    quadrature: bool
-    unit: str = "s"
-    constrained: bool = False
-    blown_up: bool = False
-    until: float | None = None
-    findings: tuple[Finding, ...] = field(default=())
+    unit: str
+    constrained: bool
+    until: float | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def steps(self) -> tuple[float, ...]:
+        """The step (s) of each run, or its tolerance."""
+        return tuple(entry.step for entry in self.runs)
+
+    @property
+    def left(self) -> tuple[float, ...]:
+        """Largest |ΔC| of each run, corrections included, J."""
+        return tuple(float(np.abs(r.energy_error[self.function]).max()) for r in self.runs)
+
+    @property
+    def bars(self) -> tuple[float, ...]:
+        """What else than the motion explains of it, J."""
+        return tuple(float(r.bar[self.function].max()) for r in self.runs)
+
+    @property
+    def ledger(self) -> Ledger:
+        """Where the energy of the finest run went."""
+        return self.runs[-1].ledger
+
+    @property
+    def blown_up(self) -> bool:
+        """Whether the finest run became unstable."""
+        return self.runs[-1].blown_up
 
     @property
     def knob(self) -> str:
@@ -247,12 +266,12 @@ class StudyMeasures:
     @property
     def allowed(self) -> float:
         """The energy error that is accepted, J."""
-        return self.tolerance * self.reference_energy
+        return self.tolerance * self.ledger.reference_energy
 
     @property
     def relative(self) -> float:
         """Largest |ΔC| at the finest step, as a fraction of the energy that the system has."""
-        return self.left[-1] / self.reference_energy if self.reference_energy > 0.0 else 0.0
+        return self.left[-1] / (self.ledger.reference_energy or np.inf)
 
     @property
     def equations_right(self) -> bool:

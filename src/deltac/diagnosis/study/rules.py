@@ -6,7 +6,7 @@ import math
 
 from deltac.diagnosis.study.convergence import CLEAR, order_text
 from deltac.diagnosis.study.measures import StudyMeasures
-from deltac.diagnosis.verdict import NOTHING, Confidence, Kind, Verdict, percent
+from deltac.diagnosis.verdict import Confidence, Kind, Verdict, percent
 
 LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
@@ -21,11 +21,11 @@ BLOCKING = ("impacts", "few-common-times", "assumed-zero")
 def judge_study(m: StudyMeasures) -> Verdict:
     """The verdict on a study.
 
-    What was misread cannot be judged. Then the equations of motion at the states speak: no integration
-    enters there. Then the finest ΔC against tolerance and error bar, and at last what ΔC tends to; that
-    is believed only where nothing else explains a limit.
+    What was misread cannot be judged. Wrong equations show at the states of the runs, where no integration
+    enters, in constraints, in momenta, or in what ΔC tends to. Of right ones an error is the integrator's.
+    Where neither is known, it is that if ΔC falls with the step and nothing tells why a mistake might too.
     """
-    base = tuple(sentence for sentence in (_energy(m), _state(m), _equations(m)) if sentence)
+    base = (_energy(m), _state(m), _equations(m))
 
     def verdict(kind: Kind, confidence: Confidence, meaning: str, *more: str) -> Verdict:
         return Verdict(kind, confidence, (*base, *more), m.findings, _limits(m), meaning)
@@ -37,67 +37,77 @@ def judge_study(m: StudyMeasures) -> Verdict:
     doubts = dict.fromkeys(f.what for f in m.findings if f.weight == "doubt")
     if doubts:
         return unresolved("; ".join(doubts))
-    if m.residuals is not None and m.residuals.stays and max(m.residuals.by_step) > m.tolerance:
-        return verdict("equation-error", "high", _wrong_equations(m))
-    if violated := [
-        f.what for f in m.findings if f.kind == "constraint-violation" and f.weight == "cause"
-    ]:
-        meaning = f"The motion is not a motion of this model: {'; '.join(violated)}."
-        return verdict("equation-error", "medium", meaning)
-    if m.blown_up and m.equations_right:
-        return verdict("integration-error", "high", _unstable(m))
-    if m.blown_up and not _wrong_limit(m):
+    if mistake := _mistake(m):
+        return verdict("equation-error", *mistake)
+    if m.blown_up and not m.equations_right:
         return unresolved("even the finest run blows up", _advice(m))
-    momenta = _astray(m)
-    still = m.reference_energy <= NOTHING * m.scale
-    if still and not momenta:
+    if m.ledger.still:
         return unresolved("hardly anything moves; use a run in which energy is exchanged")
-    if bar > m.allowed and error <= CLEAR * bar and not still:
+    if bar > m.allowed and error <= CLEAR * bar and not m.blown_up:
         return unresolved(
             f"the uncertainty of the work, {bar:.2g} J, is as large as the energy error; log at a higher "
             "rate, or with more digits"
         )
-    if error <= m.allowed or still:
-        if momenta:
-            return verdict("equation-error", "medium", _wrong_momentum(momenta))
+    if error <= m.allowed and not m.blown_up:
         return verdict("consistent", _sure(m), _small(m))
-    if m.has("impacts") and m.energy.trend != "falls to zero":
-        impact = next(f.what for f in m.findings if f.kind == "impacts")
-        return unresolved(f"{impact}: the runs do not hold the energy that impacts dissipate")
+    if reasons := _hiding(m):
+        return unresolved(*reasons)
     if m.energy.trend == "falls to zero":
-        if m.constrained and not m.equations_right and m.has("order-below-nominal"):
-            return unresolved(_mended(m), _advice(m))
-        if not m.equations_right and m.state.trend == "does not settle" and len(m.steps) > 2:
-            return unresolved(_unsettled(m), _advice(m))
         return verdict("integration-error", _sure(m), _falling(m), *_hidden(m))
-    if m.trusted or (m.equations_right and not _wrong_limit(m)):
-        return verdict("integration-error", "medium", _coarse(m))
-    if _wrong_limit(m):
-        blocked = [f.what for f in m.findings if f.kind in BLOCKING]
-        if blocked:
-            return unresolved(f"ΔC tends to {m.energy.limit:.3g} J, but {blocked[0]}")
-        if m.residuals is not None:
-            return unresolved(
-                f"ΔC tends to {m.energy.limit:.3g} J, yet the equations of motion hold at the samples: "
-                f"something happens between them that is in no channel, or the model's constraints are "
-                f"not those of the motion"
-            )
-        return verdict("equation-error", "medium", _wrong_equations(m))
-    if momenta:
-        return verdict("equation-error", "low", _wrong_momentum(momenta))
-    return unresolved(_why(m), _advice(m))
+    return verdict("integration-error", "high" if m.blown_up else "medium", _coarse(m))
 
 
-def _astray(m: StudyMeasures) -> list[str]:
-    """Momentum balances that do not close however small the step, where nothing else explains it."""
+def _mistake(m: StudyMeasures) -> tuple[Confidence, str] | None:
+    """What shows that the equations are wrong, and how surely; None for nothing."""
+    if m.residuals is not None and m.residuals.stays and max(m.residuals.by_step) > m.tolerance:
+        return "high", _wrong_equations(m)
+    violated = [
+        f.what for f in m.findings if f.kind == "constraint-violation" and f.weight == "cause"
+    ]
+    if violated:
+        return "medium", f"The motion is not a motion of this model: {'; '.join(violated)}."
     if m.equations_right or m.has(*BLOCKING):
-        return []
-    return [
+        return None
+    if _wrong_limit(m) and m.residuals is None:
+        return "medium", _wrong_equations(m)
+    momenta = [
         name
         for name, convergence in m.momentum.items()
         if convergence.trend == "tends to a limit"
         and convergence.limit > CLEAR * max(convergence.floors)
     ]
+    # While ΔC still falls with the step, what the steps leave of the momenta may look like a limit.
+    falling = m.left[-1] > m.allowed and m.energy.trend == "falls to zero"
+    if not momenta or m.blown_up or falling:
+        return None
+    return "medium", (
+        f"The balance of momentum ({', '.join(momenta)}) does not close, however small the step: a force is "
+        "wrong or missing, possibly one that does no work."
+    )
+
+
+def _hiding(m: StudyMeasures) -> tuple[str, ...]:
+    """Why the error may hide a mistake, with advice; empty for equations that are known to be right."""
+    limit = f"ΔC tends to {m.energy.limit:.3g} J, "
+    if m.energy.trend == "falls to zero":
+        if m.equations_right:
+            return ()
+        if m.constrained and m.has("order-below-nominal"):
+            return _mended(m), _advice(m)
+        unsettled = m.state.trend == "does not settle" and len(m.steps) > 2
+        return (_unsettled(m), _advice(m)) if unsettled else ()
+    if impacts := [f.what for f in m.findings if f.kind == "impacts"]:
+        return (f"{impacts[0]}: the runs do not hold the energy that impacts dissipate",)
+    if m.trusted or (m.equations_right and not _wrong_limit(m)):
+        return ()
+    if not _wrong_limit(m):
+        return _why(m), _advice(m)
+    if blocked := [f.what for f in m.findings if f.kind in BLOCKING]:
+        return (f"{limit}but {blocked[0]}",)
+    return (
+        f"{limit}yet the equations of motion hold at the samples: something happens between them that is in "
+        "no channel, or the model's constraints are not those of the motion",
+    )
 
 
 def _wrong_limit(m: StudyMeasures) -> bool:
@@ -115,7 +125,7 @@ def _limits(m: StudyMeasures) -> tuple[str, ...]:
     more = []
     if len(m.steps) < 3:
         more.append(f"what a third {m.knob} would show: {_few(m)}")
-    floor = m.energy.trend == "at its floor" and not m.quadrature
+    floor = m.energy.trend == "at its floor" and m.ledger.method == "in-loop"
     if floor and m.state.trend == "tends to a limit":
         order = "" if m.state.order is None else f", which falls at order {order_text(m.state)}"
         more.append(
@@ -134,7 +144,8 @@ def at_step(m: StudyMeasures) -> str:
 
 
 def _amount(m: StudyMeasures) -> str:
-    return f"at {at_step(m)} it is {m.left[-1]:.2g} J of {m.reference_energy:.3g} J that the system has"
+    energy = m.ledger.reference_energy
+    return f"at {at_step(m)} it is {m.left[-1]:.2g} J of {energy:.3g} J that the system has"
 
 
 def _falling(m: StudyMeasures) -> str:
@@ -147,7 +158,7 @@ def _falling(m: StudyMeasures) -> str:
         order += f" up to t = {m.until:.4g} s, where the runs diverge"
         amount = (
             f"at {at_step(m)} it is {m.energy.sizes[-1]:.2g} J by then, and at most {m.left[-1]:.2g} J of "
-            f"{m.reference_energy:.3g} J that the system has in the whole run"
+            f"{m.ledger.reference_energy:.3g} J that the system has in the whole run"
         )
     return f"The error is the integrator's; it falls{order}; {amount}.{_unresolved_motion(m)}"
 
@@ -174,13 +185,6 @@ def _small(m: StudyMeasures) -> str:
     return f"The energy balance holds: {_amount(m)}."
 
 
-def _unstable(m: StudyMeasures) -> str:
-    return (
-        "The error is the integrator's: the equations are right, yet even the finest run blows up. Use "
-        f"smaller {m.knob}s, or an implicit method."
-    )
-
-
 def _mended(m: StudyMeasures) -> str:
     assert m.nominal is not None
     return (
@@ -198,14 +202,15 @@ def _unsettled(m: StudyMeasures) -> str:
 
 
 def _coarse(m: StudyMeasures) -> str:
-    if len(m.steps) < 3:
+    if len(m.steps) < 3 and not m.blown_up:
         return (
             f"The error is the integrator's, since the equations are right; {_amount(m)}. {_few(m)}: study "
             f"three {m.knob}s, each {'half' if m.unit else 'a tenth'} of the previous one."
         )
+    what = "even the finest run blows up" if m.blown_up else "nothing converges"
     return (
-        f"The error is the integrator's: the equations are right, yet nothing converges at these {m.knob}s; "
-        f"{_amount(m)}. Take smaller ones."
+        f"The error is the integrator's: the equations are right, yet {what} at these {m.knob}s; "
+        f"{_amount(m)}. Take smaller ones, or an implicit method."
     )
 
 
@@ -222,19 +227,12 @@ def _wrong_equations(m: StudyMeasures) -> str:
     )
 
 
-def _wrong_momentum(names: list[str]) -> str:
-    return (
-        f"The balance of momentum ({', '.join(names)}) does not close, however small the step: a force is "
-        "wrong or missing, possibly one that does no work."
-    )
-
-
 def _energy(m: StudyMeasures) -> str:
     sizes = ", ".join(f"{x:.2g}" for x in m.left)
     text = (
         f"Largest |ΔC| {sizes} J at {'h' if m.unit else 'tolerance'} = "
         f"{', '.join(f'{h:g}' for h in m.steps)}{' s' if m.unit else ''}; the last is {percent(m.relative)} "
-        f"of {m.reference_energy:.3g} J that the system has, tolerance {100 * m.tolerance:g} %"
+        f"of {m.ledger.reference_energy:.3g} J that the system has, tolerance {100 * m.tolerance:g} %"
     )
     if m.energy.order is not None and m.energy.trend != "tends to a limit":
         text += f"; order {order_text(m.energy)}"

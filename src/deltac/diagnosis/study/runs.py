@@ -48,9 +48,6 @@ def before_blow_up(run: Trajectory) -> Trajectory:
 
 Simulator: TypeAlias = Callable[[float], Trajectory]
 
-DIGIT_SPREAD = 3.0
-"""How many times farther than one random rounding moved it a quantity may be off."""
-
 
 @dataclass(frozen=True, eq=False)
 class StudyRun:
@@ -378,9 +375,7 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
     now = balance(mechanism, moved, was.method)
     pairs = ((was.delta_c, now.delta_c), (was.momentum, now.momentum))
     return {
-        n: DIGIT_SPREAD * float(np.abs(after[n] - x).max())
-        for before, after in pairs
-        for n, x in before.items()
+        n: float(np.abs(after[n] - x).max()) for before, after in pairs for n, x in before.items()
     }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypedDict, cast
 
@@ -12,7 +13,7 @@ import numpy as np
 from deltac.calls.arguments import named, unknown_argument
 from deltac.diagnosis.study.runs import Simulator, StudyRun
 from deltac.dynamics.system import trace
-from deltac.errors import ArgumentsError, InputError, SourceError, WrongType
+from deltac.errors import ArgumentsError, ModelError, SourceError, WrongType
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.models import Model, ModelLike, StateLike
@@ -25,8 +26,6 @@ from deltac.trajectories import Trajectory
 
 if TYPE_CHECKING:
     from deltac.diagnosis.residuals.function import Caller
-    from deltac.diagnosis.residuals.kane import Kane
-    from deltac.diagnosis.residuals.states import States
 
 MUJOCO = "mujoco:"
 
@@ -207,12 +206,15 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
     """
     from deltac.diagnosis.residuals.function import Caller
     from deltac.diagnosis.residuals.kane import Kane
+    from deltac.diagnosis.residuals.states import own_states
 
     equations = explicit(trace(mechanism), equations)
-    kane = Kane(mechanism, equations.coordinates)
+    kane, free = Kane(mechanism, equations.coordinates), mechanism.free
     caller = Caller(equations.rhs, equations.name, kane, vectorised=False)
-    start = _start(kane, state)
-    if start is not None:
+    with suppress(ModelError):  # own coordinates of the start are not known before it is simulated
+        columns = (np.array(x, dtype=np.float64)[:, None] for x in (state.q, state.u))
+        q, u = (x[places] for x, places in zip(columns, (free.q, free.u)))
+        start = own_states(kane, np.array([state.t]), q, u)
         udot = caller(start)[:, 0]
         if not np.isfinite(udot).all():
             at = ", ".join(f"{name} = {x:.6g}" for name, x in start.describe(0).items())
@@ -221,20 +223,3 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
                 f"{udot.tolist()}. State: {at}"
             )
     return replace(equations, rhs=_Careful(caller, kane.user_names, tuple(kane.speed_names)))
-
-
-def _start(kane: Kane, state: State) -> States | None:
-    """The start in own coordinates; None where that cannot be said, which is for the simulation to tell."""
-    from deltac.diagnosis.residuals.states import states_along
-
-    try:
-        run = Trajectory(
-            t=np.array([state.t]),
-            q=np.array([state.q]),
-            u=np.array([state.u]),
-            coordinates=kane.mechanism.coordinates.names,
-            speeds=kane.mechanism.speeds.names,
-        )
-        return states_along(kane, run, np.zeros(1, dtype=np.intp))
-    except InputError:
-        return None

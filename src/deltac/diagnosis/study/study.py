@@ -120,7 +120,7 @@ class Study(
     @property
     def energy_exchanged(self) -> float:
         """The energy exchanged at the finest step, J."""
-        return self.measures.energy_exchanged
+        return self.measures.ledger.energy_exchanged
 
     @property
     def relative(self) -> float:
@@ -130,7 +130,7 @@ class Study(
     @property
     def reference_energy(self) -> float:
         """The energy that the error is compared with, J: largest K plus range of V, at the finest step."""
-        return self.measures.reference_energy
+        return self.measures.ledger.reference_energy
 
     def explanation(self) -> Explanation:
         """What is wrong with the equations of the runs: the causes that all steps share, with their odds.
@@ -253,13 +253,6 @@ def studied(
             until=compared.horizon,
             trusted=maker.trusted,
         )
-    errors, bar = (
-        tuple(float(np.abs(sizes[function]).max()) for sizes in each)
-        for each in (
-            [entry.energy_error for entry in comparable],
-            [entry.bar for entry in comparable],
-        )
-    )
     if residuals is not None:
         findings += residuals.findings
         if residuals.stays and max(residuals.by_step) > tolerance:
@@ -277,13 +270,8 @@ def studied(
     findings += noticed.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
     measures = StudyMeasures(
-        steps=tuple(entry.step for entry in comparable),
-        left=errors,
-        bars=bar,
-        energy_exchanged=ledger.energy_exchanged,
-        reference_energy=ledger.reference_energy,
-        scale=float(ledger.kinetic.max() + np.abs(ledger.potential_energy).max())
-        + ledger.energy_exchanged,
+        runs=tuple(comparable),
+        function=function,
         energy=energy[function],
         state=state,
         momentum=momentum,
@@ -291,10 +279,8 @@ def studied(
         trusted=trusted,
         nominal=nominal,
         tolerance=tolerance,
-        quadrature=ledger.method != "in-loop",
         unit=unit,
         constrained=bool(mechanism.constraints),
-        blown_up=finest.blown_up,
         until=None if compared.apart or compared.horizon >= compared.t[-1] else compared.horizon,
         findings=tuple(ranked),
     )

@@ -10,10 +10,8 @@ from pathlib import Path
 from types import CodeType
 
 from deltac.errors import SourceError
+from deltac.foreign.limits import Limits
 from deltac.repair.tracing.instrument import rewritten
-
-LARGEST_MODULE = 2_000_000
-"""Characters of a module that is read."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,7 +114,7 @@ def read_module(file: Path) -> UserModule | None:
     """A file as a module; None where it is no Python, or very large."""
     try:
         text = file.read_text("utf-8")
-        if len(text) > LARGEST_MODULE:
+        if len(text) > Limits.current().text:
             return None
         return UserModule(file.name, ast.parse(text), file)
     except (OSError, ValueError, SyntaxError, RecursionError, MemoryError):

@@ -27,10 +27,11 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.errors import InputError, SourceError
+from deltac.foreign.limits import Limits
 from deltac.foreign.scripts import function_named
 from deltac.repair.tracing import instrument, library
 from deltac.repair.tracing.library import Float, Foreign, Int, LibraryNumber, objects, plain
-from deltac.repair.tracing.modules import LARGEST_MODULE, UserModule, found_beside
+from deltac.repair.tracing.modules import UserModule, found_beside
 from deltac.repair.tracing.source import Source, innermost
 from deltac.repair.tracing.tape import (
     COMPARISONS,
@@ -547,7 +548,7 @@ class _Tracer:
         else:
             try:
                 lines, _ = inspect.findsource(function)
-                if sum(map(len, lines)) > LARGEST_MODULE:
+                if sum(map(len, lines)) > Limits.current().text:
                     return None
                 names = self.opened(UserModule(file.name, ast.parse("".join(lines)), file))
             except (OSError, TypeError, SyntaxError):

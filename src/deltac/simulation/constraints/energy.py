@@ -13,7 +13,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import TINY, Array
+from deltac.arrays import ROUGHLY, TINY, Array
 from deltac.calls.caching import derived
 from deltac.dynamics.kkt import schur
 from deltac.dynamics.recursions import crba
@@ -27,7 +27,7 @@ from deltac.simulation.step_size.energy_error import ACCURATE
 PASSES = 2
 """Newton's steps towards ΔC = 0: what a step of order p leaves, h^(p+1), is left in fourth power."""
 
-MOST = 0.1
+MOST = ROUGHLY
 """A pass changes speeds by this share of themselves at most; near rest, by what the forces do in h."""
 
 

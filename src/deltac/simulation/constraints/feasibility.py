@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SOLVED, Array
 from deltac.calls.caching import LRUCache
 from deltac.dynamics.constraints import Rows
 from deltac.dynamics.equations_of_motion import EquationsOfMotion, equations_of_motion
@@ -20,7 +20,7 @@ from deltac.simulation.flow import Baumgarte, Keeping, Projection, keeping
 from deltac.simulation.solvers import Solver
 
 NONE: Array = np.empty(0)
-START_TOLERANCE = 1e-6
+START_TOLERANCE = SOLVED
 """Largest violation of a constraint that a start may have (m or rad, and per s)."""
 
 

@@ -27,9 +27,6 @@ from deltac.trajectories.columns import MechanismNames, RateNames
 from deltac.trajectories.motion import CLEAR_RATIO
 from deltac.trajectories.rates import GAP, with_speeds
 
-LATE = 0.8
-"""Rows by which a column must be late to be called so: schemes leave a half at most."""
-
 LEAST_GEAR = 10.0 * LEAST_RATIO
 """Relative difference below which one coordinate alone has no gear: clocks drift by less."""
 
@@ -400,9 +397,12 @@ def _is_clipped(u: Array, c: Comparison) -> bool:
 
 
 def _is_late(c: Comparison) -> bool:
-    """Whether the rate is of another row, and changes enough from row to row to tell."""
+    """Whether the rate is of another row, and changes enough from row to row to tell.
+
+    Schemes leave half a row at most.
+    """
     tells = c.instant and c.off < 0.2 and not (c.significant and c.off > NEGLIGIBLE)
-    return tells and abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1
+    return tells and abs(c.late) > 1.0 - ROUGHLY and abs(c.ratio - 1.0) < 0.1
 
 
 def _scaled(scaled: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:

@@ -391,10 +391,9 @@ class Search:
     def _least(self, candidate: SolverCandidate) -> float:
         """The expected time of a run, s; of a solver without trials no more than a bound.
 
-        By its order, where it takes steps of one length, with evaluations as fast as those that were timed,
-        or as native ones: steps called one by one from Python tell nothing of those that are not. Where
-        accuracy limits such steps the motion is not stiff, and implicit adaptive solvers gain nothing over
-        explicit ones.
+        By its order, where it takes steps of one length, with evaluations as fast as those that were timed.
+        Where accuracy limits such steps the motion is not stiff, and implicit adaptive solvers gain nothing
+        over explicit ones.
         """
         alive, overhead = self._alive, self._overhead
         if candidate.trials or candidate.given_up:
@@ -402,8 +401,6 @@ class Search:
         rate = min((c.rate for c in alive if c.rate), default=0.0)
         if candidate.family.knob == "step":
             each = min(c.seconds_each(overhead) for c in alive)
-            if not candidate.family.recorder:
-                each = min(each, self._trials.native)
             return overhead + candidate.fewest(rate) * each if rate and math.isfinite(each) else 0.0
         explicit = [
             c.seconds(c.goal, overhead)

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from typing import TypeAlias, TypeVar
 
 import numpy as np
@@ -41,9 +41,6 @@ BRIEF = 0.5 * LEAST_BUDGET
 
 SAME_TIME = 1.0 + ROUGHLY
 """Times within this factor are the same."""
-
-NATIVE = 1e-9
-"""Seconds that native code takes for an instruction, at most: it is 0.2 to 1 ns."""
 
 
 ROUNDING = 512 * EPS
@@ -223,11 +220,6 @@ class Trials:
         self._runs: dict[tuple[str, float], _Run | str] = {}
         self.reference_energy = 0.0
         self.still = False  # whether the motion of the run that was judged last is rounding
-
-    @cached_property
-    def native(self) -> float:
-        """Seconds that native code takes for an evaluation of ẋ, at most."""
-        return NATIVE * equations_of_motion(self.mechanism).instructions
 
     def distance(self, run: Rows, other: Rows) -> float:
         """As `distance`, what does not move measured beside what could."""

@@ -30,7 +30,6 @@ class ComparedRuns:
         steps: of the runs (n,), s or tolerances, the coarsest first.
         horizon: the time up to which the three finest stay together.
         first: the coarsest run from which on all stay together up to there.
-        close: the time up to which the three finest are close.
     """
 
     t: Array
@@ -39,7 +38,6 @@ class ComparedRuns:
     steps: Array
     horizon: float
     first: int
-    close: float
 
     @property
     def within(self) -> int:
@@ -64,12 +62,10 @@ class ComparedRuns:
         return towards_zero(self.steps[first:], y, floors.max(axis=1))
 
     def motion(self, rows: Sequence[int]) -> Convergence:
-        """How the motion converges while the runs, of so many rows, are close."""
-        within = int(np.searchsorted(self.t, self.close, "right"))
-        within = within if within >= FEWEST else self.within
-        if within < max(2, min(FEWEST, len(self.t))):
+        """How the motion converges while the runs, of so many rows, are together."""
+        if self.within < max(2, min(FEWEST, len(self.t))):
             return Convergence("does not settle" if len(self.steps) > 1 else "one run")
-        x = self.states[self.first :, 1:within]
+        x = self.states[self.first :, 1 : self.within]
         floors = 8.0 * EPS * np.sqrt(rows)[self.first :] * max(1.0, float(np.abs(x).max()))
         return between_runs(self.steps[self.first :], x, floors)
 
@@ -80,18 +76,15 @@ def compare(
     """Put runs side by side, coarsest step first."""
     t, rows = common_times([run.t for run in runs])
     states = _scaled(mechanism, runs, rows)
-    together, close = (
-        [_parting(t, a, b, difference) for a, b in zip(states, states[1:])]
-        for difference in (ROUGHLY, 0.1 * ROUGHLY)
-    )
-    horizon, near = (min(times[-2:], default=float(t[-1])) for times in (together, close))
+    together = [_parting(t, a, b) for a, b in zip(states, states[1:])]
+    horizon = min(together[-2:], default=float(t[-1]))
     first = max((k + 1 for k, end in enumerate(together) if end < horizon), default=0)
-    return ComparedRuns(t, tuple(rows), states, np.array(steps), horizon, first, near)
+    return ComparedRuns(t, tuple(rows), states, np.array(steps), horizon, first)
 
 
-def _parting(t: Array, a: Array, b: Array, difference: float) -> float:
-    """The last time before two motions (T, m) differ by so much."""
-    parted = np.sqrt(np.mean((a - b) ** 2, axis=1)) > difference
+def _parting(t: Array, a: Array, b: Array) -> float:
+    """The last time before two motions (T, m) are no longer roughly the same."""
+    parted = np.sqrt(np.mean((a - b) ** 2, axis=1)) > ROUGHLY
     k = int(np.argmax(parted)) if parted.any() else len(t)
     return float(t[max(k - 1, 0)])
 

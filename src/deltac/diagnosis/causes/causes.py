@@ -16,6 +16,7 @@ import numpy as np
 
 from deltac.arrays import Array
 from deltac.diagnosis.causes.columns import (
+    MOMENTS,
     OF_GEOMETRY,
     STOPS,
     UNIT_MOMENTS,
@@ -786,8 +787,7 @@ def _channels(equations: LogEquations, places: Places) -> Iterator[Candidate]:
 def _laws(_: LogEquations, places: Places) -> Iterator[Candidate]:
     """Laws of time that are late, or a log that is: as many moments of its filter as the laws tell apart."""
     moments = [places.of[c] for c in places.of if c.what == "law"]
-    names = ("delay", "smoothing", "third moment", "fourth moment")
-    units = ("s", "s²", "s³", "s⁴")
+    names, units = tuple(MOMENTS), tuple(MOMENTS.values())
     for k in range(1, len(moments) + 1):
         yield from cause(
             "late-laws", "", tuple(moments[:k]), np.eye(k), names=names[:k], units=units[:k]
@@ -810,7 +810,7 @@ def _wrenches(equations: LogEquations, places: Places) -> Iterator[Candidate]:
 
 # --- geometry: places and axes of joints, lengths, points, sizes ---------------------------------------
 
-MOST_TURNED, MOST_STRETCHED = 0.3, 0.3
+LARGEST_CHANGE = 0.3
 """Angles (rad), and shares of a length, up to which a cause is recognised by its first order."""
 
 ABOUT_AN_AXIS = ("revolute", "screw", "cylindrical")
@@ -893,7 +893,7 @@ def _places_of_joints(equations: LogEquations, places: Places) -> Iterator[Candi
             yield from causes(
                 "link-length", parent=shifted(bar[:, None] / length), child=None, names=["length"],
                 element=joint.parent, base=length, origin=f"from {start} to joint `{joint.name}`",
-                limit=MOST_STRETCHED * length,
+                limit=LARGEST_CHANGE * length,
             )  # fmt: skip
         for c in causes(
             "joint-position",
@@ -920,16 +920,16 @@ def _places_of_joints(equations: LogEquations, places: Places) -> Iterator[Candi
             tilts, names = _directions(np.array(joint.axes[0]))
             yield from causes(
                 "joint-axis", parent=turned(frame @ tilts), child=-turned(own @ tilts), names=names,
-                limit=MOST_TURNED,
+                limit=LARGEST_CHANGE,
             )  # fmt: skip
         if joint.kind != "free":
             turns, names = _directions(axis)
             yield from causes(
-                "joint-orientation", parent=turned(frame @ turns), child=None, names=names, limit=MOST_TURNED
+                "joint-orientation", parent=turned(frame @ turns), child=None, names=names, limit=LARGEST_CHANGE
             )  # fmt: skip
             yield from causes(
                 "body-orientation", parent=None, child=turned(own @ turns), names=names,
-                limit=MOST_TURNED, origin=_of(joint.child),
+                limit=LARGEST_CHANGE, origin=_of(joint.child),
             )  # fmt: skip
 
 
@@ -955,7 +955,7 @@ def _numbers(equations: LogEquations, places: Places) -> Iterator[Candidate]:
         if n.axis:
             points.setdefault(n.address.removesuffix(f".{n.axis}"), []).append(n)
             continue
-        limit = MOST_STRETCHED * n.value if n.kind in ("element-length", "contact-size") else np.inf
+        limit = LARGEST_CHANGE * n.value if n.kind in ("element-length", "contact-size") else np.inf
         own = Renumbered((n.address,))
         yield from edited(
             equations, places, n.kind, n.part, own, n.value, limit=limit, origin=n.what

@@ -355,15 +355,15 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
     return changes
 
 
-MOMENTS = 4
-"""Of the filter of a log, by which laws of time are late: those of a Butterworth filter are in the third."""
+MOMENTS = {"delay": "s", "smoothing": "s²", "third moment": "s³", "fourth moment": "s⁴"}
+"""Of the filter of a log, by which laws of time are late, with their units; the third tells Butterworth filters."""
 
 
 def _laws(t: SX, residual: SX) -> dict[Column, SX]:
     """The residual with the laws of time filtered: their moments times its derivatives at a state."""
     found: dict[Column, SX] = {}
     derivative = residual
-    for k in range(1, MOMENTS + 1):
+    for k in range(1, len(MOMENTS) + 1):
         if not ca.depends_on(derivative, t):
             break
         derivative = ca.jtimes(derivative, t, ca.SX(-1.0 / k))

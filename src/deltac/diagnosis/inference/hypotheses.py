@@ -20,13 +20,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import NEGLIGIBLE, ROUGHLY, SAME, SMALL_SHARE, Array
+from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SAME, SMALL_SHARE, Array
 from deltac.diagnosis.causes.causes import Candidate
 from deltac.diagnosis.inference.whitening import RIDGE
 
-CANCELLED = 1e-13
-"""Share of a sum of squares below which differences of Gram matrices have no digits: fits to that are
-equal."""
+CANCELLED = 512 * EPS
+"""Share of a sum of squares below which differences of Gram matrices have no digits: roundings of 10⁵ numbers
+add up to their root. Fits to that are equal."""
 
 LAGS = 200
 """Rows over which correlations are summed at most; to where they fall below `NEGLIGIBLE`."""
@@ -317,12 +317,16 @@ class Fit:
         deviation = np.sqrt(np.einsum("ij,jk,ik->i", self.tangent, self.covariance, self.tangent))
         return bool(np.all(gap <= SIGNIFICANT * deviation + SAME * np.abs(other.coefficients)))
 
+    def alike(self, other: Fit) -> bool:
+        """Whether another set has the same causes."""
+        return [c.name for c in self.chosen] == [c.name for c in other.chosen]
+
     def settled(self, other: Fit) -> bool:
         """Whether another set has the same causes, whose numbers are the same within their errors.
 
         What Gauss and Newton's next step adds is of second order in that.
         """
-        if [c.name for c in self.chosen] != [c.name for c in other.chosen]:
+        if not self.alike(other):
             return False
         numbers = [np.concatenate(fit.theta) for fit in (self, other)]
         error = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
@@ -496,7 +500,7 @@ class Posterior:
     """What the log says of the causes.
 
     best          the set of causes that is preferred; none where no cause has odds
-    alternatives  sets with another last cause, within odds of 100 : 1
+    alternatives  sets with another last cause, within odds of 99 : 1
     scores        log odds of single causes, the best first, with the joules that they exchange
     """
 
@@ -506,10 +510,7 @@ class Posterior:
 
 
 CERTAIN = float(np.log(99.0))
-"""Log odds from which on a cause is told."""
-
-EQUAL = float(np.log(100.0))
-"""Log odds within which causes are not told apart."""
+"""Log odds from which on a cause is told, also from others."""
 
 SIGNIFICANT = 4.0
 """Standard errors beyond which a number is another one."""
@@ -633,7 +634,7 @@ def search(
         fits: list[tuple[float, Fit]] = []
         top, wanted = CERTAIN, 0 if scores else SHORTLIST
         for bound, c in _ordered(blocks, best, candidates):
-            if len(fits) >= wanted and bound < top - EQUAL:
+            if len(fits) >= wanted and bound < top - CERTAIN:
                 break
             fit = fitted(blocks, (*best.chosen, c), best.theta)
             if fit is None or not all(x.plausible(t) for x, t in zip(fit.chosen, fit.theta)):
@@ -658,7 +659,7 @@ def search(
             scores = [(e, f.chosen[-1], float(exchanged(f)[0])) for e, f in fits[:SHORTLIST]]
         if not fits or fits[0][0] < CERTAIN:
             break
-        near = [f for e, f in fits if e >= fits[0][0] - EQUAL]
+        near = [f for e, f in fits if e >= fits[0][0] - CERTAIN]
         best = min(near, key=lambda f: f.chosen[-1].rank(f.theta[-1]))
     return Posterior(*_pruned(blocks, best, near, len(candidates)), tuple(scores))
 
@@ -709,7 +710,7 @@ def refitted(
     for b in blocks:
         tau = max(autocorrelation_time(b.residual(fit.coefficients)) for fit in fits)
         odds += [b.evidence(fit, tau) for fit in fits]
-    equal = [fit for fit, e in zip(fits, odds) if e >= odds.max() - EQUAL]
+    equal = [fit for fit, e in zip(fits, odds) if e >= odds.max() - CERTAIN]
     best = min(equal, key=lambda f: sum(c.rank(x) for c, x in zip(f.chosen, f.theta)))
     if any(c.kind == "body-centre" for c in best.chosen):  # along fewer axes, if these do as well
         same = [(c.kind, c.element) for c in best.chosen]

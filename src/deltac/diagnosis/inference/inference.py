@@ -32,7 +32,6 @@ from deltac.diagnosis.inference.attribution import (
 from deltac.diagnosis.inference.comparison import Comparison, compared
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
-    EQUAL,
     Fit,
     Posterior,
     fitted,
@@ -79,9 +78,6 @@ WHITE = 3.0
 FORCED = 0.5
 """Square of what coordinates depart by beyond what their speeds do to them, in units of both squares, that no
 force makes: a smooth one makes none, what is of each on its own is one."""
-
-NARROW = 0.3
-"""Least deviation of a filter of forces, steps."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,7 +283,7 @@ def _with_causes(
             found = comparison.point
             if found.forces.filter is not None:  # beside other causes forces look filtered
                 found = point.with_candidates(equations, kernels)
-            comparison = likeliest(found.with_candidates(equations, geometry))
+            comparison = likeliest(found.with_candidates(equations, geometry), comparison)
             result = inferred(comparison)
         chosen = comparison.posterior.best.chosen
         if chosen and not passed("causes linearised at themselves"):
@@ -301,13 +297,19 @@ def _with_causes(
         return None
 
 
-def likeliest(point: Point) -> Comparison:
+def likeliest(point: Point, before: Comparison | None = None) -> Comparison:
     """The comparison of causes where logged forces act as is likeliest.
 
     What mistakes do looks like filters and those like mistakes: filters are asked for beside causes. Where a
-    method closes the rows, forces act as they do in it.
+    method closes the rows, forces act as they do in it. Beside the causes that were likeliest `before` of
+    fewer, all of this was asked.
     """
-    comparison = compared(with_likeliest_forces(point.with_columns()))
+    point = point.with_columns()
+    asked = compared(point) if before and point.forces is before.point.forces else None
+    if before and asked and before.posterior.best.alike(asked.posterior.best):
+        return asked
+    acting = with_likeliest_forces(point)
+    comparison = asked if asked and acting is point else compared(acting)
     comparison = closed_by_other_forces(comparison)
     if not comparison.closing:
         best = _in_equations(comparison)
@@ -340,8 +342,7 @@ def _relinearised(comparison: Comparison) -> Comparison:
         return _at_causes(point, found) or comparison
     rivals = [_settled(point.narrowed(one), one, True) for one in alone]
     built = [one for one in rivals if one is not None and one.posterior.best.chosen]
-    names = [[c.name for c in one.posterior.best.chosen] for one in built]
-    if [c.name for c in found.best.chosen] not in names:
+    if not any(one.posterior.best.alike(found.best) for one in built):
         together = _settled(point.narrowed(found), found, True)
         built += [] if together is None else [together]
     if not built:
@@ -349,7 +350,7 @@ def _relinearised(comparison: Comparison) -> Comparison:
     equal = [one for one in built if _nothing_left(one)]
     if not equal:
         odds = _log_odds(built)
-        equal = [one for one, x in zip(built, odds, strict=True) if x > odds.max() - EQUAL]
+        equal = [one for one, x in zip(built, odds, strict=True) if x > odds.max() - CERTAIN]
     # Of one cause in fewer and in more numbers the former.
     simplest = {
         tuple(c.what for c in one.posterior.best.chosen): one
@@ -495,7 +496,7 @@ def _late_forces(point: Point, best: Fit) -> list[tuple[float, float]]:
     # The delay of a motor that is the only one is that of all forces.
     single = sum(c.what == "delay" and c.index == 0 for c in point.whats) == 1
     kinds = OF_DELAYS if single else OF_DELAYS[:1]
-    least = (NARROW * point.log.step) ** 2
+    least = point.log.step**2 / 12.0  # what is held over a step is spread so much
     each = zip(best.chosen, best.theta, strict=True)
     late = [(x[0], x[-1] if len(x) > 1 else x[0] ** 2) for c, x in each if c.kind in kinds]
     return [(float(d), float(np.sqrt(max(s - d**2, least)))) for d, s in late]

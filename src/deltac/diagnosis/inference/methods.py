@@ -12,7 +12,6 @@ from deltac.arrays import Array
 from deltac.diagnosis.inference.fields import FIELDS
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
-    EQUAL,
     Block,
     Fit,
     Posterior,
@@ -70,7 +69,7 @@ def alike(r: Array, best: int, rounding: float) -> NDArray[np.intp]:
     odds = 0.5 * count / autocorrelation_time(r[:, :, best]) * np.log(floors / floors[best])
     # What is below the rounding of the rows is alike, and rounding is no more than about what is left.
     low = min(rounding * count, KNOWN * floors[best])
-    return np.flatnonzero((odds < EQUAL) | (floors <= low))
+    return np.flatnonzero((odds < CERTAIN) | (floors <= low))
 
 
 SERIES = 4.0

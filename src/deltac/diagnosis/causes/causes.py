@@ -925,7 +925,8 @@ def _places_of_joints(equations: LogEquations, places: Places) -> Iterator[Candi
         if joint.kind != "free":
             turns, names = _directions(axis)
             yield from causes(
-                "joint-orientation", parent=turned(frame @ turns), child=None, names=names, limit=LARGEST_CHANGE
+                "joint-orientation", parent=turned(frame @ turns), child=None, names=names,
+                limit=LARGEST_CHANGE,
             )  # fmt: skip
             yield from causes(
                 "body-orientation", parent=None, child=turned(own @ turns), names=names,

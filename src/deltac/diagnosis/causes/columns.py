@@ -356,7 +356,7 @@ def _wrenches(equations: LogEquations) -> dict[Column, SX]:
 
 
 MOMENTS = {"delay": "s", "smoothing": "s²", "third moment": "s³", "fourth moment": "s⁴"}
-"""Of the filter of a log, by which laws of time are late, with their units; the third tells Butterworth filters."""
+"""Of the filter of a log, by which laws of time are late, with units: Butterworth's are in the third."""
 
 
 def _laws(t: SX, residual: SX) -> dict[Column, SX]:

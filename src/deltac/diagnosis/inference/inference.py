@@ -402,7 +402,7 @@ def _at_causes(point: Point, found: Posterior) -> Comparison | None:
 
 
 def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison | None:
-    """The same by all columns that there are, linearised at the causes until their numbers settle.
+    """The same by the columns of the point alone, linearised at the causes until their numbers settle.
 
     A `rival` goes on as long as a step takes away more than it leaves: what it leaves then is no curvature.
     """
@@ -410,7 +410,9 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison 
     try:
         for turn in count():
             before, closing = (moved.posterior, moved.methods) if moved else (found, ())
-            if moved and not moved.posterior.best.chosen:
+            if not _late_forces(point, before.best) and all(
+                c.kind in OF_THE_LOG for c in before.best.chosen
+            ):
                 break
             own = _linearised(point, before, closing if turn > 1 else ())
             if own is None:
@@ -429,11 +431,8 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison 
 def _linearised(
     point: Point, found: Posterior, methods: tuple[Integrator, ...] = ()
 ) -> Comparison | None:
-    """The comparison linearised at causes; None where these are of the log, or not told apart there."""
-    late = _late_forces(point, found.best)
-    if not late and all(c.kind in OF_THE_LOG for c in found.best.chosen):
-        return None
-    for delay, spread in late:
+    """The comparison linearised at causes; None where these are not told apart there."""
+    for delay, spread in _late_forces(point, found.best):
         if abs(delay) > WITHIN_A_ROW * point.log.step or point.forces.filter is not None:
             point = point.filtered(delay, spread)
     point = point.with_causes(found.best, methods)

@@ -23,6 +23,7 @@ from scipy.integrate import solve_ivp
 from thesis import EXPERIMENTS, Reproduction, Result, reproduce, write
 from thesis.experiments import PublishedExperiment
 from thesis.measures import euler_relation
+from thesis.run import main
 from thesis.runs import (
     Run,
     absolute_angles,
@@ -547,12 +548,15 @@ def test_a_disagreement_is_status_1(monkeypatch: pytest.MonkeyPatch) -> None:
     assert Reproduction((), {}, ()).exit_code == 1
 
 
-def test_bad_input_is_status_2_before_anything_runs(tmp_path: Path) -> None:
+def test_bad_input_is_status_2_before_anything_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "file").write_text("")
     for arguments, said in (
         (("--out", str(tmp_path / "file")), "file"),
         (("--only", "5.1", "--out", str(tmp_path / "x")), "4.8, 4.9, 4.10"),
         (("--only", ",", "--out", str(tmp_path / "x")), "known: 4.1"),
     ):
-        status, out, err = command(*arguments)
+        monkeypatch.setattr(sys, "argv", ["run.py", *arguments])
+        status, (out, err) = main(), capsys.readouterr()
         assert (status, out) == (2, "") and said in err and "Traceback" not in err

@@ -134,7 +134,7 @@ def test_wrong_gravity_is_named_beside_any_integrator(scheme: str, every: int) -
 
 def test_small_but_real() -> None:
     """Gravity 0.15 % larger: within the tolerance, far beyond what Runge–Kutta's method leaves."""
-    run = log(CartPole(gravity=9.81 * 1.0015), "rk4", step=0.002, accelerations=False)
+    run = log(CartPole(gravity=9.81 * 1.0015), "rk4", step=0.002, duration=1.5, accelerations=False)
     found = dc.audit(MECHANISM, run)
     assert found.verdict.kind == "consistent", found.verdict.explain()
     assert "F-SMALL-BUT-REAL" in codes(found)

@@ -15,7 +15,15 @@ from typing import Any, Literal
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.causes.columns import STOPS, UNIT_MOMENTS, Column, LogEquations, What, stops
+from deltac.diagnosis.causes.columns import (
+    OF_GEOMETRY,
+    STOPS,
+    UNIT_MOMENTS,
+    Column,
+    LogEquations,
+    What,
+    stops,
+)
 from deltac.diagnosis.causes.edits import (
     Displaced,
     Edit,
@@ -572,7 +580,7 @@ def candidates(equations: LogEquations, columns: Sequence[Column]) -> tuple[Cand
     places = Places({column: k for k, column in enumerate(columns)})
     causes: list[Candidate] = []
     parts = [_gravity, of_bodies, _joints, _channels, _laws, _wrenches]
-    if any(c.what in GEOMETRY for c in columns):
+    if any(c.what in OF_GEOMETRY for c in columns):
         parts += [_sizes, _places_of_joints, _numbers]
     for part in parts:
         causes.extend(part(equations, places))
@@ -802,9 +810,6 @@ def _wrenches(equations: LogEquations, places: Places) -> Iterator[Candidate]:
 
 # --- geometry: places and axes of joints, lengths, points, sizes ---------------------------------------
 
-GEOMETRY: tuple[What, ...] = ("joint-place", "body-place", "number", "parameter")
-"""Columns of `geometry_columns`."""
-
 MOST_TURNED, MOST_STRETCHED = 0.3, 0.3
 """Angles (rad), and shares of a length, up to which a cause is recognised by its first order."""
 
@@ -873,7 +878,8 @@ def _places_of_joints(equations: LogEquations, places: Places) -> Iterator[Candi
     def turned(x: Array) -> Array:
         return np.vstack([np.zeros_like(x), x])
 
-    for joint in mechanism.joints:
+    movable = {c.element for c in places.of if c.what in ("joint-place", "body-place")}
+    for joint in (j for j in mechanism.joints if j.name in movable):
         # Turns from the joint's frame into those of the parent and of the child; the direction, in the
         # joint's frame, about which a turn is another zero.
         frame, own = np.array(joint.rotation), np.array(joint.child_rotation)

@@ -7,8 +7,8 @@ forces. So each has a column x with residual(θ) = residual(0) + Σ θ x, comput
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -30,6 +30,10 @@ What = Literal[
     "force", "moment", "body-force", "body-moment", "joint-place", "body-place", "number", "parameter",
     "bend",
 ]  # fmt: skip
+
+
+OF_GEOMETRY: tuple[What, ...] = ("joint-place", "body-place", "number", "parameter")
+"""Columns of `geometry_columns`."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,11 @@ class Column:
     what: What
     element: str
     index: int = 0
+
+    @property
+    def of(self) -> tuple[What, str]:
+        """What it is of which element, whichever of its columns."""
+        return self.what, self.element
 
 
 class LogEquations:
@@ -100,40 +109,62 @@ class ColumnKernels:
         f = self._function
         return int(f.n_instructions() + f.numel_out(0) - f.nnz_out(0))
 
+    def only(self, some: Collection[tuple[What, str]]) -> ColumnKernels:
+        """The same with the columns of some elements, as of `Column.of`."""
+        places = [k for k, column in enumerate(self.columns) if column.of in some]
+        expression = self.expression[:, [0, *(1 + k for k in places)]]
+        columns = tuple(self.columns[k] for k in places)
+        return replace(self, columns=columns, expression=expression)
+
     def __call__(self, *samples: Array) -> Array:
         """F_r + F*_r and the columns (T, n, 1 + P)."""
         (values,) = at_rows(self._function, samples)
         return values.reshape(len(values), -1, self.speeds).transpose(0, 2, 1)
 
 
-def column_kernels(equations: LogEquations) -> ColumnKernels:
-    """All columns of a mechanism whose forces are those of `equations`."""
+Elements = Collection[tuple[What, str]] | None
+"""Of which columns are wanted, as of `Column.of`; None: of all."""
+
+
+def column_kernels(equations: LogEquations, some: Elements = None) -> ColumnKernels:
+    """All columns of a mechanism whose forces are those of `equations`, or those of some elements."""
     symbols = equations.symbols
     s = symbols.system
     # Of logs of one mechanism only the places of stops differ: all else is written out once.
-    rates, residual, shared = symbols.once("columns", lambda: _written_out(equations))
-    columns = {**shared, **_columns(equations, _stops(equations))}
+    rates, _, residual = symbols.once("residual", lambda: _residual(equations))
+    columns = dict[Column, SX]()
+    if some is None or any(what not in OF_GEOMETRY for what, _ in some):
+        shared = symbols.once("columns", lambda: _written_out(equations))
+        columns = {**shared, **_columns(equations, _stops(equations))}
+        columns = {c: x for c, x in columns.items() if some is None or c.of in some}
     inputs = (s.t, s.q, s.u, s.udot, symbols.logged, *rates)
     expression = ca.horzcat(residual, *columns.values())
     return ColumnKernels(tuple(columns), len(s.free_u), expression, inputs)
 
 
-def _written_out(equations: LogEquations) -> tuple[tuple[SX, SX], SX, dict[Column, SX]]:
-    """Symbols of the rates of logged forces and of their rates, the residual, all columns but stops."""
+def _residual(equations: LogEquations) -> tuple[tuple[SX, SX], SX, SX]:
+    """Symbols of the rates of logged forces and of their rates, F_r + F*_r, what constraints leave of it."""
     symbols = equations.symbols
     s, bound = symbols.system, symbols.constrained
     rate, curve = (ca.SX.sym(name, symbols.logged.shape[0]) for name in ("rate", "curve"))
+    residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
+    if symbols.with_measured is None or bound is None:
+        return (rate, curve), residual, _projected(equations, residual)
+    reaction = ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
+    return (rate, curve), residual, residual + reaction
+
+
+def _written_out(equations: LogEquations) -> dict[Column, SX]:
+    """All columns but stops."""
+    symbols = equations.symbols
+    s = symbols.system
+    (rate, curve), residual, _ = symbols.once("residual", lambda: _residual(equations))
     key = ("columns", computes_weight(equations), "gravity" in equations.log.places)
     changes = {**s.once(key, lambda: _of_mechanism(equations)), **_channels(equations, rate, curve)}
-    residual = (total_force(s, symbols.parts) - rnea(s, symbols.udot))[s.free_u]
     changes.update(_laws(s.t, residual))
-    if bound is None:  # else the constraints show it
+    if symbols.constrained is None:  # else the constraints show it
         changes.update(_offsets(equations, residual))
-    if symbols.with_measured is not None and bound is not None:
-        first = residual + ca.mtimes(bound.rows.G.T, symbols.reactions.multipliers)
-    else:
-        first = _projected(equations, residual)
-    return (rate, curve), first, _columns(equations, changes)
+    return _columns(equations, changes)
 
 
 def _of_mechanism(equations: LogEquations) -> dict[Column, SX]:

@@ -52,6 +52,8 @@ def _turn(w: Array) -> Array:
 
 def _left_jacobian(w: Array) -> Array:
     """J with exp(w + dw) = exp(J dw) exp(w): (eˣ − 1)/x of the cross matrix, a corner of an exponential."""
+    if not w.any():
+        return np.eye(3)
     block = np.zeros((6, 6))
     block[:3, :3], block[:3, 3:] = _cross(w), np.eye(3)
     return np.asarray(expm(block)[:3, 3:])

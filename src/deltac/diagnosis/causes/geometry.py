@@ -15,7 +15,7 @@ kept as symbols and differentiated directly.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
@@ -27,6 +27,7 @@ from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.columns import (
     Column,
     ColumnKernels,
+    Elements,
     LogEquations,
     What,
     computes_weight,
@@ -53,8 +54,8 @@ class Change:
     acceleration: SX
 
 
-def geometry_columns(equations: LogEquations) -> ColumnKernels:
-    """The columns of all joints' places, of numbers of elements and constraints, and of parameters.
+def geometry_columns(equations: LogEquations, some: Elements = None) -> ColumnKernels:
+    """The columns of joints' places, of numbers of elements and constraints, and of parameters.
 
     They are called as other columns are. The first one is M (u̇ of the model − u̇), and the others are the
     derivatives of that: M ∂u̇/∂θ. Without constraints these are F_r + F*_r and its derivative at the given u̇.
@@ -68,8 +69,10 @@ def geometry_columns(equations: LogEquations) -> ColumnKernels:
     multipliers = ca.SX(0, 1) if bound is None else symbols.reactions.multipliers
     index = () if bound is None else bound.rows.index
     changes: dict[Column, Change] = {}
-    for part in (_joints, _numbers, _parameters):
-        changes.update(part(equations, multipliers, index))
+    for part, own in PARTS.items():
+        if some is None or any(what in own for what, _ in some):
+            every = part(equations, multipliers, index)
+            changes.update((c, x) for c, x in every if some is None or c.of in some)
     force = sum((p.force for p in symbols.parts), start=ca.SX.zeros(s.u_all.shape[0]))
     first = Change(
         (force - rnea(s, symbols.udot))[s.free_u],
@@ -590,3 +593,11 @@ def _differentiated(
     for k, column in enumerate(columns):
         if not (ca.SX(x[:, k]).is_zero() and ca.SX(y[:, k]).is_zero()):
             yield column, Change(x[:, k], y[:, k])
+
+
+PARTS: dict[Callable[..., Iterator[tuple[Column, Change]]], tuple[What, ...]] = {
+    _joints: ("joint-place", "body-place"),
+    _numbers: ("number",),
+    _parameters: ("parameter",),
+}
+"""What writes out columns of the geometry, and which."""

@@ -318,12 +318,15 @@ class Fit:
         return bool(np.all(gap <= SIGNIFICANT * deviation + SAME * np.abs(other.coefficients)))
 
     def settled(self, other: Fit) -> bool:
-        """Whether another set has the same causes, whose numbers are the same beside their errors."""
+        """Whether another set has the same causes, whose numbers are the same within their errors.
+
+        What Gauss and Newton's next step adds is of second order in that.
+        """
         if [c.name for c in self.chosen] != [c.name for c in other.chosen]:
             return False
         numbers = [np.concatenate(fit.theta) for fit in (self, other)]
         error = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        allowed = ROUGHLY * error + SAME * np.abs(numbers[1])
+        allowed = error + SAME * np.abs(numbers[1])
         return bool(np.all(np.abs(numbers[0] - numbers[1]) <= allowed))
 
     def deviation(self, place: int) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 
@@ -39,6 +40,7 @@ from deltac.diagnosis.inference.hypotheses import (
     refitted,
     steadfast,
 )
+from deltac.diagnosis.inference.integrators import Integrator
 from deltac.diagnosis.inference.interpolation import (
     OF_DELAYS,
     WITHIN_A_ROW,
@@ -80,20 +82,6 @@ force makes: a smooth one makes none, what is of each on its own is one."""
 
 NARROW = 0.3
 """Least deviation of a filter of forces, steps."""
-
-
-RIVALS, NEAR = 8, 4
-"""Causes that are linearised at themselves, one at a time, at most; and how many of these, those that leave
-least, are built until their numbers settle."""
-
-REBUILT = 1e7
-"""Instructions of all columns of all rows up to which so many are: of large models and long logs fewer."""
-
-ALIKE = 1.0
-"""Logarithm of the ratio of what two of them leave, built once, of which one leaves nothing in the end."""
-
-BUILDS = 16
-"""Times at most that one of them is built: by half of its number each, where the first order is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,8 +292,8 @@ def _with_causes(
         chosen = comparison.posterior.best.chosen
         if chosen and not passed("causes linearised at themselves"):
             comparison = _relinearised(comparison)
-            causes, count = comparison.posterior, len(comparison.point.candidates)
-            comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, count))
+            causes, others = comparison.posterior, len(comparison.point.candidates)
+            comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, others))
             built = comparison.point.built is not None
             result = replace(inferred(comparison), unbuilt=result if built else None)
         return _of_steps(comparison, result)
@@ -346,15 +334,18 @@ def _relinearised(comparison: Comparison) -> Comparison:
     Causes of the geometry are built into the model. To first order one may look like another: each that does
     is built, and others are asked for beside the likeliest.
     """
-    if all(c.kind in OF_THE_LOG for c in comparison.posterior.best.chosen):
-        return _at_causes(comparison.point, comparison.posterior) or comparison
-    built = _built(comparison)
-    single = [one.posterior.best.chosen[0].name for one in built]
-    if [c.name for c in comparison.posterior.best.chosen] not in [[name] for name in single]:
-        as_found = _at_causes(comparison.point, comparison.posterior) or comparison
-        built.append(as_found)
-    if len(built) < 2:
-        return built[0]
+    point, found = comparison.point, comparison.posterior
+    alone = _rivals(comparison)
+    if not alone or all(c.kind in OF_THE_LOG for c in found.best.chosen):
+        return _at_causes(point, found) or comparison
+    rivals = [_settled(point.narrowed(one), one, True) for one in alone]
+    built = [one for one in rivals if one is not None and one.posterior.best.chosen]
+    names = [[c.name for c in one.posterior.best.chosen] for one in built]
+    if [c.name for c in found.best.chosen] not in names:
+        together = _settled(point.narrowed(found), found, True)
+        built += [] if together is None else [together]
+    if not built:
+        return comparison
     equal = [one for one in built if _nothing_left(one)]
     if not equal:
         odds = _log_odds(built)
@@ -366,16 +357,17 @@ def _relinearised(comparison: Comparison) -> Comparison:
     }
     first, *others = sorted(simplest.values(), key=_rank)
     # Zeros of the log do what turns of bodies do, and are not built.
-    block, scores = comparison.blocks[0], comparison.posterior.scores
+    block, scores = comparison.blocks[0], found.scores
     zeros = [fitted(comparison.blocks, [c]) for _, c, _ in scores if c.kind == "zero-offset"]
-    turns = alike(comparison.point.candidates, first.posterior.best.chosen)
+    turns = alike(point.candidates, first.posterior.best.chosen)
     turned = [fitted(comparison.blocks, [c]) for c in turns if c is not None]
     left = max((block.misfit(fit.coefficients) for fit in turned if fit), default=0.0)
     for zero in zeros if len(turned) == 1 else ():
         if zero is not None and block.misfit(zero.coefficients) <= left:
             own = refitted(comparison.blocks, Posterior(zero, (), scores), ())
             return replace(comparison, posterior=own)
-    return _beside(first, [one for one in others if len(one.posterior.best.chosen) == 1])
+    others = [one for one in others if len(one.posterior.best.chosen) == 1]
+    return _beside(_at_causes(point, first.posterior) or comparison, point, others)
 
 
 def _rank(comparison: Comparison) -> tuple[int, int]:
@@ -391,13 +383,6 @@ def _nothing_left(comparison: Comparison) -> bool:
     return block.misfit(comparison.posterior.best.coefficients) <= KNOWN * block.least
 
 
-def _left(comparison: Comparison) -> float:
-    """Logarithm of the mean size of what the causes leave, whatever noise it is weighed by."""
-    block = comparison.blocks[0]
-    misfit = block.misfit(comparison.posterior.best.coefficients)
-    return 0.5 * float(np.log(misfit / block.r.size)) + block.spread / block.r.size
-
-
 def _log_odds(comparisons: Sequence[Comparison]) -> Array:
     """Log evidence of each, integrator and noise included, by rows that forget as slowly as those of any."""
     tau = max(one.tau for one in comparisons)
@@ -406,87 +391,79 @@ def _log_odds(comparisons: Sequence[Comparison]) -> Array:
     return np.array([b.evidence(one.posterior.best, tau) - b.spread / tau for b, one in each])
 
 
-def _at_causes(point: Point, found: Posterior, turns: int = 0) -> Comparison | None:
-    """The comparison at causes that were found elsewhere; None where they have no motion between the rows."""
+def _at_causes(point: Point, found: Posterior) -> Comparison | None:
+    """The comparison at causes that were found elsewhere; None where they do not move, or are not told apart.
+
+    Their numbers settle by their own columns first: all others cost several times as much.
+    """
+    alone = _settled(point.narrowed(found), found)
+    return _settled(point, alone.posterior if alone and alone.posterior.best.chosen else found)
+
+
+def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison | None:
+    """The same by all columns that there are, linearised at the causes until their numbers settle.
+
+    A `rival` goes on as long as a step takes away more than it leaves: what it leaves then is no curvature.
+    """
     moved: Comparison | None = None
-    of_geometry = any(c.edit is not None for c in found.best.chosen)
     try:
-        for turn in range(turns or (BUILDS if of_geometry else RELINEARISATIONS)):
-            before = moved.posterior.best if moved else found.best
-            late = _late_forces(point, before)
-            of_equations = (c.kind not in OF_THE_LOG for c in before.chosen)
-            if not late and not any(of_equations):
+        for turn in count():
+            before, closing = (moved.posterior, moved.methods) if moved else (found, ())
+            if moved and not moved.posterior.best.chosen:
                 break
-            for delay, spread in late:
-                if abs(delay) > WITHIN_A_ROW * point.log.step or point.forces.filter is not None:
-                    point = point.filtered(delay, spread)
-            methods = moved.methods if moved and turn > 1 else ()
-            point = point.with_causes(before, methods)
-            if point.forces.filter is not None:
-                point = point.with_process_noise()
-            there = point.named(moved.posterior if moved else found)
-            if not there.best.chosen:
+            own = _linearised(point, before, closing if turn > 1 else ())
+            if own is None:
                 return None
-            moved = compared(point, there)
-            best = moved.posterior.best
-            if len(best.each) < len(best.chosen):  # they are not told apart here
-                return None
-            if before.settled(best):
+            moved, point, best = own, own.point, own.posterior.best
+            block = own.blocks[0]
+            left, start = (block.misfit(x) for x in (best.coefficients, point.coefficients))
+            last = 2.0 * left > start if rival else turn + 1 >= RELINEARISATIONS
+            if last or start <= KNOWN * block.least or before.best.settled(best):
                 break
-            point = moved.point
     except (FlowError, np.linalg.LinAlgError):
         return None
     return moved
 
 
-def _built(comparison: Comparison) -> list[Comparison]:
-    """Causes that explain most of what is left to first order, each linearised at itself.
+def _linearised(
+    point: Point, found: Posterior, methods: tuple[Integrator, ...] = ()
+) -> Comparison | None:
+    """The comparison linearised at causes; None where these are of the log, or not told apart there."""
+    late = _late_forces(point, found.best)
+    if not late and all(c.kind in OF_THE_LOG for c in found.best.chosen):
+        return None
+    for delay, spread in late:
+        if abs(delay) > WITHIN_A_ROW * point.log.step or point.forces.filter is not None:
+            point = point.filtered(delay, spread)
+    point = point.with_causes(found.best, methods)
+    if point.forces.filter is not None:
+        point = point.with_process_noise()
+    there = point.named(found)
+    if not there.best.chosen:
+        return None
+    moved = compared(point, there)
+    best = moved.posterior.best
+    return moved if len(best.each) == len(best.chosen) else None
 
-    Those go on that leave about as little as the best of them once they are linearised at themselves.
-    """
-    point, block = comparison.point, comparison.blocks[0]
-    if not any(c.edit is not None for _, c, _ in comparison.posterior.scores):
+
+def _rivals(comparison: Comparison) -> list[Posterior]:
+    """Causes that explain most of what is left to first order, of each the likeliest in so many numbers."""
+    point, block, scores = comparison.point, comparison.blocks[0], comparison.posterior.scores
+    if not any(c.edit is not None for _, c, _ in scores):
         return []
-    whats = {c.what for _, c, _ in comparison.posterior.scores if c.kind not in OF_THE_LOG}
-    fits = [fitted(comparison.blocks, [c]) for c in point.candidates if c.what in whats]
-    likely = [
-        fit
-        for fit in fits
-        if fit is not None
-        and block.misfit(fit.coefficients) < SLIGHT * block.start
-        and fit.chosen[0].plausible(fit.theta[0])
-    ]
-    likely.sort(key=lambda fit: (fit.chosen[0].size, block.misfit(fit.coefficients)))
-    alone = replace(point, accelerations=None)  # whose posterior is of all causes
-    cost = len(point.log.intervals) * sum(kernels.cost for kernels in point.kernels)
-    rivals = int(np.clip(RIVALS * REBUILT / cost, 2, RIVALS))
-    built = (_at_causes(alone, Posterior(fit, (), ()), 1) for fit in likely[:rivals])
-    once = [one for one in built if one is not None]
-    once = [one for one in once if one.posterior.best.chosen and not _has_simpler(one, once)]
-    once.sort(key=_left)
-    result = list[Comparison]()
-    for one in once[:NEAR]:
-        closed = any(map(_nothing_left, result))
-        if closed and _left(one) > _left(once[0]) + ALIKE:
-            break
-        further = _at_causes(one.point, one.posterior)
-        if further is not None and further.posterior.best.chosen:
-            result.append(further)
-    return result
+    least = dict[tuple[str, str, str, int], Fit]()
+    whats = {c.what for _, c, _ in scores if c.kind not in OF_THE_LOG}
+    for c in (c for c in point.candidates if c.what in whats):
+        fit, key = fitted(comparison.blocks, [c]), (*c.what, c.size)
+        if fit is None or not c.plausible(fit.theta[0]):
+            continue
+        bound = block.misfit(least[key].coefficients) if key in least else SLIGHT * block.start
+        if block.misfit(fit.coefficients) < bound:
+            least[key] = fit
+    return [Posterior(fit, (), ()) for fit in least.values()]
 
 
-def _has_simpler(one: Comparison, others: Sequence[Comparison]) -> bool:
-    """Whether among others is the same cause in fewer numbers that leaves about as little."""
-    (c,) = one.posterior.best.chosen
-    return any(
-        [x.what for x in other.posterior.best.chosen] == [c.what]
-        and other.posterior.best.chosen[0].size < c.size
-        and _left(other) < _left(one) + ALIKE
-        for other in others
-    )
-
-
-def _beside(built: Comparison, equal: Sequence[Comparison]) -> Comparison:
+def _beside(built: Comparison, point: Point, equal: Sequence[Comparison]) -> Comparison:
     """The comparison of further causes beside one that is built; others that were built explain as much."""
     best = built.posterior.best
     if len(best.chosen) != 1:
@@ -495,7 +472,7 @@ def _beside(built: Comparison, equal: Sequence[Comparison]) -> Comparison:
     if of_geometry and not _nothing_left(built):
         searched = compared(built.point).posterior
         if len(searched.best.chosen) > 1 and best.chosen[0] in searched.best.chosen:
-            further = _at_causes(built.point, searched)
+            further = _at_causes(point, searched)
             odds = _log_odds([built, further]) if further is not None else np.zeros(2)
             if further is not None and odds[1] > odds[0] + CERTAIN:
                 return further

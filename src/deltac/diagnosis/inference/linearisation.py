@@ -22,7 +22,13 @@ from numpy.typing import NDArray
 
 from deltac.arrays import Array
 from deltac.diagnosis.causes.causes import Candidate, alike, bends, candidates, candidates_at
-from deltac.diagnosis.causes.columns import Column, ColumnKernels, LogEquations, column_kernels
+from deltac.diagnosis.causes.columns import (
+    Column,
+    ColumnKernels,
+    Elements,
+    LogEquations,
+    column_kernels,
+)
 from deltac.diagnosis.causes.geometry import geometry_columns
 from deltac.diagnosis.inference.fields import (
     FIELDS,
@@ -235,8 +241,9 @@ class Built:
         own: Sequence[Candidate],
         causes: Sequence[Candidate],
         theta: Sequence[Array],
+        some: Elements = None,
     ) -> Built:
-        """Causes, of all its `own`, built into a model.
+        """Causes, of all its `own`, built into a model; with the columns there of some elements only.
 
         Raises:
             FlowError: there is no such mechanism.
@@ -259,7 +266,7 @@ class Built:
         except InputError as error:
             raise FlowError(str(error)) from None
         equations = LogEquations(whole.mechanism, run)
-        kernels = column_kernels(equations), geometry_columns(equations)
+        kernels = column_kernels(equations, some), geometry_columns(equations, some)
         columns = kernels[0].columns + kernels[1].columns + bends(len(causes))
         every_cause = candidates_at(equations, columns, own, causes, theta)
         coefficients = np.zeros(len(columns))
@@ -460,6 +467,7 @@ class Point:
     noise         what the flow does not know
     own           kernels of the columns of causes, and the causes themselves, of the model
     built         causes that are built into the model, if any: `kernels` and `candidates` are those there
+    some          elements of which there are columns, if not of all
     columns       what a unit of each column adds to ẋ (N, 2n, P), at the nodes
     coefficients  of the columns (P,) of causes that are in the plant, or in a filter of the forces
     accelerations equations by known accelerations and their posterior, if these were compared
@@ -478,6 +486,7 @@ class Point:
     coefficients: Array
     own: tuple[tuple[ColumnKernels, ...], tuple[Candidate, ...]] = ((), ())
     built: Built | None = None
+    some: Elements = None
     accelerations: tuple[Block, Posterior] | None = None
     states: tuple[tuple[Map, Observations], ...] = ()
 
@@ -597,7 +606,8 @@ class Point:
         pairs = [(c, x) for c, (_, x) in zip(found, each, strict=True) if c is not None and c.edit]
         base = replace(self, built=None)
         if pairs:
-            built = Built.of(self.model, self.run, self.own[1], *zip(*pairs, strict=True))
+            causes, theta = zip(*pairs, strict=True)
+            built = Built.of(self.model, self.run, self.own[1], causes, theta, self.some)
             base = replace(self, built=built, accelerations=None)
         elif self.built is not None:
             base = replace(base, accelerations=None)
@@ -614,6 +624,31 @@ class Point:
         if not (np.isfinite(moved.flow.w).all() and moved.tangent.finite.all()):
             raise FlowError("the flow of the model with the causes found leaves all bounds")
         return moved.with_columns()
+
+    def narrowed(self, found: Posterior) -> Point:
+        """The same with the columns of some causes only: those that are built anew are compared by these."""
+        of = self.whats
+        causes = [c for fit in (found.best, *found.alternatives) for c in fit.chosen]
+        own = alike(self.own[1], [*causes, *(c for _, c, _ in found.scores)])
+        acting = np.flatnonzero(self.coefficients)
+        some = {of[k].of for c in own if c is not None for k in c.columns}
+        some |= {of[k].of for k in acting}
+        places = {k: i for i, k in enumerate(k for k, c in enumerate(of) if c.of in some)}
+        return replace(
+            self,
+            own=(
+                tuple(kernels.only(some) for kernels in self.own[0]),
+                tuple(
+                    replace(c, columns=tuple(places[k] for k in c.columns))
+                    for c in self.own[1]
+                    if places.keys() >= set(c.columns)
+                ),
+            ),
+            some=some,
+            columns=[x[:, :, list(places)] for x in self.columns],
+            coefficients=self.coefficients[list(places)],
+            accelerations=None,
+        )
 
     def named(self, before: Posterior) -> Posterior:
         """Causes that were found at another point, as they are called at this one."""

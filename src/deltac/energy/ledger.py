@@ -110,13 +110,6 @@ class Ledger(
         return sum(self.potential.values(), start=np.zeros(len(self.t)))
 
     @property
-    def energy_stored(self) -> Array:
-        """K + V above the lowest potential energy of the run (T,): what the system has at a time."""
-        V = self.potential_energy
-        above: Array = self.kinetic + (V - V.min())
-        return above
-
-    @property
     def unresolved(self) -> tuple[ChannelName, ...]:
         """The channels whose work is not resolved: its error bar is a tenth of it, or more.
 

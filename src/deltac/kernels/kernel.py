@@ -94,11 +94,6 @@ class Kernel:
         """The names of the inputs, in the order of x."""
         return tuple(self.input_slices)
 
-    @property
-    def output_names(self) -> tuple[str, ...]:
-        """The names of the outputs, in the order of y."""
-        return tuple(self.output_slices)
-
     @cached_property
     def function(self) -> Any:
         """The simplified CasADi function (x, p) -> y, dense."""

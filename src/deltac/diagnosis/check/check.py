@@ -248,10 +248,9 @@ def check_equations(
     caller.progress = untold
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
-        shown = ", ".join(f"{n} = {x:.6g}" for n, x in drawn.describe(0).items())
         raise SourceError(
             f"{own.name} returned values that are not finite at all {len(drawn)} states, for "
-            f"example at {shown}: u̇ = {udot[:, 0].tolist()}"
+            f"example at {drawn.in_words(0)}: u̇ = {udot[:, 0].tolist()}"
         )
     if not finite.all():  # judge where there is something to judge
         test = EquationTest(kane, drawn.take(finite))
@@ -551,12 +550,11 @@ def _findings(
     missing = int((~finite).sum())
     if missing:
         k = int(np.argmin(finite))
-        where = ", ".join(f"{n} = {x:.4g}" for n, x in drawn.describe(k).items())
         findings.append(
             Finding(
                 "not-finite",
                 f"the accelerations are not finite at {missing} of {len(finite)} states",
-                f"for example at {where}",
+                f"for example at {drawn.in_words(k)}",
                 "Look for the root of a negative number or a division by zero; those states were left out",
                 "doubt",
             )

@@ -113,7 +113,7 @@ class EquationTest:
             k = int(np.argmin(finite))
             raise StateError(
                 f"the equations of {self.kane.mechanism.name!r} have no finite terms at state "
-                f"{dict(self.states.describe(k))}; leave it out"
+                f"{self.states.in_words(k)}; leave it out"
             )
         speed = np.maximum(1.0, np.abs(self.point.u).max(axis=0, initial=0.0))
         for level, violation, unit in (
@@ -124,7 +124,7 @@ class EquationTest:
                 row, k = divmod(int(np.argmax(violation)), violation.shape[1])
                 raise StateError(
                     f"constraint {self.kane.rows.names[row]!r} is off by {violation[row, k]:.3g} {unit} at "
-                    f"{level} level at state {dict(self.states.describe(k))}; either the state or "
+                    f"{level} level at state {self.states.in_words(k)}; either the state or "
                     "the coordinate map does not satisfy it"
                 )
 

@@ -224,7 +224,7 @@ class Caller:
             raise SourceError(
                 f"{self.name} is no function of (t, q, u): asked twice at one state it gave "
                 f"{_numbers(first[:, k])}, then {_numbers(second[:, k])}; it has a memory or a random "
-                f"element. State: {_state(some, k)}"
+                f"element. State: {some.in_words(k)}"
             )
         batch = self._batch(some) if self.form.plain and len(first) == len(some.u) else None
         self.vectorised = batch is not None and bool(_close(first, batch).all())
@@ -256,7 +256,7 @@ class Caller:
         except Exception as error:
             where = _line(error, self.rhs)
             raise SourceError(
-                f"{self.name} raised {type(error).__name__}: {error}{where}. State: {_state(states, k)}"
+                f"{self.name} raised {type(error).__name__}: {error}{where}. State: {states.in_words(k)}"
             ) from error
         if not self.overwrites:
             self.overwrites = _written(states, k, given_q, given_u)
@@ -277,7 +277,7 @@ class Caller:
         if real is None:
             raise SourceError(
                 f"{self.name} returned {_short(answer)}, expected {n} real numbers: u̇ of "
-                f"{', '.join(states.speeds)}. State: {_state(states, k)}"
+                f"{', '.join(states.speeds)}. State: {states.in_words(k)}"
             )
         if real.shape == (n + len(states.q) + self.form.appended,):
             rates, accelerations = self.form.split(list(real), len(states.q), n)
@@ -353,10 +353,6 @@ def uncertainty(relative_noise: Array, clear: float) -> Array:
 def _close(a: Array, b: Array) -> NDArray[np.bool_]:
     size = np.maximum(np.nan_to_num(np.abs(a)).max(axis=0, initial=0.0), 1e-300)
     return np.asarray(np.isclose(a / size, b / size, rtol=0.0, atol=SAME, equal_nan=True))
-
-
-def _state(states: States, k: int) -> str:
-    return ", ".join(f"{name} = {value:.6g}" for name, value in states.describe(k).items())
 
 
 def _numbers(values: Array) -> str:

@@ -86,6 +86,10 @@ class States:
             **{f"u.{n}": float(x) for n, x in zip(self.speeds, self.u[:, k])},
         }
 
+    def in_words(self, k: int) -> str:
+        """One state by name: "t = 0, q.hinge = 1.2"."""
+        return ", ".join(f"{name} = {value:.6g}" for name, value in self.describe(k).items())
+
 
 @checked
 def random_states(
@@ -151,7 +155,7 @@ def from_user_coordinates(kane: Kane, states: States) -> States:
     if not good.all():
         k = int(np.argmin(good))
         raise StateError(
-            f"the mechanism cannot be assembled at state {dict(states.describe(k))}, or only beyond a "
+            f"the mechanism cannot be assembled at state {states.in_words(k)}, or only beyond a "
             f"singular configuration of {kane.mode}"
         )
     return States(states.t, q, states.u, kane.coordinate_names, states.speeds)

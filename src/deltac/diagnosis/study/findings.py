@@ -66,7 +66,7 @@ def of_order(state: Convergence, nominal: int | None, solver: str) -> Iterator[F
             yield Finding(
                 "order-below-nominal",
                 f"the motion converges at order {order_text(state)}, below the {nominal} of {solver}",
-                f"by differences of the states at steps {_listed(state.steps)}",
+                f"by differences of the states at steps {', '.join(f'{h:g}' for h in state.steps)}",
                 "Either a force is not smooth (dry friction, contact, a table of values, a controller held "
                 "over the step), or the start violates the constraints, or the solver has a bug",
             )
@@ -182,7 +182,3 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
         "Log the work or the force of impacts (channel 'impact …'), or compare up to the first of them",
         element=run.speeds[k],
     )
-
-
-def _listed(steps: Sequence[float]) -> str:
-    return ", ".join(f"{h:g}" for h in steps)

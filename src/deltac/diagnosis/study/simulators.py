@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypedDict, cast
+from typing import Any, TypedDict, cast
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from deltac.simulation.recording import Record
 from deltac.simulation.simulate import simulate
 from deltac.simulation.solvers import Options, find_solver
 from deltac.trajectories import Trajectory
-
-if TYPE_CHECKING:
-    from deltac.diagnosis.residuals.function import Caller
 
 MUJOCO = "mujoco:"
 
@@ -180,25 +177,6 @@ def starting(loaded: Model, state: StateLike) -> State:
 # --- equations by hand: what they raise, or cannot say, is told with the state -------------------
 
 
-@dataclass(frozen=True, eq=False)
-class _Careful:
-    """The function as it is for symbols; for numbers, an InputError with the state where it raises."""
-
-    caller: Caller
-    coordinates: tuple[str, ...]
-    speeds: tuple[str, ...]
-
-    def __call__(self, t: Any, q: Any, u: Any) -> Any:
-        if np.asarray(u).dtype == object or np.ndim(u) != 1:
-            return self.caller.rhs(t, q, u)
-        from deltac.diagnosis.residuals.states import States
-
-        at = States(
-            np.array([t], dtype=np.float64), q[:, None], u[:, None], self.coordinates, self.speeds
-        )
-        return self.caller(at)[:, 0]
-
-
 def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equations:
     """The equations, called with care.
 
@@ -206,7 +184,7 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
     """
     from deltac.diagnosis.residuals.function import Caller
     from deltac.diagnosis.residuals.kane import Kane
-    from deltac.diagnosis.residuals.states import own_states
+    from deltac.diagnosis.residuals.states import States, own_states
 
     equations = explicit(trace(mechanism), equations)
     kane, free = Kane(mechanism, equations.coordinates), mechanism.free
@@ -217,9 +195,16 @@ def carefully(equations: Equations, mechanism: Mechanism, state: State) -> Equat
         start = own_states(kane, np.array([state.t]), q, u)
         udot = caller(start)[:, 0]
         if not np.isfinite(udot).all():
-            at = ", ".join(f"{name} = {x:.6g}" for name, x in start.describe(0).items())
             raise SourceError(
                 f"{equations.name} returned values that are not finite at the start: u̇ = "
-                f"{udot.tolist()}. State: {at}"
+                f"{udot.tolist()}. State: {start.in_words(0)}"
             )
-    return replace(equations, rhs=_Careful(caller, kane.user_names, tuple(kane.speed_names)))
+
+    def rhs(t: Any, q: Any, u: Any) -> Any:
+        """The function as it is for symbols; for numbers, an InputError with the state where it raises."""
+        if np.asarray(u).dtype == object or np.ndim(u) != 1:
+            return caller.rhs(t, q, u)
+        columns = np.array([t], dtype=np.float64), q[:, None], u[:, None]
+        return caller(States(*columns, kane.user_names, kane.speed_names))[:, 0]
+
+    return replace(equations, rhs=rhs)

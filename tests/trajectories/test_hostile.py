@@ -22,7 +22,7 @@ from scipy.io import savemat
 from scipy.sparse import csc_matrix
 
 from deltac.errors import InputError
-from deltac.foreign.limits import Limits, parse_json
+from deltac.foreign.limits import SMALL, Limits, parse_json
 from deltac.trajectories import Trajectory, read_trajectory, to_metadata
 from tests.support.hostile import outcome
 
@@ -373,8 +373,12 @@ def test_every_kind_of_variable_in_a_mat_file_is_read(
 # -- bombs: in a process with little memory ------------------------------------------------------
 
 
+BOMB = SMALL + 2**24
+"""Bytes that are too many for a small file to unpack to."""
+
+
 def npz_bomb(path: Path) -> None:
-    size, text = 2**29, io.BytesIO()
+    size, text = BOMB, io.BytesIO()
     np.lib.format.write_array_header_1_0(
         text, {"descr": "<f8", "fortran_order": False, "shape": (size // 8,)}
     )
@@ -388,7 +392,7 @@ def npz_bomb(path: Path) -> None:
 
 
 def mat_bomb(path: Path) -> None:
-    size, packer = 2**29, zlib.compressobj(1)
+    size, packer = BOMB, zlib.compressobj(1)
     inner = element(6, struct.pack("<II", 6, 0)) + element(5, struct.pack("<ii", size // 8, 1))
     inner += element(1, b"time") + struct.pack("<II", 9, size)
     parts = [packer.compress(struct.pack("<II", 14, len(inner) + size) + inner)]
@@ -398,7 +402,7 @@ def mat_bomb(path: Path) -> None:
 
 
 def parquet_bomb(path: Path) -> None:
-    zeros = polars.zeros(150_000_000, dtype=polars.Float64, eager=True)
+    zeros = polars.zeros(BOMB // 8, dtype=polars.Float64, eager=True)
     polars.DataFrame({"time": zeros}).write_parquet(path)
 
 

@@ -13,7 +13,7 @@ from explain_models import faults, model_of, noisy, simulate  # noqa: E402
 
 SAMPLE = (
     pytest.param("planar-arm armature elbow", marks=pytest.mark.slow),
-    "cart-pole mass pole",
+    pytest.param("cart-pole mass pole", marks=pytest.mark.slow),
     pytest.param("arm-3d gear actuator m4", marks=pytest.mark.slow),
     pytest.param("arm-3d com fore", marks=pytest.mark.slow),
     pytest.param("floating spring flap", marks=pytest.mark.slow),

@@ -101,6 +101,7 @@ def test_gravity_of_another_size_and_direction() -> None:
     assert values["x", "z"] == pytest.approx((0.0, -9.81), rel=EXACT, abs=1e-6)
 
 
+@pytest.mark.slow  # by its audit: tests/diagnosis/test_audit.py
 def test_a_motor_that_delivers_half() -> None:
     found = dc.explain_residual(model_of(ARM), scaled(arm_run(), "actuator m1", 2.0))
     cause = the_cause(found, "actuator-gear", "actuator m1")

@@ -223,7 +223,8 @@ def test_errors_of_steps_that_a_solver_chose_are_the_integrators(method: str) ->
     assert told.energy == pytest.approx(true[-1], rel=0.02, abs=2.0 * told.error)
 
 
-@pytest.mark.parametrize("method", repeated(("RK45", "BDF"), "RK45"))
+@pytest.mark.slow  # beside fixed steps: test_a_mistake_together_with_a_two_step_method
+@pytest.mark.parametrize("method", ("RK45", "BDF"))
 def test_a_mistake_beside_errors_of_such_steps(method: str) -> None:
     found = dc.audit(MECHANISM, solved(WRONG, method, 1e-5)[0])
     assert found.verdict.kind == "equation-error"

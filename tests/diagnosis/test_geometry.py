@@ -25,7 +25,6 @@ from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_
 from deltac.diagnosis.causes.geometry import displacements, geometry_columns
 from deltac.dynamics.equations_of_motion import equations_of_motion, quaternions
 from tests.support.rate_forms import without_forces
-from tests.support.slow import repeated
 
 INERTIA = ((0.05, 0.01, -0.004), (0.01, 0.08, 0.002), (-0.004, 0.002, 0.06))
 STEP = 3e-4
@@ -352,9 +351,9 @@ PLACES = [
 ]
 
 
-# Without noise: tests/diagnosis/test_sizes_of_geometry.py.
-@pytest.mark.parametrize("wrong", repeated(PLACES, PLACES[0]))
-@pytest.mark.parametrize("noise", repeated((0.0, 1e-4), 1e-4))
+@pytest.mark.slow  # without noise: tests/diagnosis/test_sizes_of_geometry.py
+@pytest.mark.parametrize("wrong", PLACES)
+@pytest.mark.parametrize("noise", (0.0, 1e-4))
 def test_an_audit_names_a_place_that_is_wrong(
     wrong: tuple[tuple[float, float], str, str, float], noise: float
 ) -> None:

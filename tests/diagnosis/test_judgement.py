@@ -144,9 +144,8 @@ def test_natural_logs_are_judged_by_one_judgement(case: Case) -> None:
     assert_consistent(audit, audit.explanation)
 
 
-@pytest.mark.parametrize(
-    "name", repeated(("missing_lever_arm", "inertia_axes_lost"), "missing_lever_arm")
-)
+@pytest.mark.slow  # what is found in them: tests/faults
+@pytest.mark.parametrize("name", ("missing_lever_arm", "inertia_axes_lost"))
 def test_published_faults_are_judged_by_one_judgement(name: str) -> None:
     pytest.importorskip("mujoco")
     from tests.systems import fault_cases

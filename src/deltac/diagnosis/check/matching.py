@@ -29,9 +29,8 @@ from deltac.diagnosis.check.terms import (
     written,
 )
 from deltac.diagnosis.residuals.at_states import EquationTest
+from deltac.diagnosis.residuals.states import TRIAL_STATES
 from deltac.results import Serialisable
-
-MOST_TERMS = 3
 
 FACTORS = {-1.0: "with the wrong sign", 0.0: "is missing", 2.0: "twice", 0.5: "by half"}
 
@@ -237,8 +236,8 @@ def explain_by(
 ) -> tuple[tuple[Summand, float], ...]:
     """The fewest parts whose sum with constant coefficients is the residual (B,); empty if none is.
 
-    By orthogonal matching pursuit. Of parts that are proportional to each other, the one whose coefficient
-    `cost` least.
+    By orthogonal matching pursuit, of fewer parts than a quarter of the states: more would fit anything. Of
+    parts that are proportional to each other, the one whose coefficient `cost` least.
     """
     usable = [p for p in parts if float(np.linalg.norm(p.values)) > 0.0]
     size = float(np.linalg.norm(residual))
@@ -248,7 +247,7 @@ def explain_by(
     directions = np.array([p.values for p in usable]) / sizes[:, None]
     chosen: list[int] = []
     remainder = residual
-    for _ in range(min(MOST_TERMS, len(residual) // 4)):
+    for _ in range(min(TRIAL_STATES, len(residual) // 4)):
         fit = np.abs(directions @ remainder)
         fit[chosen] = -1.0
         chosen.append(int(np.argmax(fit)))

@@ -12,6 +12,9 @@ import numpy as np
 import pytest
 
 import deltac as dc
+from deltac.diagnosis.audit.conventions import _left
+from deltac.diagnosis.inference.inference import infer_alone
+from deltac.diagnosis.inference.model import Model
 from tests.support.slow import repeated
 
 Change = Callable[[dc.Trajectory], dc.Trajectory]
@@ -198,3 +201,16 @@ def test_an_axis_that_points_the_other_way_is_told_in_coarse_rows(step: float) -
     # Turned about either axis, the machine is its own image in a mirror.
     assert finding.kind == "axis-sign"
     assert {finding.element, *(element for _, element in finding.equals)} == {"rail", "pole"}
+
+
+def test_forces_that_act_where_a_reading_does_not_look() -> None:
+    """A few stretches of a log are read in other conventions: what acts elsewhere has no column there."""
+    forces = {name: np.array(force) for name, force in run().forces.items()}
+    for force in forces.values():
+        force[:100] = 0.0
+    log = replace(run(), forces=forces)
+    inference = infer_alone(mechanism(), log)
+    assert inference is not None and len(inference.forces) == 2
+    part = log.take(slice(0, 90))
+    left = _left(Model(mechanism(), part), part, inference)
+    assert 1e-6 < left < 1.0  # without the torques that acted there

@@ -124,6 +124,74 @@ def test_an_inertia_is_told_from_an_integrator_that_does_the_same(step: Step, h:
         assert abs(told.energy - true) < 2.0 * told.error + 1e-4 * abs(true)
 
 
+def adams_bashforth(h: float, steps: int) -> Array:
+    f, x = rate(CENTRAL), np.empty((steps + 1, 2))
+    x[0] = 1.2, 0.3
+    slope = np.array([[u, f(q, u)] for q, u in x[:1]])[0]
+    for k in range(steps):
+        q, u = x[k]
+        before, slope = slope, np.array([u, f(q, u)])
+        x[k + 1] = x[k] + h * (1.5 * slope - 0.5 * before)
+    return x
+
+
+def alpha_method(m: float, a: float) -> Callable[[float, int], Array]:
+    """The implicit method of Chung and Hulbert with these α_m and α_f, γ and β of second order."""
+    gamma = 0.5 - m + a
+    beta = 0.25 * (gamma + 0.5) ** 2
+
+    def motion(h: float, steps: int) -> Array:
+        f, x = rate(CENTRAL), np.empty((steps + 1, 2))
+        x[0] = 1.2, 0.3
+        own = f(*x[0])
+        for k in range(steps):
+            (q, u), here = x[k], f(*x[k])
+            new = own
+            for _ in range(60):
+                p = q + h * u + h * h * ((0.5 - beta) * own + beta * new)
+                v = u + h * ((1.0 - gamma) * own + gamma * new)
+                new = ((1.0 - a) * f(p, v) + a * here - m * own) / (1.0 - m)
+            x[k + 1], own = (p, v), new
+        return x
+
+    return motion
+
+
+RADIUS = 0.8
+WITH_MEMORY = {
+    "adams-bashforth-2": adams_bashforth,
+    "generalized-alpha": alpha_method((2 * RADIUS - 1) / (RADIUS + 1), RADIUS / (RADIUS + 1)),
+    "generalized-alpha of Hilber, Hughes and Taylor": alpha_method(0.0, 0.2),
+}
+
+
+@pytest.mark.parametrize("first", [0, 40])
+@pytest.mark.parametrize("name", WITH_MEMORY)
+def test_methods_with_a_memory_close_the_rows(name: str, first: int) -> None:
+    """Also where the log begins in the middle of the run, so that its first row does not tell the memory."""
+    h = 5e-3
+    x = WITH_MEMORY[name](h, 600)[first:]
+    audit = dc.audit(mechanism(CENTRAL), log(x, h))
+    assert audit.verdict.kind in ("consistent", "integration-error") and not audit.causes
+    assert audit.integrator is not None and audit.integrator.names == (name.split()[0],)
+    assert audit.attribution is not None
+    told, (true, _) = audit.attribution.integrator, joules(x, h, CENTRAL)
+    # The first step of a log has no memory: one of some hundreds.
+    assert abs(told.energy - true) < 2.0 * told.error + 0.01 * abs(true)
+    assert told.error < 0.05 * abs(true)
+
+
+@pytest.mark.parametrize("name", WITH_MEMORY)
+def test_an_inertia_is_told_from_methods_with_a_memory(name: str) -> None:
+    h = 5e-3
+    x = WITH_MEMORY[name](h, 600)
+    audit = dc.audit(mechanism(HEAVIER * CENTRAL), log(x, h))
+    assert audit.verdict.kind == "equation-error" and audit.integrator is not None
+    cause, *_ = audit.causes
+    assert cause.size == pytest.approx(1.0 / HEAVIER, abs=3.0 * cause.size_error + 1e-4)
+    assert audit.integrator.names == (name.split()[0],)
+
+
 @pytest.mark.parametrize("step", [semi_implicit_euler, rk4])
 def test_joules_reach_both_ends_of_a_long_log(step: Step) -> None:
     """Of more rows than are looked at: stretches from its first row to its last."""

@@ -581,7 +581,8 @@ def _judgement(
     doubts = {f.kind for f in findings if f.weight == "doubt"}
     inference, rows = None, _without_own_laws(mechanism, log.consecutive)
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
-        inference, unfiltered = _inferred(reference, log, rows, limit)
+        lacking = any(f.kind == "assumed-zero" and f.element for f in findings)
+        inference, unfiltered = _inferred(reference, log, rows, limit, lacking)
         if unfiltered is not None:
             return _judgement(reference, unfiltered, known, limit, progress)
         alone = differences(rows, one_sided=True)
@@ -636,7 +637,7 @@ def _judgement(
 
 
 def _inferred(
-    reference: Reference, log: Log, rows: Trajectory, limit: TimeLimit
+    reference: Reference, log: Log, rows: Trajectory, limit: TimeLimit, lacking: bool
 ) -> tuple[Inference | None, Log | None]:
     """The inference of the rows of a log; and the log of what went into a filter, if it is one of that."""
     mechanism = reference.mechanism
@@ -648,7 +649,7 @@ def _inferred(
     model = Model(mechanism, rows)
     inference, through = None, unfiltered(model, rows) if asked else None
     if through is None:
-        inference = begun.with_causes(limit)
+        inference = begun.with_causes(limit, lacking)
         # Beside a mistake a filter may not be seen; beside all causes it is.
         if asked and inference is not None and inference.finds_something and not inference.closes:
             through = unfiltered(model, rows, (begun.kernels,))

@@ -26,6 +26,7 @@ from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.result import OF_THE_LOG, Inference
 from deltac.diagnosis.residuals.at_samples import RunResidual, run_residual
 from deltac.diagnosis.verdict import Finding, Weight
+from deltac.energy.terms import LoggedForces
 from deltac.errors import InputError
 from deltac.mechanism.channels import ChannelName
 from deltac.mechanism.joints import Joint
@@ -242,7 +243,10 @@ def _left(model: Model, run: Trajectory, inference: Inference) -> float:
     start, end, h = rows.take(next_to), rows.take(next_to + 1), h[next_to, None]
     tableau = tableau_of("ode4")
     assert tableau is not None
-    at, slope = np.array([FORCES[kind][:2] for kind in inference.forces]).reshape(-1, 2).T
+    # Those that act elsewhere only have no column here.
+    known = dict(zip(_acting(inference.model.log), inference.forces, strict=True))
+    kinds = [known.get(place, "smooth") for place in _acting(model.log)]
+    at, slope = np.array([FORCES[kind][:2] for kind in kinds]).reshape(-1, 2).T
 
     def force(fraction: float, _: int = 0) -> Array:
         return np.asarray(start.F + (at + fraction * slope) * (end.F - start.F))
@@ -255,6 +259,11 @@ def _left(model: Model, run: Trajectory, inference: Inference) -> float:
         sizes = [np.sqrt(np.mean(np.einsum("ti,tij,tj->t", x, M, x))) for x in changes]
     share = float(sizes[0] / (sizes[1] + sizes[2] + 1e-300))
     return share if np.isfinite(share) else np.inf
+
+
+def _acting(log: LoggedForces) -> list[tuple[str, int]]:
+    """Channel and speed of each column of logged forces."""
+    return [(str(name), k) for name, places in log.places.items() for k in places]
 
 
 def _units(mechanism: Mechanism, run: Trajectory) -> Iterator[Reading]:

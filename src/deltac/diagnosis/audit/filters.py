@@ -22,7 +22,7 @@ from scipy.linalg import orth
 from deltac.arrays import NEWTON_STEPS, ROUGHLY, SAME, SIX_DIGITS, SMALL_SHARE, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.inference import LEAST_ROWS
-from deltac.diagnosis.inference.integrators import transition
+from deltac.diagnosis.inference.integrators import INTEGRATORS, transition
 from deltac.diagnosis.inference.linearisation import FlowError, Point, cause_columns, start
 from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.observations import observations
@@ -224,7 +224,9 @@ class _Rows:
 
         for kind in KINDS if run.forces else KINDS[:1]:
             forces = point.forces.alike(kind)
-            for of in point.flow.at(log, forces=forces).maps:
+            # A memory is a filter as well.
+            methods = tuple(m for m in INTEGRATORS if m.memory is None)
+            for of in point.flow.at(log, forces=forces, methods=methods).maps:
                 w = model.difference(of.end, log.intervals.end)
                 Phi = transition(model, of, log.intervals, forces.between)
                 moved = change[1:] - (point.tangent.Phi if Phi is None else Phi) @ change[:-1]

@@ -22,6 +22,8 @@ from deltac.diagnosis.inference.forces import FORCES
 from deltac.diagnosis.inference.hypotheses import CERTAIN
 from deltac.diagnosis.inference.integrators import NEAR
 from deltac.diagnosis.inference.result import (
+    KNOWN,
+    OF_INERTIA,
     OF_THE_LOG,
     SLIGHT,
     Attribution,
@@ -37,9 +39,9 @@ from deltac.trajectories.trajectory import INTERPOLATED, ROWS
 PROBABLE: dict[Confidence, float] = {"high": 0.99, "medium": 0.9}
 """Probability from which on a verdict is told with that confidence; below the last it is `unresolved`."""
 
-OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
-"""Causes that no controlled actuator looks like whose force is not in the log."""
 
+ROUND = 2.0
+"""Times the tolerance, a round number, up to which joules that may be within it as well blame nobody."""
 
 MISTAKE = 0.01
 """Prior standard deviation of an error's energy, as a fraction of the energy exchanged: masses, lengths and
@@ -202,8 +204,13 @@ class Judgement:
     @cached_property
     def integrator(self) -> float:
         """Probability that the integrator's joules exceed what is allowed."""
+        return float(self._beyond(*self._largest_of_integrator))
+
+    @cached_property
+    def _largest_of_integrator(self) -> tuple[float, float]:
+        """The integrator's largest joules, and their standard error by all that may be its own."""
         if self.attribution is None:
-            return 0.0
+            return 0.0, 0.0
         share, error = self.attribution.integrator, self.attribution.integrator.curve_error
         noisy = self.inference is not None and self.inference.scattered
         if self.ledger.method == "in-loop" and not noisy:
@@ -216,10 +223,11 @@ class Judgement:
             error = np.minimum(
                 error, np.linalg.norm(np.broadcast_arrays(bar, mistakes, disputed), axis=0)
             )
-        # What nothing explains may be its own; so may what is left beside causes that are not all.
-        others = self.inference.unexplained if self.inference is not None else 0.0
-        error = np.hypot(error, others)
-        if self.inference is not None and (self.incomplete or self.lacking):
+        # What nothing explains may be its own, wherever it is most; so may what is left beside causes that
+        # are not all.
+        error = np.maximum(error, self.inference.unexplained if self.inference is not None else 0.0)
+        beyond_noise = self.inference is not None and self.inference.excess > KNOWN
+        if self.inference is not None and ((self.incomplete and beyond_noise) or self.lacking):
             left = np.einsum("km,km->k", self.inference.gradient, self.inference.residual)
             net = np.abs(np.cumsum(left)).max() * self.inference.whole
             generic = self.inference.generic
@@ -227,7 +235,7 @@ class Judgement:
             error = np.sqrt(error**2 + self.attribution.equations.curve**2 + net**2 + terms**2)
         # Where it is largest: of many rows one is likely to be beyond by chance.
         largest = int(np.argmax(np.abs(share.curve)))
-        return float(self._beyond(share.curve, error)[largest])
+        return float(share.curve[largest]), float(error[largest])
 
     @cached_property
     def hidden(self) -> float:
@@ -240,8 +248,8 @@ class Judgement:
         error = np.array(list(self.inference.unseen.values()))
         return float(np.mean(self._beyond(np.zeros_like(error), error)))
 
-    def _beyond(self, joules: Array, error: Array) -> Array:
-        """Probabilities that errors of energies known to standard errors exceed what is allowed.
+    def _beyond(self, joules: Array | float, error: Array | float, times: float = 1.0) -> Array:
+        """Probabilities that errors of energies known to standard errors exceed `times` what is allowed.
 
         A spike-and-slab posterior: an error is absent or present with equal prior probability, and its energy
         is N(0, S²) J if it is present.
@@ -254,7 +262,8 @@ class Judgement:
         share = 1.0 / (1.0 + (error / size) ** 2)
         mean, deviation = share * joules, np.sqrt(share) * error
         odds = np.log(deviation / size) + 0.5 * share * (joules / error) ** 2
-        probabilities = [ndtr((sign * mean - self.allowed) / deviation) for sign in (1.0, -1.0)]
+        allowed = times * self.allowed
+        probabilities = [ndtr((sign * mean - allowed) / deviation) for sign in (1.0, -1.0)]
         return np.asarray(expit(odds) * (probabilities[0] + probabilities[1]))
 
     @cached_property
@@ -274,6 +283,19 @@ class Judgement:
     @cached_property
     def odds(self) -> dict[Kind, float]:
         """Probabilities of the four verdicts; they add up to one."""
+        return self._odds(self.integrator)
+
+    @cached_property
+    def near_tolerance(self) -> bool:
+        """Whether the integrator's joules may be on either side of the tolerance, but not far beyond it."""
+        joules, error = self._largest_of_integrator
+        if max(self.odds.values()) >= PROBABLE["medium"] or error > self.allowed:
+            return False
+        far = float(self._beyond(joules, error, ROUND))
+        return self._odds(far)["consistent"] >= PROBABLE["medium"]
+
+    def _odds(self, integrator: float) -> dict[Kind, float]:
+        """Probabilities of the verdicts, by that of too many joules of the integrator."""
         if self.still or self.doubts:
             return {
                 "consistent": 0.0,
@@ -287,8 +309,8 @@ class Judgement:
             unknown, wrong = wrong, 0.0
         # A mistake that may be hidden acquits no integrator; what nothing explains is in its bar.
         right = 1.0 - wrong
-        blamed = right * self.integrator
-        consistent = right * (1.0 - unknown) * (1.0 - self.integrator)
+        blamed = right * integrator
+        consistent = right * (1.0 - unknown) * (1.0 - integrator)
         return {
             "consistent": consistent,
             "integration-error": blamed,
@@ -306,7 +328,9 @@ class Judgement:
     @property
     def certain(self) -> list[Finding]:
         """Causes that are known without an inference: channels, laws of joints, constraints."""
-        return [f for f in self.noticed if f.weight == "cause" and f.kind != "constraint-drift"]
+        late = any(c.kind == "late-laws" for c in self.causes)
+        others = ("constraint-drift", "prescribed-departs" if late else "")
+        return [f for f in self.noticed if f.weight == "cause" and f.kind not in others]
 
     @property
     def causes(self) -> tuple[Candidate, ...]:
@@ -396,12 +420,14 @@ class Judgement:
     def kind(self) -> Kind:
         """The verdict."""
         kind = max(self.odds, key=lambda k: self.odds[k])
+        kind = "consistent" if self.near_tolerance else kind
         # Where a model has impacts of which the log does not tell, they may be all that is wrong.
         jumps = kind == "integration-error" or (kind == "equation-error" and not self.causes)
         jumps |= kind == "consistent" and self.energy_error[0] > self.allowed
         if self.impacts and jumps and not self.certain:
             return "unresolved"
-        return kind if self.odds[kind] >= PROBABLE["medium"] else "unresolved"
+        sure = self.near_tolerance or self.odds[kind] >= PROBABLE["medium"]
+        return kind if sure else "unresolved"
 
     @cached_property
     def verdict(self) -> Verdict:
@@ -409,11 +435,13 @@ class Judgement:
         words: tuple[Confidence, ...] = ("high", "medium")
         odds = self.odds[self.kind]
         confidence: Confidence = next((word for word in words if odds >= PROBABLE[word]), "low")
+        confidence = "medium" if self.near_tolerance else confidence
         findings = _findings(self)
         untested = self.inference is None and self.kind != "unresolved"
         small = any(f.kind == "small-but-real" for f in findings)
         guessed = bool(self.run.provenance.guessed)
-        if (guessed or untested or small) and confidence == "high":
+        unseen = any(f.kind == "work-unresolved" for f in findings)  # forces between the rows
+        if (guessed or untested or small or unseen) and confidence == "high":
             confidence = "medium"
         return Verdict(self.kind, confidence, tuple(_evidence(self)), findings)
 
@@ -573,6 +601,11 @@ def _evidence(e: Judgement) -> Iterator[str]:
         if e.attribution is not None:
             yield _shares(e.attribution, e.condition)
         yield from _rows(e, e.inference)
+    if e.kind == "consistent" and e.near_tolerance:
+        yield (
+            f"The integrator's share is near the tolerance: beyond it with probability {e.integrator:.2g}, "
+            f"beyond {ROUND:g} times as much with less than {1.0 - PROBABLE['medium']:.1g}"
+        )
     if e.kind == "integration-error":
         step = e.run.provenance.step
         at = f"The step was {step:g} s: use" if step else "Use"

@@ -400,6 +400,10 @@ class Candidate:
             # The variance of a kernel: an exponential's, the widest in use, is the square of its delay.
             delay, square = theta[:2]
             return bool(0.5 * delay**2 <= square <= 2.0 * delay**2)
+        if self.kind == "late-forces":
+            # A filter has no negative variance; half of that of its delay is left to the linearisation.
+            delay, square = theta
+            return bool(square >= 0.5 * delay**2)
         if self.kind == "body-moment":  # of a body without inertia and forces any equation closes
             return bool(np.all((value > 0.1 * self.base) & (value < 10.0 * self.base)))
         if self.sign == "positive":
@@ -766,7 +770,7 @@ def _channels(equations: LogEquations, places: Places) -> Iterator[Candidate]:
         logged = name in equations.log.places
         own = None if logged else of_joints.get(name)
         law = own.stiffness if isinstance(own, JointSpring) else own.damping if own else ()
-        if own is not None and len(law) == 1 and isinstance(k := next(iter(law)), float):
+        if own is not None and len(law) == 1 and isinstance(k := next(iter(law)), float) and k:
             if isinstance(own, JointSpring):  # dampers: `_on_a_speed`
                 entry = mechanism.speeds[mechanism.speeds.of(own.joint)][0]
                 yield from cause("stiffness", own.joint, at, [1.0 / k], k, entry=entry)

@@ -316,7 +316,8 @@ def _other_forces(comparison: Comparison) -> Iterator[Array]:
 def _other_states(comparison: Comparison) -> tuple[tuple[Map, Observations], ...]:
     """Methods that close coordinates alone as well as the one found, each with speeds of its own."""
     states = comparison.point.states
-    found = bool(states) and states[0][0].method in comparison.methods
+    names = [method.name for method in comparison.methods]
+    found = bool(states) and states[0][0].method.name in names
     return states[1:] if found else ()
 
 

@@ -35,7 +35,9 @@ from deltac.diagnosis.inference.regression import (
     by_accelerations,
     regression,
     searched,
+    with_likelier_noise,
 )
+from deltac.diagnosis.inference.result import KNOWN
 
 SMOOTHINGS = 2
 """Times that the likeliest states are taken anew: twice the digits of the speeds each."""
@@ -144,13 +146,27 @@ def compared(point: Point, before: Posterior | None = None) -> Comparison:
 
 
 def _compared(point: Point, before: Posterior | None) -> Comparison:
-    """The comparison of causes, beside an unknown integrator or a method whose map closes the rows."""
+    """The comparison of causes with what the series may leave out, or with what it is likely to."""
     at = regression(point)
+    comparison, quieter = _compared_by(at, before), with_likelier_noise(at)
+    if quieter is None:
+        return comparison
+    # All columns explain more than few causes do: these must close the rows, or be found by it alone.
+    other = _compared_by(regression(quieter), before)
+    closes = other.maps and other.excess <= KNOWN
+    alone = other.posterior.best.chosen and not comparison.posterior.best.chosen
+    likelier = not len(point.coefficients) and other.evidence > comparison.evidence + CERTAIN
+    return other if closes or alone or likelier else comparison
+
+
+def _compared_by(at: Regression, before: Posterior | None) -> Comparison:
+    """The comparison of causes, beside an unknown integrator or a method whose map closes the rows."""
+    point = at.point
     measured = _measured(at, before) if point.accelerations_known else None
     posterior, series = (measured[1], at.series) if measured else _of_series(at, before)
     point = replace(point, accelerations=measured or point.accelerations)
     promising: Map | None = None
-    for ends in (point.flow.maps, maps_by_parts(at, series, posterior.best)):
+    for ends in (point.maps, maps_by_parts(at, series, posterior.best)):
         methods = closest(at, [(of, point.log) for of in ends])
         if methods is None:
             continue
@@ -249,7 +265,7 @@ def _at_likeliest_states(comparison: Comparison) -> Point:
 
     def moved(of: Map, log: Observations) -> tuple[Map, Observations]:
         force, counts = point.forces.between, flow.counts
-        return next(maps(flow.plant, log.intervals, force, counts, 1, [of.method])), log
+        return next(maps(flow.plant, log.intervals, force, counts, 1, [of.method]), of), log
 
     # Each method has states of its own, at which it closes the rows or does not.
     own, methods = [(of, point.log) for of in flow.maps if of.method is not EXACT], None

@@ -53,7 +53,7 @@ from deltac.diagnosis.inference.model import Model
 from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.inference.reduced import reductions
 from deltac.diagnosis.inference.regression import by_accelerations
-from deltac.diagnosis.inference.result import KNOWN, OF_THE_LOG, SLIGHT, Inference
+from deltac.diagnosis.inference.result import KNOWN, OF_INERTIA, OF_THE_LOG, SLIGHT, Inference
 from deltac.kernels.rows import compiled
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -88,16 +88,20 @@ class Unclosed:
     equations: LogEquations
     kernels: ColumnKernels
 
-    def with_causes(self, limit: TimeLimit | None = None) -> Inference | None:
+    def with_causes(
+        self, limit: TimeLimit | None = None, lacking: bool = False
+    ) -> Inference | None:
         """The inference with causes; None where the equations have no motion between the rows.
 
-        Where the time `limit` has passed, places and axes are no causes, and causes count to first order.
+        Where the time `limit` has passed, places and axes are no causes, and causes count to first order; so
+        they do where a log is `lacking` forces of the model, which may be all that is wrong, unless causes
+        are of inertia, that no force looks like.
         """
         # What looks like a mistake in all coordinates may be what an integrator of a few of them does.
         result: Inference | None = None
         with np.errstate(all="ignore"), compiled():
             for point in self.points:
-                own = _with_causes(point, self.equations, self.kernels, limit)
+                own = _with_causes(point, self.equations, self.kernels, limit, lacking)
                 if own is not None and (own.closes or not own.finds_something):
                     return own
                 if own is not None and (result is None or own.flow < result.flow):
@@ -263,7 +267,11 @@ def _by_accelerations(
 
 
 def _with_causes(
-    point: Point, equations: LogEquations, kernels: ColumnKernels, limit: TimeLimit | None
+    point: Point,
+    equations: LogEquations,
+    kernels: ColumnKernels,
+    limit: TimeLimit | None,
+    lacking: bool,
 ) -> Inference | None:
     """The result with causes, and with places and axes where something is found."""
 
@@ -273,6 +281,9 @@ def _with_causes(
     try:
         comparison = likeliest(point.with_candidates(equations, kernels))
         result = inferred(comparison)
+        chosen = result.posterior.best.chosen
+        if lacking and not (chosen and all(c.kind in OF_INERTIA for c in chosen)):
+            return _of_steps(comparison, result)
         if (
             result.finds_something
             and kernels.cost < MOST_COST
@@ -398,7 +409,14 @@ def _at_causes(point: Point, found: Posterior) -> Comparison | None:
     Their numbers settle by their own columns first: all others cost several times as much.
     """
     alone = _settled(point.narrowed(found), found)
-    return _settled(point, alone.posterior if alone and alone.posterior.best.chosen else found)
+    if alone is None or not alone.posterior.best.chosen:
+        return _settled(point, found)
+    whole = _settled(point, alone.posterior)
+    if whole is not None and whole.posterior.best.chosen:
+        return whole
+    # What the causes do looked like noise of the rows.
+    quiet = replace(point, log=alone.point.log, noise=alone.point.noise)
+    return _settled(quiet, alone.posterior) or whole
 
 
 def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison | None:
@@ -502,19 +520,21 @@ def _late_forces(point: Point, best: Fit) -> list[tuple[float, float]]:
 
 
 def _of_steps(comparison: Comparison, result: Inference) -> Inference:
-    """The result, with what is left as errors of steps where most of it is of no force and of no term.
+    """The result, with what is left as errors of steps where most of it is of no force.
 
     A force moves coordinates by what it moves speeds, times half the interval. Errors of a step that an
     adaptive method chose, or of the polynomial in it, move each on its own.
     """
     rows, best, point = comparison.rows, result.posterior.best.coefficients, comparison.point
     whole, rest = (rows.projected.left(x) for x in (0.0 * best, best))
-    named = rest - rows.count < SLIGHT * whole or result.generic.share > 0.0
+    named = rest - rows.count < SLIGHT * whole
     if named or point.log.unknown.any() or comparison.blocks[0] is not rows:
         return result
     if not _of_no_force(point, result.residual):
         return result
     none = replace(result.posterior, best=nothing(len(best)), alternatives=())
+    if comparison.excess > KNOWN:  # steps of many sizes are of no fixed method
+        comparison = replace(comparison, maps=(), rows=comparison.series)
     of_steps = inferred(replace(comparison, posterior=none), scattered=True)
     if result.tau > WHITE:  # what steps do in several rows, causes imitate
         return of_steps

@@ -4,7 +4,8 @@ What a step of length h adds to the exact flow is told in terms of the fields of
 f′f = (a, a_q u + a_u a), a method whose expansion has the fraction φ of h² f′f differs from the flow by
 c = φ − ½ (Hairer, Lubich, Wanner, ch. IX). MuJoCo's implicit methods treat the dampers, or all of ∂a/∂u, at
 the end of the step. Where a log holds every step, or every so many, a method's own map takes the place of
-the flow: the prediction errors of the right one are rounding.
+the flow: the prediction errors of the right one are rounding. Methods with a memory, of several steps or of
+accelerations of their own, have it from the rows before.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_banded
 
-from deltac.arrays import Array
+from deltac.arrays import EPS, Array
 from deltac.diagnosis.inference.fields import FIELDS
 from deltac.diagnosis.inference.flow import runge_kutta
 from deltac.diagnosis.inference.forces import ForceBetween, ForceInStep, restricted
@@ -46,6 +48,54 @@ Step: TypeAlias = Callable[[Model, Rows, Array, ForceInStep], tuple[Array, Array
 
 Defect: TypeAlias = Callable[[Model, Rows, Rows, Array], tuple[Array, Array]]
 """What an implicit method would have for q and u at the end of the step, given both rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Remembered:
+    """What a method with a memory makes of many steps that follow each other.
+
+    q, u      at the ends of the steps, as in `Defect` for an implicit one
+    columns   what it makes of accelerations (N, k) added at the starts and at the ends of the steps: q and u
+    numbers   c of its leading terms, if a parameter was fitted to the rows; else empty
+    """
+
+    q: Array
+    u: Array
+    columns: Callable[[Array, Array], tuple[Array, Array]]
+    numbers: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """What the parameter of a method is fitted beside: accelerations that all causes may add.
+
+    scale   of each acceleration (n,), 1/(unit)
+    every   of so many intervals one
+    basis   orthonormal, of what causes add to accelerations in these units (N · n, P)
+    """
+
+    scale: Array
+    every: int
+    basis: Array
+
+    @staticmethod
+    def of(a: Array, causes: Array | None) -> Beside:
+        """Of accelerations (N, n) and those (N, n, P) of causes, if there are any."""
+        scale = 1.0 / (np.sqrt(np.mean(a**2, axis=0)) + EPS)
+        if causes is None:
+            return Beside(scale, 1, np.zeros((a.size, 0)))
+        every = max(1, a.size // max(AT_MOST, BESIDE * causes.shape[2]))
+        scaled = (scale[:, None] * causes)[::every]
+        return Beside(scale, every, np.linalg.qr(scaled.reshape(-1, causes.shape[2]))[0])
+
+    def left(self, a: Array) -> Array:
+        """What is left of accelerations (N, n)."""
+        x = (self.scale * a)[:: self.every].ravel()
+        return np.asarray(x - self.basis @ (self.basis.T @ x))
+
+
+Memory: TypeAlias = Callable[[Model, Intervals, Beside], Remembered | None]
+"""Of a model and intervals; None for rows of no method of the family."""
 
 
 MIDPOINT = Tableau(((), (0.5,)), (0.0, 1.0), (0.0, 0.5), "Runge 1895")
@@ -97,6 +147,15 @@ def _drift_kick_drift(model: Model, at: Rows, h: Array, force: ForceInStep) -> t
     return model.moved(q, u, 0.5 * h), u
 
 
+def _by_quaternions(step: Step) -> Step:
+    """A method in which rotations are moved as quaternions are added, not by exponentials."""
+
+    def other(model: Model, at: Rows, h: Array, force: ForceInStep) -> tuple[Array, Array]:
+        return step(model.by_quaternions(), at, h, force)
+
+    return other
+
+
 def _implicit_in(whole: bool) -> Step:
     """Semi-implicit Euler with the dampers, or all of ∂a/∂u, at the end of the step."""
 
@@ -144,12 +203,129 @@ def _implicit_midpoint(model: Model, at: Rows, end: Rows, h: Array) -> tuple[Arr
     return model.moved(at.q, mean, h), at.u + h * a
 
 
+def _first_of_stretches(intervals: Intervals) -> NDArray[np.intp]:
+    """The first interval (N,) of those that each follows without a gap."""
+    first = np.concatenate([[True], intervals.start.t[1:] != intervals.end.t[:-1]])
+    return np.maximum.accumulate(np.where(first, np.arange(len(first)), 0))
+
+
+def _adams_bashforth(model: Model, intervals: Intervals, _: Beside) -> Remembered:
+    """The explicit method of two steps; of what was before the first row, the next one tells."""
+    at, end, h, places = intervals.start, intervals.end, intervals.h, np.arange(len(intervals))
+    first = places == _first_of_stretches(intervals)
+    before = np.where(first, places, places - 1)
+
+    def mean(x: Array) -> Array:
+        return np.asarray(1.5 * x - 0.5 * x[before], dtype=float)
+
+    def columns(at_start: Array, _: Array) -> tuple[Array, Array]:
+        of_u = np.where(first[:, None], 0.0, h * mean(at_start))
+        return np.zeros_like(of_u), of_u
+
+    q, u = model.moved(at.q, mean(at.u), h), at.u + h * mean(model.at(at))
+    q[first], u[first] = end.q[first], end.u[first]
+    return Remembered(q, u, columns, {})
+
+
+def _chung_hulbert(radius: float) -> tuple[float, float]:
+    """α_m and α_f by the spectral radius at infinity (J. Appl. Mech. 60, 1993)."""
+    return (2.0 * radius - 1.0) / (radius + 1.0), radius / (radius + 1.0)
+
+
+def _hilber_hughes_taylor(alpha: float) -> tuple[float, float]:
+    """The same by the α of Hilber, Hughes and Taylor (Earthq. Eng. Struct. Dyn. 5, 1977), −⅓ to 0."""
+    return 0.0, -alpha
+
+
+def _generalized_alpha(
+    family: Callable[[float], tuple[float, float]], bounds: tuple[float, float], later: bool
+) -> Memory:
+    """The method with accelerations a of its own, (1 − α_m) a₁ + α_m a₀ = (1 − α_f) u̇₁ + α_f u̇₀.
+
+    With q₁ = q₀ + h u₀ + h² ((½ − β) a₀ + β a₁) and u₁ = u₀ + h ((1 − γ) a₀ + γ a₁). The parameter of the
+    family, and a at the first row, are those by which the speeds follow most closely beside all causes.
+    """
+
+    def after(model: Model, intervals: Intervals, beside: Beside) -> Remembered | None:
+        at, end, h = intervals.start, intervals.end, intervals.h
+        F = end.F if later else at.F  # as if held
+        before, behind = model.at(at), model.acceleration(end.t, end.q, end.u, F)
+        mean = (end.u - at.u) / h
+        stretches = np.split(np.arange(len(h)), np.unique(_first_of_stretches(intervals))[1:])
+
+        def means(x: float, before: Array, behind: Array, mean: Array) -> tuple[Array, Array]:
+            """Means (½ − β) a₀ + β a₁ and (1 − γ) a₀ + γ a₁, the latter as near to a `mean` as can be."""
+            m, f = family(x)
+            gamma = 0.5 + f - m
+            beta = 0.25 * (gamma + 0.5) ** 2
+            a = np.empty((2, *mean.shape))
+            for some in stretches:
+                mixed = (1.0 - f) * behind[some] + f * before[some]
+                mixed[0] -= m * before[some[0]]
+                bands = np.array([np.full(len(some), 1.0 - m), np.full(len(some), m)])
+                a[1, some] = solve_banded((1, 0), bands, mixed, check_finite=False)
+                a[0, some] = np.concatenate([before[some[:1]], a[1, some[:-1]]])
+                # Another value at the first row fades.
+                fading = (-m / (1.0 - m)) ** np.arange(len(some) + 1.0)[:, None]
+                of_u = (1.0 - gamma) * fading[:-1] + gamma * fading[1:]
+                rest = mean[some] - (1.0 - gamma) * a[0, some] - gamma * a[1, some]
+                other = np.sum(of_u * rest, axis=0) / (np.sum(of_u**2) + EPS)
+                a[:, some] += np.stack([fading[:-1], fading[1:]]) * other
+            return (0.5 - beta) * a[0] + beta * a[1], (1.0 - gamma) * a[0] + gamma * a[1]
+
+        def gap(x: float) -> Array:
+            return beside.left(mean - means(x, before, behind, mean)[1])
+
+        low, high = bounds
+        x = min(np.linspace(low, high, COARSE).tolist(), key=lambda x: float(np.sum(gap(x) ** 2)))
+        for _ in range(POLISHING):  # Gauss and Newton
+            slope = (gap(x + SLIGHTLY) - gap(x - SLIGHTLY)) / (2.0 * SLIGHTLY)
+            x -= float(np.sum(slope * gap(x)) / (np.sum(slope**2) + EPS))
+            if not low - SLIGHTLY < x < high + SLIGHTLY:
+                return None
+        if high - x < SLIGHTLY:  # the trapezoidal rule, which has no memory
+            return None
+
+        def columns(at_start: Array, at_end: Array) -> tuple[Array, Array]:
+            of_q, of_u = means(x, at_start, at_end, np.zeros_like(at_end))
+            return h * h * of_q, h * of_u
+
+        of_q, of_u = means(x, before, behind, mean)
+        q = model.moved(at.q, at.u + h * of_q, h)
+        return Remembered(q, at.u + h * of_u, columns, _alpha_numbers(*family(x)))
+
+    return after
+
+
+def _alpha_numbers(m: float, f: float) -> dict[str, float]:
+    """Numbers of a method with accelerations of its own: these are those of the time δ = (α_m − α_f) h later.
+
+    Its filter of u̇ is 1 + δ hD + δ (α_m − ½) (hD)² + …, D = d/dt.
+    """
+    gamma, shift = 0.5 + f - m, m - f
+    of_q = 0.25 * (gamma + 0.5) ** 2 + 0.5 * shift - 1 / 6
+    of_u = 0.5 * gamma + gamma * shift + shift * (m - 0.5) - 1 / 6
+    return _second(of_u, of_u) | {"q: a_q u": of_q, "q: a_u a": of_q}
+
+
+AT_MOST, BESIDE = 1000, 5
+"""Numbers of the speeds that the parameter of a family is fitted to beside causes; or so many for each."""
+
+SLIGHTLY = 1e-6
+"""Change of a parameter of a family of methods by which its derivative is taken, and beyond its bounds."""
+
+COARSE, POLISHING = 8, 6
+"""Values of the parameter of a family of methods among which the likeliest is looked for first; steps from
+there, of which each doubles the digits."""
+
+
 @dataclass(frozen=True, eq=False)
 class Integrator:
     """A method: its name, its order, the numbers c of its leading error terms, and its map.
 
     `stages` of it whose forces logs may hold; `later` if it takes forces at the end of the step; `holding` if
-    it is one of engines that hold controls over each step, as MuJoCo and Drake's discrete systems do.
+    it is one of engines that hold controls over each step, as MuJoCo and Drake's discrete systems do;
+    `rotations` if by these alone it differs from another of its name.
     """
 
     name: str
@@ -157,9 +333,11 @@ class Integrator:
     numbers: dict[str, float]
     step: Step | None = None
     defect: Defect | None = None
+    memory: Memory | None = None
     stages: int = 0
     later: bool = False
     holding: bool = False
+    rotations: bool = False
 
 
 EXACT = Integrator("higher-order", 3, {})
@@ -167,11 +345,19 @@ EXACT = Integrator("higher-order", 3, {})
 
 VERLET = {"u: a_q a": 1 / 12, "u: a_qq u u": 1 / 12, "q: a_q u": -1 / 6}
 
-INTEGRATORS = (
-    Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5), _explicit("ode1")),
+SPLIT = (
     Integrator("semi-implicit-euler", 1, _first(0.5, -0.5, -0.5), _kick_first),
     Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first(0.0)),
     Integrator("semi-implicit-euler-qu", 1, _first(-0.5, 0.5, -0.5), _drift_first(1.0), later=True),
+    Integrator("verlet", 2, VERLET, _velocity_verlet),
+    Integrator("leapfrog", 2, _first(0.0, 0.0, -0.25), _kick_drift_kick),
+    Integrator("position-verlet", 2, _first(0.0, 0.0, -0.5), _drift_kick_drift),
+)
+"""Methods that move coordinates along constant speeds."""
+
+INTEGRATORS = (
+    Integrator("explicit-euler", 1, _first(-0.5, -0.5, -0.5), _explicit("ode1")),
+    *SPLIT,
     Integrator(
         "implicit-damping-euler", 1, _first(0.5, -0.5, -0.5, 1.0), _implicit_in(False), holding=True
     ),
@@ -182,21 +368,32 @@ INTEGRATORS = (
     Integrator("explicit-midpoint", 2, _second(-1 / 24, -1 / 6), _explicit(MIDPOINT)),
     Integrator("implicit-midpoint", 2, _second(-1 / 24, 1 / 12), defect=_implicit_midpoint),
     Integrator("trapezoidal", 2, _second(1 / 12, 1 / 12), defect=_trapezoidal),
-    Integrator("verlet", 2, VERLET, _velocity_verlet),
-    Integrator("leapfrog", 2, _first(0.0, 0.0, -0.25), _kick_drift_kick),
-    Integrator("position-verlet", 2, _first(0.0, 0.0, -0.5), _drift_kick_drift),
+    Integrator("adams-bashforth-2", 2, _second(-5 / 12, -5 / 12), memory=_adams_bashforth),
+    *(
+        Integrator(
+            "generalized-alpha",
+            2,
+            {},
+            memory=_generalized_alpha(family, bounds, later),
+            later=later,
+        )
+        for family, bounds in ((_chung_hulbert, (0.0, 1.0)), (_hilber_hughes_taylor, (-1 / 3, 0.0)))
+        for later in (True, False)
+    ),
     Integrator("bogacki-shampine", 3, {}, _explicit("ode3")),
     Integrator("kutta-3", 3, {}, _explicit(KUTTA)),
     Integrator("rk4", 4, {}, _explicit("ode4"), stages=4),
-    Integrator("rk4", 4, {}, _explicit("ode4", on_group=True), stages=4),
+    Integrator("rk4", 4, {}, _explicit("ode4", on_group=True), stages=4, rotations=True),
     Integrator("dormand-prince", 5, {}, _explicit("ode5")),
+    *(
+        replace(method, step=_by_quaternions(method.step), rotations=True)
+        for method in SPLIT
+        if method.step is not None
+    ),
     EXACT,
 )
 """Methods in use. "leapfrog" takes its last half step with the speeds of the middle, "verlet" with those of a
 step of Euler's; the former is of order one with dampers."""
-
-ON_GROUP = INTEGRATORS[-3:-2]
-"""Methods that differ from others of their name by rotations alone."""
 
 MOST_STEPS = 12
 """Steps between two rows up to which a method is repeated: what takes longer is left to the series."""
@@ -231,11 +428,15 @@ def steps_between(h: Array, step: float | None) -> NDArray[np.intp] | None:
 
 @dataclass(frozen=True, eq=False)
 class Map:
-    """A method with the rows that it makes of those before, by so many steps (N,) in each interval."""
+    """A method with the rows that it makes of those before, by so many steps (N,) in each interval.
+
+    `columns` as of `Remembered`, of a method with a memory.
+    """
 
     method: Integrator
     counts: NDArray[np.intp]
     end: Rows
+    columns: Callable[[Array, Array], tuple[Array, Array]] | None = None
 
 
 def maps(
@@ -245,18 +446,23 @@ def maps(
     counts: NDArray[np.intp] | None,
     parts: int = 1,
     methods: Sequence[Integrator] = (),
+    causes: Array | None = None,
 ) -> Iterator[Map]:
-    """The maps of `methods`, or all; of those of low order alone where steps are `parts` of what is known."""
+    """The maps of `methods`, or all; of those of low order alone where steps are `parts` of what is known.
+
+    Parameters of methods are fitted beside accelerations (N, n, P) of `causes`.
+    """
     if counts is None or counts.max() * parts > MOST_STEPS:
         return
-    counts, at, end = counts * parts, intervals.start, intervals.end
+    counts, at, end, h = counts * parts, intervals.start, intervals.end, intervals.h
     J = cache(lambda: model.jacobian(end))
+    beside = cache(lambda: Beside.of(model.at(at), causes))
     for method in methods or INTEGRATORS:
         if parts > 1 and (method.step is None or method.order > 2):
             continue
         if method.name == "implicit-damping-euler" and not model.damped:
             continue
-        if method in ON_GROUP and not model.quaternions:
+        if method.rotations and not model.quaternions:
             continue
         if method.defect is not None and counts.max() == 1:
             q, u = method.defect(model, at, end, intervals.h)
@@ -264,6 +470,14 @@ def maps(
             gap = model.difference(end, Rows(end.t, q, u, end.F))[:, :, None]
             step = _newton(method, J(), intervals.h, gap)[:, :, 0]
             yield Map(method, counts, model.displaced(end, step))
+        elif method.memory is not None and counts.max() == 1 and np.ptp(h) <= WHOLE * h[0, 0]:
+            own = method.memory(model, intervals, beside())
+            if own is None:
+                continue
+            gap = model.difference(end, Rows(end.t, own.q, own.u, end.F))[:, :, None]
+            if own.numbers:
+                method, gap = replace(method, numbers=own.numbers), _newton(method, J(), h, gap)
+            yield Map(method, counts, model.displaced(end, gap[:, :, 0]), own.columns)
         elif method.step is not None:
             yield Map(method, counts, _repeated(model, method, intervals, force, counts))
 
@@ -332,6 +546,10 @@ class _Variation:
         """Along constant speeds."""
         return q + h * u
 
+    def by_quaternions(self) -> _Variation:
+        """Small changes are vectors."""
+        return self
+
 
 def by_causes(
     of: Map, J: Sequence[Array], G: Sequence[Array], intervals: Intervals
@@ -344,6 +562,11 @@ def by_causes(
     method, N = of.method, len(intervals)
     if np.ptp(of.counts) or "damping" in method.name or not G[0].shape[2]:
         return None
+    if of.columns is not None:
+        shape = (N, -1, G[0].shape[2])
+        both = of.columns(*(x.reshape(N, -1) for x in (G[0], G[-1])))
+        columns = np.concatenate([x.reshape(shape) for x in both], axis=1)
+        return _newton(method, J[-1], intervals.h, columns) if method.later else columns
     variation: Any = _Variation(J, intervals)  # has what of a model steps ask for
     units, n = variation.units, variation.n
     start, end = (variation.rows(at.t) for at in (intervals.start, intervals.end))
@@ -461,7 +684,7 @@ def estimate(c: Array, covariance: Array, damped: bool, step: float) -> Integrat
     names, orders = list[str](), list[int]()
     close = np.array([CLOSE[f.order] for f in FIELDS])
     for method in INTEGRATORS:
-        if method.order > 2 and method.name != "higher-order":
+        if (method.order > 2 and method.name != "higher-order") or method.memory is not None:
             continue
         own = numbers_of(method)
         if not damped and own[PLACES["u: damping a"]]:

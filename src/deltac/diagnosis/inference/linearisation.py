@@ -40,7 +40,14 @@ from deltac.diagnosis.inference.fields import (
 from deltac.diagnosis.inference.flow import Prediction, composed, predict, transitions, transported
 from deltac.diagnosis.inference.forces import FORCES, InterpolatedForces, LoggedForce
 from deltac.diagnosis.inference.hypotheses import ACTIVE, Block, Fit, Posterior
-from deltac.diagnosis.inference.integrators import EXACT, Integrator, Map, maps
+from deltac.diagnosis.inference.integrators import (
+    EXACT,
+    INTEGRATORS,
+    MOST_SPEEDS,
+    Integrator,
+    Map,
+    maps,
+)
 from deltac.diagnosis.inference.model import Intervals, Model, Rows
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.measurements.kinematics import trusted
@@ -353,16 +360,27 @@ def _at_nodes(pieces: Sequence[tuple[int, int]], columns: list[Array], last: Arr
 class ProcessNoise:
     """Covariances (N, 2n, 2n) of what the flow adds to prediction errors that it does not know.
 
-    total   all of it
+    rest    all of it but what the series leaves out
     own     its own error, with that of logged forces, and what these did in intervals of which steps are lost
     doubt   what forces that are smooth do otherwise than a spline
     beyond  standard deviations (N, 2n) of what the series in the step leaves out
     """
 
-    total: Array
+    rest: Array
     own: Array
     doubt: Array
     beyond: Array
+
+    @cached_property
+    def total(self) -> Array:
+        """All of it."""
+        diagonal, total = np.arange(self.beyond.shape[1]), np.array(self.rest)
+        total[:, diagonal, diagonal] += self.beyond**2
+        return total
+
+    def with_beyond(self, share: float) -> ProcessNoise:
+        """The same where the series leaves out that share of what it may."""
+        return replace(self, beyond=share * self.beyond)
 
 
 def process_noise(
@@ -384,13 +402,10 @@ def process_noise(
             return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
 
         between = max(SHARES, key=likelihood) ** 2 * between
-    diagonal = np.arange(beyond.shape[1])
-    whole = Q + between
-    across[:, diagonal, diagonal] += beyond**2
     # What is left tells how large the own is; splines of forces have a doubt of their own.
     in_lost = lost[:, None, None]
     own, doubt = Q + np.where(in_lost, between, 0.0), np.where(in_lost, 0.0, between)
-    return ProcessNoise(whole + across, own, doubt, beyond)
+    return ProcessNoise(Q + between + across, own, doubt, beyond)
 
 
 def _unknown(log: Observations, flow: Flow, lost: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
@@ -514,6 +529,20 @@ class Point:
     def w(self) -> Array:
         """Prediction errors of the model itself, by forces as they were logged (N, 2n)."""
         return self.model.difference(self.as_logged.end, self.log.intervals.end)
+
+    @cached_property
+    def maps(self) -> list[Map]:
+        """Those of the flow; where there are causes, methods with a parameter have it beside these."""
+        flow, n = self.flow, self.model.n
+        if not len(self.coefficients) or n > MOST_SPEEDS:
+            return flow.maps
+        fitted = [method for method in flow.methods or INTEGRATORS if method.memory is not None]
+        if not fitted:
+            return flow.maps
+        causes = 0.5 * (self.columns[0] + self.columns[-1])[:, n:]
+        force, counts = flow.forces.between, flow.counts
+        anew = maps(flow.plant, flow.intervals, force, counts, 1, fitted, causes)
+        return [*anew, *(of for of in flow.maps if of.method.memory is None)]
 
     @property
     def lost(self) -> NDArray[np.bool_]:

@@ -172,6 +172,7 @@ class Model:
         )
         self._expressions = made
         self.rows_of_G, self.n, self.damped = made.rows_of_G, made.n, made.damped
+        self.exponentials = True
         self.rated = run.udot is not None and "udot" not in run.provenance.derived
         self.change: _Change | None = None
         self.cost = int(made.acceleration.function.n_instructions())
@@ -223,6 +224,12 @@ class Model:
         other.damped = self._expressions.damped or (
             other.change is not None and other.change.damped
         )
+        return other
+
+    def by_quaternions(self) -> Model:
+        """The model as programs have it that add ½ h q ⊗ ω to a quaternion, and normalise it."""
+        other = copy(self)
+        other.exponentials = False
         return other
 
     def acceleration(self, t: Array, q: Array, u: Array, F: Array) -> Array:
@@ -303,13 +310,16 @@ class Model:
         return flat.reshape(len(t), self.n, self.n), G
 
     def moved(self, q: Array, u: Array, h: Array) -> Array:
-        """Coordinates moved along constant speeds for a time h (T, 1), on the group of rotations."""
+        """Coordinates moved along constant speeds for a time h (T, 1): rotations by exponentials."""
         end, (of_q, of_u) = np.array(q), self.rates.T
         end[:, of_q] += h * u[:, of_u]
         for i, j in self.quaternions:
             turn = h * u[:, j : j + 3]
             angle = np.linalg.norm(turn, axis=1, keepdims=True)
             w, v = np.cos(angle / 2.0), 0.5 * np.sinc(angle / (2.0 * np.pi)) * turn
+            if not self.exponentials:
+                w = 1.0 / np.hypot(1.0, 0.5 * angle)
+                v = 0.5 * w * turn
             p = q[:, i : i + 4]
             end[:, i : i + 1] = p[:, :1] * w - np.sum(p[:, 1:] * v, axis=1, keepdims=True)
             end[:, i + 1 : i + 4] = p[:, :1] * v + w * p[:, 1:] + np.cross(p[:, 1:], v)

@@ -5,7 +5,7 @@ Beside an unknown integrator they are those of the flow; beside a method, those 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,7 +23,7 @@ from deltac.diagnosis.inference.hypotheses import (
     search,
 )
 from deltac.diagnosis.inference.integrators import Map, by_causes, numbers_of, transition
-from deltac.diagnosis.inference.linearisation import Point, cause_responses
+from deltac.diagnosis.inference.linearisation import SHARES, Point, cause_responses
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.whitening import Innovations, robust_weights
 from deltac.diagnosis.measurements.digits import digits_of
@@ -218,6 +218,28 @@ def regression(point: Point) -> Regression:
     series = _block(point, white, ni, places, spread, log.rounding)
     D = np.ascontiguousarray(white[:, :, 1 + ni :])
     return Regression(point, B, bent, c, innovations, series, D)
+
+
+def with_likelier_noise(at: Regression) -> Point | None:
+    """The point where the series leaves out as much as is likely beside all columns; None where that is all.
+
+    Where steps are coarse, or rows far apart, it may leave out more than all that the rows depart by.
+    """
+    point, noise, Phi = at.point, at.point.noise, at.point.tangent.Phi
+    w = point.errors(point.flow.end, Phi)
+    columns = np.concatenate([w[:, :, None], at.B, at.bent], axis=2)
+    most = np.mean(noise.beyond**2, axis=0) > np.mean(w**2, axis=0)
+    if not most.any() or w.size < 2 * columns.shape[2]:
+        return None
+
+    def likelihood(share: float) -> float:
+        white, spread = point.log.innovations(Phi, noise.with_beyond(share).total)(columns)
+        r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, columns.shape[2] - 1)
+        r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
+        return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
+
+    share = max(sorted(SHARES, reverse=True), key=likelihood)
+    return None if share == 1.0 else replace(point, noise=noise.with_beyond(share))
 
 
 def _places(point: Point) -> NDArray[np.intp]:

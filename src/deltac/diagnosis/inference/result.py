@@ -29,6 +29,9 @@ COLOURED = 0.1
 OF_THE_LOG = ("actuator-delay", "late-forces", "late-laws", "zero-offset")
 """Causes that leave the equations as they are."""
 
+OF_INERTIA = ("body-inertia", "body-mass", "body-moments", "body-moment", "body-tensor")
+"""Causes that no controlled actuator looks like whose force is not in the log."""
+
 
 @dataclass(frozen=True, eq=False)
 class Share:

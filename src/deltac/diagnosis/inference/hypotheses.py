@@ -847,6 +847,8 @@ def intermittent(
     # What acts begins and ends from one interval to the next: a remainder of the series comes and goes
     # smoothly.
     edges = np.flatnonzero(np.diff(active.astype(int)))
+    if active[0] and len(edges) == 1:  # what a log begins with fades, as the start of a filter does
+        return -np.inf, none
     ratio = np.abs(np.log(size[edges + 1] / size[edges]))
     if not np.median(ratio) > np.log(ACTIVE):
         return -np.inf, none

@@ -303,9 +303,27 @@ def _with_causes(
             comparison = replace(comparison, posterior=steadfast(causes, comparison.blocks, others))
             built = comparison.point.built is not None
             result = replace(inferred(comparison), unbuilt=result if built else None)
+            alone = _closing_alone(point, comparison)
+            if alone is not None:
+                return inferred(alone)
         return _of_steps(comparison, result)
     except (FlowError, np.linalg.LinAlgError):
         return None
+
+
+def _closing_alone(point: Point, found: Comparison) -> Comparison | None:
+    """A method that closes the rows without causes, as likely as another with those found; None for none.
+
+    All columns of causes beside a method near the right one leave less than the right one alone.
+    """
+    if found.blocks[0] is not found.rows or not found.posterior.best.chosen:
+        return None
+    plain = replace(point, own=((), ()), built=None, coefficients=np.zeros(0)).with_columns()
+    alone = compared(plain)
+    if not alone.maps or alone.excess > 1.0:
+        return None
+    odds = _log_odds([found, alone])
+    return alone if odds[0] < odds[1] + CERTAIN else None
 
 
 def likeliest(point: Point, before: Comparison | None = None) -> Comparison:

@@ -143,7 +143,7 @@ def _checked_finite(
             )
         if abs(value) > PHYSICAL:
             raise StateError(
-                f"{what} {entry.name!r} of the state is {value:g}; expected at most {PHYSICAL:g} in "
+                f"{what} {entry.name!r} of the state is {value:g}; expected at most {PHYSICAL:.0e} in "
                 "size, whose energies are within double precision"
             )
     return values

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from deltac.arrays import ROUGHLY, SOLVED, Array
+from deltac.arrays import SOLVED, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.location import Blame, blame_at
@@ -24,6 +24,9 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.models import ModelLike, load_model
 from deltac.results import Report
 from deltac.trajectories import Trajectory
+
+BULK = 0.8
+"""Share of the residual that lies within the reported interval."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -151,9 +154,9 @@ def _departures(samples: RunResidual) -> tuple[Blame, ...]:
 
 
 def _span(t: Array, values: Array) -> tuple[float, float]:
-    """The shortest interval that holds nine tenths of the squares of values (T,)."""
+    """The shortest interval that holds most of the squares of values (T,)."""
     total = np.concatenate([[0.0], np.cumsum(values**2)])
-    ends = np.searchsorted(total, total[:-1] + (1.0 - ROUGHLY) * total[-1])
+    ends = np.searchsorted(total, total[:-1] + BULK * total[-1])
     lengths = np.where(ends < len(total), ends - np.arange(len(values)), len(values) + 1)
     first = int(np.argmin(lengths))
     last = min(int(ends[first]), len(values)) - 1

@@ -27,6 +27,15 @@ from deltac.trajectories.columns import MechanismNames, RateNames
 from deltac.trajectories.motion import CLEAR_RATIO
 from deltac.trajectories.rates import GAP, with_speeds
 
+COPIES = 0.34
+"""Share of the rows up to which copies are left out and the rest is judged."""
+
+LATE = 0.8
+"""Rows by which a column must be late to be called so: schemes leave a half at most."""
+
+RESOLVED = 5e-3
+"""Share of the movement that quadrature may miss in a log that is fine enough to be doubted."""
+
 LEAST_GEAR = 10.0 * LEAST_RATIO
 """Relative difference below which one coordinate alone has no gear: clocks drift by less."""
 
@@ -103,6 +112,7 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
             f"{len(copies)} rows repeat the previous row, although time and speeds advance",
             f"the first is row {copies[0]}, t = {run.t[copies[0]]:.6g} s",
             "They were left out. Write each state once, at its own time",
+            "note" if len(copies) <= COPIES * len(run) else "doubt",
         )
     ]
 
@@ -357,7 +367,7 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iter
     for name, c in rest.items():
         if name not in scaled and c.significant and c.off > 1e-3:
             bar, moved = size_of(c.bar), size_of(c.increments)
-            resolved = bar < ROUGHLY * NEGLIGIBLE * moved and len(run) > 30
+            resolved = bar < RESOLVED * moved and len(run) > 30
             yield Finding(
                 "speed-not-rate",
                 f"the speed {name!r} is not the rate of its coordinate",
@@ -397,12 +407,9 @@ def _is_clipped(u: Array, c: Comparison) -> bool:
 
 
 def _is_late(c: Comparison) -> bool:
-    """Whether the rate is of another row, and changes enough from row to row to tell.
-
-    Schemes leave half a row at most.
-    """
+    """Whether the rate is of another row, and changes enough from row to row to tell."""
     tells = c.instant and c.off < 0.2 and not (c.significant and c.off > NEGLIGIBLE)
-    return tells and abs(c.late) > 1.0 - ROUGHLY and abs(c.ratio - 1.0) < 0.1
+    return tells and abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1
 
 
 def _scaled(scaled: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:

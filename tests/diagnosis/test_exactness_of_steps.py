@@ -13,6 +13,7 @@ from scipy.linalg import expm
 
 import deltac as dc
 from deltac.arrays import Array
+from deltac.diagnosis.inference.hypotheses import CERTAIN, Block, intermittent, nothing
 
 G = 9.81
 
@@ -191,3 +192,18 @@ def test_a_stiffness_of_zero_is_no_factor() -> None:
     q = (1.0 - u) / 0.25
     log = dc.Trajectory(t=t, q=q[:, None], u=u[:, None], coordinates=("rail",), speeds=("rail",))
     assert dc.audit(model, log).verdict.kind == "consistent"
+
+
+# --- what acts from time to time ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("first", "acts"), [(0, False), (40, True)])
+def test_what_a_log_begins_with_is_no_contact(first: int, acts: bool) -> None:
+    """The same blow in the middle of white noise has two ends, at the start one, as a filter's start."""
+    r = np.random.default_rng(1).standard_normal((120, 2))
+    r[first : first + 10] *= 1e3
+    none = np.zeros(0, dtype=np.intp)
+    block = Block(r, np.zeros((120, 2, 0)), none, np.zeros(0), none)
+    odds, active = intermittent(block, nothing(0), np.zeros(120, dtype=np.bool_))
+    assert (odds > CERTAIN) == acts
+    assert np.flatnonzero(active).tolist() == (list(range(40, 50)) if acts else [])

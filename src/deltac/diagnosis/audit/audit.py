@@ -296,11 +296,15 @@ class Audit(
         return motors.import_remarks(self.import_report)
 
     def summary(self) -> str:
-        """Verdict, and the energy error beside the tolerance."""
-        sign = ">" if self.relative > self.tolerance else "≤"
+        """Verdict, and the energy error beside the tolerance; of the log where that is no one else's."""
+        sign, parts = ">" if self.relative > self.tolerance else "≤", self.attribution
+        of_log = self.verdict.kind == "consistent" and sign == ">"
+        if parts is not None:
+            of_log &= parts.log.largest[0] > parts.integrator.largest[0]
         return (
             f"{self.verdict.kind}: |ΔC| {percent(self.relative)} {sign} {percent(self.tolerance)} of the "
-            f"{self.reference_energy:.4g} J that the system has{self.verdict.certainty}"
+            f"{self.reference_energy:.4g} J that the system has{', by the log' if of_log else ''}"
+            f"{self.verdict.certainty}"
         )
 
     def sections(self) -> Iterator[Section]:
@@ -582,9 +586,9 @@ def _judgement(
     inference, rows = None, _without_own_laws(mechanism, log.consecutive)
     if doubts <= {*omissions.OF_RATES, *omissions.OF_UNITS}:
         lacking = any(f.kind == "assumed-zero" and f.element for f in findings)
-        inference, unfiltered = _inferred(reference, log, rows, limit, lacking)
-        if unfiltered is not None:
-            return _judgement(reference, unfiltered, known, limit, progress)
+        inference, before = _inferred(reference, log, rows, limit, lacking)
+        if before is not None:
+            return _judgement(reference, before, known, limit, progress)
         alone = differences(rows, one_sided=True)
         if inference is not None and alone is not None and _speeds_are_shifted(inference):
             # Speeds that no method makes so are of the coordinates alone.

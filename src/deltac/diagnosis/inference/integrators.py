@@ -66,12 +66,12 @@ class Remembered:
 
 
 @dataclass(frozen=True, eq=False)
-class Beside:
-    """What the parameter of a method is fitted beside: accelerations that all causes may add.
+class Directions:
+    """Directions of accelerations that causes may add; the parameter of a method is fitted beside them.
 
-    scale   of each acceleration (n,), 1/(unit)
-    every   of so many intervals one
-    basis   orthonormal, of what causes add to accelerations in these units (N · n, P)
+    scale   factors (n,) that make accelerations comparable
+    every   of so many intervals one counts
+    basis   orthonormal basis (N · n, P) of what causes add to the scaled accelerations
     """
 
     scale: Array
@@ -79,14 +79,14 @@ class Beside:
     basis: Array
 
     @staticmethod
-    def of(a: Array, causes: Array | None) -> Beside:
+    def of(a: Array, causes: Array | None) -> Directions:
         """Of accelerations (N, n) and those (N, n, P) of causes, if there are any."""
         scale = 1.0 / (np.sqrt(np.mean(a**2, axis=0)) + EPS)
         if causes is None:
-            return Beside(scale, 1, np.zeros((a.size, 0)))
-        every = max(1, a.size // max(AT_MOST, BESIDE * causes.shape[2]))
+            return Directions(scale, 1, np.zeros((a.size, 0)))
+        every = max(1, a.size // max(AT_MOST, PER_CAUSE * causes.shape[2]))
         scaled = (scale[:, None] * causes)[::every]
-        return Beside(scale, every, np.linalg.qr(scaled.reshape(-1, causes.shape[2]))[0])
+        return Directions(scale, every, np.linalg.qr(scaled.reshape(-1, causes.shape[2]))[0])
 
     def left(self, a: Array) -> Array:
         """What is left of accelerations (N, n)."""
@@ -94,7 +94,7 @@ class Beside:
         return np.asarray(x - self.basis @ (self.basis.T @ x))
 
 
-Memory: TypeAlias = Callable[[Model, Intervals, Beside], Remembered | None]
+Memory: TypeAlias = Callable[[Model, Intervals, Directions], Remembered | None]
 """Of a model and intervals; None for rows of no method of the family."""
 
 
@@ -209,7 +209,7 @@ def _first_of_stretches(intervals: Intervals) -> NDArray[np.intp]:
     return np.maximum.accumulate(np.where(first, np.arange(len(first)), 0))
 
 
-def _adams_bashforth(model: Model, intervals: Intervals, _: Beside) -> Remembered:
+def _adams_bashforth(model: Model, intervals: Intervals, _: Directions) -> Remembered:
     """The explicit method of two steps; of what was before the first row, the next one tells."""
     at, end, h, places = intervals.start, intervals.end, intervals.h, np.arange(len(intervals))
     first = places == _first_of_stretches(intervals)
@@ -246,7 +246,7 @@ def _generalized_alpha(
     family, and a at the first row, are those by which the speeds follow most closely beside all causes.
     """
 
-    def after(model: Model, intervals: Intervals, beside: Beside) -> Remembered | None:
+    def after(model: Model, intervals: Intervals, directions: Directions) -> Remembered | None:
         at, end, h = intervals.start, intervals.end, intervals.h
         F = end.F if later else at.F  # as if held
         before, behind = model.at(at), model.acceleration(end.t, end.q, end.u, F)
@@ -274,7 +274,7 @@ def _generalized_alpha(
             return (0.5 - beta) * a[0] + beta * a[1], (1.0 - gamma) * a[0] + gamma * a[1]
 
         def gap(x: float) -> Array:
-            return beside.left(mean - means(x, before, behind, mean)[1])
+            return directions.left(mean - means(x, before, behind, mean)[1])
 
         low, high = bounds
         x = min(np.linspace(low, high, COARSE).tolist(), key=lambda x: float(np.sum(gap(x) ** 2)))
@@ -308,8 +308,8 @@ def _alpha_numbers(m: float, f: float) -> dict[str, float]:
     return _second(of_u, of_u) | {"q: a_q u": of_q, "q: a_u a": of_q}
 
 
-AT_MOST, BESIDE = 1000, 5
-"""Numbers of the speeds that the parameter of a family is fitted to beside causes; or so many for each."""
+AT_MOST, PER_CAUSE = 1000, 5
+"""Numbers of the speeds to which a family's parameter is fitted; or as many for each column of causes."""
 
 SLIGHTLY = 1e-6
 """Change of a parameter of a family of methods by which its derivative is taken, and beyond its bounds."""
@@ -456,7 +456,7 @@ def maps(
         return
     counts, at, end, h = counts * parts, intervals.start, intervals.end, intervals.h
     J = cache(lambda: model.jacobian(end))
-    beside = cache(lambda: Beside.of(model.at(at), causes))
+    directions = cache(lambda: Directions.of(model.at(at), causes))
     for method in methods or INTEGRATORS:
         if parts > 1 and (method.step is None or method.order > 2):
             continue
@@ -471,7 +471,7 @@ def maps(
             step = _newton(method, J(), intervals.h, gap)[:, :, 0]
             yield Map(method, counts, model.displaced(end, step))
         elif method.memory is not None and counts.max() == 1 and np.ptp(h) <= WHOLE * h[0, 0]:
-            own = method.memory(model, intervals, beside())
+            own = method.memory(model, intervals, directions())
             if own is None:
                 continue
             gap = model.difference(end, Rows(end.t, own.q, own.u, end.F))[:, :, None]

@@ -395,17 +395,21 @@ def process_noise(
         columns = np.concatenate([w[:, :, None], B], axis=2)
 
         def likelihood(share: float) -> float:
-            innovations = log.innovations(Phi, Q + share**2 * between + across)
-            white, spread = innovations(columns)
-            r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, B.shape[2])
-            r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
-            return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
+            return likelihood_of(log, Phi, Q + share**2 * between + across, columns)
 
         between = max(SHARES, key=likelihood) ** 2 * between
     # What is left tells how large the own is; splines of forces have a doubt of their own.
     in_lost = lost[:, None, None]
     own, doubt = Q + np.where(in_lost, between, 0.0), np.where(in_lost, 0.0, between)
     return ProcessNoise(Q + between + across, own, doubt, beyond)
+
+
+def likelihood_of(log: Observations, Phi: Array, Q: Array, columns: Array) -> float:
+    """Log likelihood of process noise Q by columns (N, 2n, p), the first of them prediction errors."""
+    white, spread = log.innovations(Phi, Q)(columns)
+    r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, columns.shape[2] - 1)
+    r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
+    return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
 
 
 def _unknown(log: Observations, flow: Flow, lost: NDArray[np.bool_]) -> tuple[Array, Array, Array]:

@@ -23,7 +23,7 @@ from deltac.diagnosis.inference.hypotheses import (
     search,
 )
 from deltac.diagnosis.inference.integrators import Map, by_causes, numbers_of, transition
-from deltac.diagnosis.inference.linearisation import SHARES, Point, cause_responses
+from deltac.diagnosis.inference.linearisation import SHARES, Point, cause_responses, likelihood_of
 from deltac.diagnosis.inference.observations import Observations
 from deltac.diagnosis.inference.whitening import Innovations, robust_weights
 from deltac.diagnosis.measurements.digits import digits_of
@@ -233,10 +233,7 @@ def with_likelier_noise(at: Regression) -> Point | None:
         return None
 
     def likelihood(share: float) -> float:
-        white, spread = point.log.innovations(Phi, noise.with_beyond(share).total)(columns)
-        r, D = white[:, :, 0].ravel(), white[:, :, 1:].reshape(-1, columns.shape[2] - 1)
-        r = r - D @ np.linalg.lstsq(D, r, rcond=1e-12)[0]
-        return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
+        return likelihood_of(point.log, Phi, noise.with_beyond(share).total, columns)
 
     share = max(sorted(SHARES, reverse=True), key=likelihood)
     return None if share == 1.0 else replace(point, noise=noise.with_beyond(share))

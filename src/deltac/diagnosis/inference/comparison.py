@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from deltac.arrays import Array
 from deltac.diagnosis.inference.hypotheses import (
     CERTAIN,
+    TOGETHER,
     Block,
     Posterior,
     autocorrelation_time,
@@ -238,8 +239,11 @@ def _at_promising(comparison: Comparison) -> Comparison:
         if moved.promising is None or moved.maps:
             break
         block = moved.at.beside(moved.promising)
-        causes = searched(moved.at, block).best
-        if not causes.chosen or block.misfit(causes.coefficients) > SOME * block.start:
+        # Others beside the first few would explain squares of these.
+        fits = (searched(moved.at, block, most=k + 1).best for k in range(TOGETHER))
+        explains = SOME * block.start
+        causes = next((fit for fit in fits if block.misfit(fit.coefficients) <= explains), None)
+        if causes is None:
             break
         if any(c.edit is not None for c in causes.chosen):
             break  # of those that look alike each is built, in `inference`

@@ -254,7 +254,7 @@ def _block(
 ) -> Block:
     """Whitened errors with their columns; so many of these, and those of forces, are beside every cause."""
     r, D = white[:, :, 0], white[:, :, 1:]
-    weight = np.sqrt(robust_weights(r))[:, None]
+    weight = np.sqrt(robust_weights(r, D))[:, None]
     bent = np.arange(point.tangent.count + len(places), D.shape[2])
     return Block(
         r * weight,
@@ -303,13 +303,18 @@ def _moved_by(point: Point, B: Array, c: Array, step: Array) -> Array:
     return moves
 
 
-def searched(at: Regression, block: Block, before: Posterior | None = None) -> Posterior:
-    """The posterior of causes by a block of equations; or that of causes found before, fitted anew."""
+def searched(
+    at: Regression, block: Block, before: Posterior | None = None, most: int = TOGETHER
+) -> Posterior:
+    """The posterior of causes by a block of equations, at `most` together by prediction errors.
+
+    Or that of causes found before, fitted anew.
+    """
     point = at.point
     if before is not None:
         return refitted((block,), before, point.candidates)
     # Known accelerations are linear in almost all causes: small ones beside large ones are real.
-    many = (MANY, 0.0, True) if point.accelerations_known else (TOGETHER, NEGLIGIBLE)
+    many = (MANY, 0.0, True) if point.accelerations_known else (most, NEGLIGIBLE)
     # What the series leaves out is no matter of known accelerations, nor of a method's own map.
     series = len(block.nuisance) > at.bent.shape[2]
     least = max(at.bias, at.omitted if series else 0.0)

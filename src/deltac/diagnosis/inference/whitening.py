@@ -233,8 +233,32 @@ def _applied(A: Array, x: Array) -> Array:
     return np.asarray(np.einsum("kij,kj->ki", A, x))
 
 
-def robust_weights(r: Array, share: float = 0.02) -> Array:
+def robust_weights(r: Array, D: Array) -> Array:
     """Weights (N,) of intervals under Student's distribution, where a few of them rule the sum of squares.
+
+    They are those of what the columns D (N, d, p) leave of r (N, d), by expectation and maximisation (Lange,
+    Little & Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989): what a cause does
+    in a few intervals is no outlier. One everywhere where r itself has none.
+    """
+    weights = _student(r)
+    if np.all(weights == 1.0) or 2 * D.shape[2] > r.size:
+        return weights
+    weights = np.ones(len(r))
+    for _ in range(MAXIMISATIONS):
+        scale = np.sqrt(weights)[:, None]
+        A = (D * scale[:, :, None]).reshape(r.size, -1)
+        left = (r * scale).ravel()
+        sizes = np.sqrt(np.sum(A**2, axis=0))
+        A = A / np.where(sizes > 0.0, sizes, 1.0)
+        Q = np.linalg.qr(A)[0]
+        for _ in range(2):  # what is left of large numbers is known to rounding then
+            left = left - Q @ (Q.T @ left)
+        weights = _student(left.reshape(r.shape) / scale)
+    return weights
+
+
+def _student(r: Array, share: float = 0.02) -> Array:
+    """The weights of residuals r (N, d).
 
     One everywhere unless the largest `share` of the intervals holds more than half of Σ r².
     """
@@ -250,3 +274,6 @@ def robust_weights(r: Array, share: float = 0.02) -> Array:
 
 STUDENT = 3.0
 """Degrees of freedom of the heavy-tailed likelihood."""
+
+MAXIMISATIONS = 3
+"""Steps of expectation and maximisation: weights of intervals need one digit."""

@@ -13,7 +13,7 @@ from itertools import count
 
 import numpy as np
 
-from deltac.arrays import Array
+from deltac.arrays import SIX_DIGITS, Array
 from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.causes.causes import alike
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
@@ -183,11 +183,16 @@ def _closed(
             return point
         if by_accelerations:
             return _by_accelerations(alone, comparison, equations, kernels)
-        sample = start(model, run, few, energy).with_candidates(equations, kernels)
-        excluded = inferred(likeliest(sample))
-        nothing_more = excluded.excess <= 1.0 or not excluded.finds_something
-        if nothing_more and not excluded.posterior.best.chosen:
-            return _with_excluded(alone, excluded)
+        # A few rows exclude most mistakes; what they leave open, all rows are asked for.
+        for rows in (few, log):
+            some = point if rows is log else start(model, run, rows, energy)
+            excluded = inferred(likeliest(some.with_candidates(equations, kernels)))
+            something = excluded.excess > 1.0 and excluded.finds_something
+            if something or excluded.posterior.best.chosen:
+                return point
+            if max(excluded.unseen.values(), default=0.0) <= SIX_DIGITS * energy:
+                break
+        return _with_excluded(alone, excluded)
     except (FlowError, np.linalg.LinAlgError):
         return None
     return point

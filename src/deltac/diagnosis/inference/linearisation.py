@@ -386,18 +386,24 @@ class ProcessNoise:
 def process_noise(
     log: Observations, flow: Flow, tangent: Tangent, lost: NDArray[np.bool_]
 ) -> ProcessNoise:
-    """The process noise, of forces in intervals in which they are `lost` (N,) by likelihood."""
-    Q, between, across = _unknown(log, flow, lost)
-    beyond = _beyond_series(tangent, log.steps)
-    if between.any():
-        Phi, B = tangent.Phi, tangent.transported(tangent.fields)
-        w = log.errors(flow.plant, flow.end, Phi)
-        columns = np.concatenate([w[:, :, None], B], axis=2)
+    """The process noise: what may be on forces, and what they may do between the rows, by likelihood.
 
-        def likelihood(share: float) -> float:
-            return likelihood_of(log, Phi, Q + share**2 * between + across, columns)
+    In intervals in which they are `lost` (N,), the latter is anything.
+    """
+    Q, white, between, across = _unknown(log, flow, lost)
+    beyond, Phi = _beyond_series(tangent, log.steps), tangent.Phi
 
-        between = max(SHARES, key=likelihood) ** 2 * between
+    def likeliest(part: Array, others: Array) -> Array:
+        """As large a part as is likely."""
+        if not part.any():
+            return part
+        w = log.errors(flow.plant, flow.end, Phi)[:, :, None]
+        columns = np.concatenate([w, tangent.transported(tangent.fields)], axis=2)
+        share = max(SHARES, key=lambda x: likelihood_of(log, Phi, x**2 * part + others, columns))
+        return share**2 * part
+
+    Q = Q + likeliest(white, Q + between + across)
+    between = likeliest(between, Q + across)
     # What is left tells how large the own is; splines of forces have a doubt of their own.
     in_lost = lost[:, None, None]
     own, doubt = Q + np.where(in_lost, between, 0.0), np.where(in_lost, 0.0, between)
@@ -412,26 +418,30 @@ def likelihood_of(log: Observations, Phi: Array, Q: Array, columns: Array) -> fl
     return float(-spread - 0.5 * r.size * np.log(float(r @ r) / r.size + 1e-300))
 
 
-def _unknown(log: Observations, flow: Flow, lost: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """Covariances (N, 2n, 2n) of the flow's own error, of forces between rows, and across constraints.
+def _unknown(
+    log: Observations, flow: Flow, lost: NDArray[np.bool_]
+) -> tuple[Array, Array, Array, Array]:
+    """Covariances (N, 2n, 2n): the flow's own error, noise of forces, forces between rows, constraints.
 
-    Its own error, with digits and noise of logged forces; across constraints, what a solver does to keep
-    them. In intervals of which a step is `lost` a force may have taken any way from one row to the next: by
-    its change, uniformly. In others, one that is smooth may differ from its spline.
+    Its own error, with digits of logged forces; across constraints, what a solver does to keep them. In
+    intervals of which a step is `lost` a force may have taken any way from one row to the next: by its
+    change, uniformly. In others, one that is smooth may differ from its spline.
     """
     model, h, at = flow.plant, log.intervals.h, flow.nodes[0]
     n, force, kinds = model.n, flow.forces.logged, flow.forces.kinds
     Q = np.zeros((len(h), 2 * n, 2 * n))
     diagonal = np.arange(2 * n)
     Q[:, diagonal, diagonal] = flow.prediction.error**2
-    coarse = np.any(log.force_noise > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
+    digits, noise = log.of_forces
+    coarse = np.any(digits > 1e-12 * np.abs(at.F).max(axis=0, initial=1e-300), axis=0)
     smooth = np.array([FORCES[kind][2] > 0.0 for kind in kinds], dtype=bool)
     doubt = np.where(smooth, force.doubt, 0.0)
-    some = coarse.any() or lost.any() or doubt.any()
-    own, moves = list[Array](), list[Array]()
+    some = coarse.any() or noise.any() or lost.any() or doubt.any()
+    own, white, moves = list[Array](), list[Array](), list[Array]()
     for k, response in enumerate(flow.force_responses if some else ()):
-        du = response * h * log.force_noise[:, k : k + 1]
-        own.append(np.concatenate([0.5 * h * du, du], axis=1))
+        for columns, size in ((own, digits), (white, noise)):
+            du = response * h * size[:, k : k + 1]
+            columns.append(np.concatenate([0.5 * h * du, du], axis=1))
         bends = np.abs(force.bends[0][:, k]) + np.abs(force.bends[1][:, k])
         anything = np.hypot(force.change[:, k] / np.sqrt(12.0), bends / 6.0)
         size = np.where(lost, anything, doubt[:, k])
@@ -439,7 +449,7 @@ def _unknown(log: Observations, flow: Flow, lost: NDArray[np.bool_]) -> tuple[Ar
             du = response * (h[:, 0] * size)[:, None]
             moves.append(np.concatenate([0.5 * h * du, du], axis=1))
             moves.append(np.concatenate([h * du / np.sqrt(12.0), np.zeros_like(du)], axis=1))
-    Q, between = Q + _outer(own, Q), _outer(moves, Q)
+    Q, of_noise, between = Q + _outer(own, Q), _outer(white, Q), _outer(moves, Q)
     across = np.zeros_like(Q)
     if model.rows_of_G:
         end = flow.end  # where solvers project
@@ -449,7 +459,7 @@ def _unknown(log: Observations, flow: Flow, lost: NDArray[np.bool_]) -> tuple[Ar
             ACROSS * np.sqrt(np.mean(flow.w**2, axis=0) + np.mean(log.noise[0] ** 2, axis=0)).max()
         )
         across[:, :n, :n] = across[:, n:, n:] = size**2 * directions @ directions.transpose(0, 2, 1)
-    return Q, between, across
+    return Q, of_noise, between, across
 
 
 def _outer(columns: Sequence[Array], like: Array) -> Array:

@@ -24,7 +24,7 @@ class Observations:
     pieces       first and last + 1 of the intervals of each stretch; `rows` the same of the rows of the log
     noise        standard deviations (N, 2n) of the rows at the starts and at the ends of the intervals
     digits       what of that comes from their digits
-    force_noise  of the forces (N, m)
+    of_forces    standard deviations (N, m) of the forces by their digits, and by noise that may be on them
     unknown      components of the state that the log does not have: speeds made of coordinates (2n,)
     beyond       the rows less the states at the starts and ends of the intervals, (N, 2n): none at first
     duration     of the whole log, s
@@ -37,7 +37,7 @@ class Observations:
     rows: list[tuple[int, int]]
     noise: tuple[Array, Array]
     digits: tuple[Array, Array]
-    force_noise: Array
+    of_forces: tuple[Array, Array]
     unknown: NDArray[np.bool_]
     beyond: tuple[Array, Array]
     duration: float
@@ -99,8 +99,8 @@ class Observations:
         starts = [np.arange(a, b - 1) for a, b in self.rows]
         rows = np.concatenate(starts)[kept]
         edges = [(int(rows[a]), int(rows[b - 1]) + 2) for a, b in pieces]
-        noise, digits, beyond = (
-            (x[0][kept], x[1][kept]) for x in (self.noise, self.digits, self.beyond)
+        noise, digits, beyond, of_forces = (
+            (x[0][kept], x[1][kept]) for x in (self.noise, self.digits, self.beyond, self.of_forces)
         )
         return replace(
             self,
@@ -109,7 +109,7 @@ class Observations:
             rows=edges,
             noise=noise,
             digits=digits,
-            force_noise=self.force_noise[kept],
+            of_forces=of_forces,
             beyond=beyond,
             counts=None if self.counts is None else self.counts[kept],
         )
@@ -202,9 +202,11 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
     derived = "u" in run.provenance.derived
     if derived:
         noise[:, model.n :] = _unknown_speeds(run, model.of_u)[chosen]
-    of_F = [np.zeros((len(chosen), 0))] + [
-        np.sqrt(digits[f"force {n}"].half(chosen) ** 2 / 3.0 + digits[f"force {n}"].noise ** 2)
-        for n in model.log.values(run)
+    nothing, channels = [np.zeros((len(chosen), 0))], list(model.log.values(run))
+    halves = nothing + [digits[f"force {n}"].half(chosen) / np.sqrt(3.0) for n in channels]
+    white = nothing + [
+        np.broadcast_to(digits[f"force {n}"].noise, x.shape)
+        for n, x in zip(channels, halves[1:], strict=True)
     ]
     ends = np.cumsum([0, *(b - a - 1 for a, b in edges)]).tolist()
     both = noise[starts], noise[starts + 1]
@@ -219,7 +221,7 @@ def observations(model: Model, run: Trajectory, most: int) -> Observations | Non
         rows=edges,
         noise=both,
         digits=both,
-        force_noise=np.concatenate(of_F, axis=1)[starts],
+        of_forces=(np.concatenate(halves, axis=1)[starts], np.concatenate(white, axis=1)[starts]),
         unknown=np.repeat([False, derived], model.n),
         beyond=(np.zeros_like(both[0]), np.zeros_like(both[0])),
         duration=float(run.t[-1] - run.t[0]),

@@ -445,9 +445,10 @@ def _at_causes(point: Point, found: Posterior) -> Comparison | None:
 def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison | None:
     """The same by the columns of the point alone, linearised at the causes until their numbers settle.
 
-    A `rival` goes on as long as a step takes away more than it leaves: what it leaves then is no curvature.
+    A `rival` goes on as long as a step takes away more than it leaves, and the one before did: what it leaves
+    then is no curvature.
     """
-    moved: Comparison | None = None
+    moved, reached = None, np.inf
     try:
         for turn in count():
             before, closing = (moved.posterior, moved.methods) if moved else (found, ())
@@ -461,7 +462,8 @@ def _settled(point: Point, found: Posterior, rival: bool = False) -> Comparison 
             moved, point, best = own, own.point, own.posterior.best
             block = own.blocks[0]
             left, start = (block.misfit(x) for x in (best.coefficients, point.coefficients))
-            last = 2.0 * left > start if rival else turn + 1 >= RELINEARISATIONS
+            halved = 2.0 * left <= start and 2.0 * start <= reached
+            last, reached = not halved if rival else turn + 1 >= RELINEARISATIONS, start
             if last or start <= KNOWN * block.least or before.best.settled(best):
                 break
     except (FlowError, np.linalg.LinAlgError):

@@ -159,7 +159,8 @@ class Observations:
         first, last = max(self.pieces, key=lambda piece: piece[1] - piece[0])
         noise = white_noise(np.cumsum(w[first:last], axis=0))
         noise = np.maximum(noise, FINEST * np.median(np.abs(w), axis=0))
-        return replace(self, noise=tuple(np.maximum(d, noise) for d in self.digits))
+        start, end = (np.maximum(d, noise) for d in self.digits)
+        return replace(self, noise=(start, end))
 
 
 EVERY_STEP = 1.01

@@ -182,8 +182,12 @@ class Judgement:
 
         They depart from the equations as small terms of the state do.
         """
-        provenance = self.run.provenance
-        interpolated = provenance.notes.get(ROWS) == INTERPOLATED or "u" in provenance.derived
+        return self.filtered or "u" in self.run.provenance.derived
+
+    @property
+    def filtered(self) -> bool:
+        """Whether a filter or an interpolant made the rows."""
+        interpolated = self.run.provenance.notes.get(ROWS) == INTERPOLATED
         return interpolated or (self.inference is not None and self.inference.filter is not None)
 
     @cached_property
@@ -515,12 +519,11 @@ def _clear(e: Judgement) -> bool:
     In rows with noise or few digits, another method much like the one found does what a small cause does.
     """
     inference = e.inference
-    if inference is None or e.smoothed or e.incomplete or inference.unnamed > SLIGHT:
+    if inference is None or e.filtered or e.incomplete or inference.unnamed > SLIGHT:
         return False
     if e.attribution is None or float(inference.relative[1].max()) < EXACT:
         return True
-    share, error = e.attribution.integrator.largest
-    return inference.flow > max(SLIGHT * share, 2.0 * error)
+    return inference.flow > SLIGHT * e.attribution.integrator.largest[0]
 
 
 def _small(e: Judgement, cause: Finding) -> Finding:

@@ -246,13 +246,13 @@ def robust_weights(r: Array, D: Array) -> Array:
     weights = np.ones(len(r))
     for _ in range(MAXIMISATIONS):
         scale = np.sqrt(weights)[:, None]
-        A = (D * scale[:, :, None]).reshape(r.size, -1)
-        left = (r * scale).ravel()
-        sizes = np.sqrt(np.sum(A**2, axis=0))
-        A = A / np.where(sizes > 0.0, sizes, 1.0)
-        Q = np.linalg.qr(A)[0]
-        for _ in range(2):  # what is left of large numbers is known to rounding then
-            left = left - Q @ (Q.T @ left)
+        A, left = (D * scale[:, :, None]).reshape(r.size, -1), (r * scale).ravel()
+        gram = A.T @ A
+        sizes = np.sqrt(np.diag(gram))
+        inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 0.0)
+        normal = inverse[:, None] * gram * inverse + RIDGE * np.eye(len(gram))
+        for _ in range(REFINEMENTS):  # what is left of large numbers is known to rounding then
+            left = left - A @ (inverse * np.linalg.solve(normal, inverse * (A.T @ left)))
         weights = _student(left.reshape(r.shape) / scale)
     return weights
 
@@ -275,5 +275,5 @@ def _student(r: Array, share: float = 0.02) -> Array:
 STUDENT = 3.0
 """Degrees of freedom of the heavy-tailed likelihood."""
 
-MAXIMISATIONS = 3
-"""Steps of expectation and maximisation: weights of intervals need one digit."""
+MAXIMISATIONS, REFINEMENTS = 2, 3
+"""Steps of expectation and maximisation, and of each least squares: weights of intervals need one digit."""

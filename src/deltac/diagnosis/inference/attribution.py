@@ -7,6 +7,7 @@ make of ΔC is of the log: noise and digits of its rows, and what forces did bet
 from __future__ import annotations
 
 from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -153,7 +154,7 @@ def disputed_joules(
         L, some = c.linear[:, 0], list(c.columns)
         return bool(L @ p.A[np.ix_(some, some)] @ L < SIX_DIGITS * float(L**2 @ p.raw[some]))
 
-    most = [unseen.get(_name(c), 0.0) for c in comparison.point.candidates if same(c)]
+    most = [unseen.get(name_of(c), 0.0) for c in comparison.point.candidates if same(c)]
     c = comparison.numbers[0]
     near = [numbers_of(m)[first] for m in INTEGRATORS if m.name in integrator.names]
     rest = min((c[first] - own for own in near), key=np.linalg.norm, default=c[first])
@@ -340,6 +341,11 @@ def _of_rates_of_q(point: Point, log: Observations) -> Array:
     return shift(log.intervals.end, h) - shift(begin, h[first : first + 1])
 
 
+def of_one_number(causes: Sequence[Candidate]) -> list[Candidate]:
+    """Those in the equations that are linear in one number."""
+    return [c for c in causes if c.size == 1 and c.quadratic is None and c.kind not in OF_THE_LOG]
+
+
 def unseen_joules(
     point: Point, block: Block, best: Fit, tau: float, curves: Array
 ) -> dict[str, float]:
@@ -348,14 +354,13 @@ def unseen_joules(
     `curves` (N, P) are what a unit of each column adds to ΔC.
     """
     joules = dict[str, float]()
-    for c in point.candidates:
-        linear = c.size == 1 and c.quadratic is None and c.kind not in OF_THE_LOG
-        if not linear or any(c is x or c.excludes(x) for x in best.chosen):
+    for c in of_one_number(point.candidates):
+        if any(c is x or c.excludes(x) for x in best.chosen):
             continue
         sigma = deviation((block,), c, best, tau)
         most = float(np.abs(curves[:, list(c.columns)] @ c.linear[:, 0]).max())
         if most > 0.0 and np.isfinite(sigma):  # else it is one of those found
-            joules[_name(c)] = max(joules.get(_name(c), 0.0), sigma * most)
+            joules[name_of(c)] = max(joules.get(name_of(c), 0.0), sigma * most)
     return joules
 
 
@@ -375,7 +380,8 @@ def generic_equations(comparison: Comparison) -> Generic:
     return Generic(odds, joules, explained, shift)
 
 
-def _name(c: Candidate) -> str:
+def name_of(c: Candidate) -> str:
+    """The name under which a mistake is told that nobody sees."""
     return f"{c.kind} {c.element}".strip()
 
 

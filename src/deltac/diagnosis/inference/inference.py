@@ -13,7 +13,7 @@ from itertools import count
 
 import numpy as np
 
-from deltac.arrays import SIX_DIGITS, Array
+from deltac.arrays import SIX_DIGITS, SMALL_SHARE, Array
 from deltac.calls.progress import TimeLimit
 from deltac.diagnosis.causes.causes import alike
 from deltac.diagnosis.causes.columns import ColumnKernels, LogEquations, column_kernels
@@ -26,6 +26,8 @@ from deltac.diagnosis.inference.attribution import (
     integrator_estimate,
     integrator_share,
     intermittent_force,
+    name_of,
+    of_one_number,
     of_scattered_steps,
     unseen_joules,
 )
@@ -171,7 +173,7 @@ def _closed(
         comparison = likeliest(start(model, run, log, energy))
         alone, block, point = inferred(comparison), comparison.blocks[0], comparison.point
         by_accelerations = point.accelerations is not None
-        if block.projected.left(np.zeros(0)) > block.least:
+        if block.projected.left(np.zeros(0)) > KNOWN * block.least:
             # What departs between rows of which the accelerations are the model's is of the steps.
             by_accelerations = _accelerations_agree(point) and _of_no_force(point, alone.residual)
             if not by_accelerations:
@@ -190,7 +192,10 @@ def _closed(
             something = excluded.excess > 1.0 and excluded.finds_something
             if something or excluded.posterior.best.chosen:
                 return point
-            if max(excluded.unseen.values(), default=0.0) <= SIX_DIGITS * energy:
+            # Those that do nothing in a few rows may do something in others.
+            every = {name_of(c) for c in of_one_number(excluded.candidates)}
+            seen = {x for x, joules in excluded.unseen.items() if joules <= SIX_DIGITS * energy}
+            if seen >= every:
                 break
         return _with_excluded(alone, excluded)
     except (FlowError, np.linalg.LinAlgError):
@@ -553,6 +558,8 @@ def _of_steps(comparison: Comparison, result: Inference) -> Inference:
     rows, best, point = comparison.rows, result.posterior.best.coefficients, comparison.point
     whole, rest = (rows.projected.left(x) for x in (0.0 * best, best))
     named = rest - rows.count < SLIGHT * whole
+    generic = result.generic  # terms of a model do not explain all that errors of steps leave
+    named |= generic.share > 1.0 - SMALL_SHARE
     if named or point.log.unknown.any() or comparison.blocks[0] is not rows:
         return result
     if not _of_no_force(point, result.residual):

@@ -236,14 +236,14 @@ def _applied(A: Array, x: Array) -> Array:
 def robust_weights(r: Array, D: Array) -> Array:
     """Weights (N,) of intervals under Student's distribution, where a few of them rule the sum of squares.
 
-    They are those of what the columns D (N, d, p) leave of r (N, d), by expectation and maximisation (Lange,
-    Little & Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989): what a cause does
-    in a few intervals is no outlier. One everywhere where r itself has none.
+    They are those of r (N, d), or of what the columns D (N, d, p) leave of it where that is likelier: what a
+    cause does in a few intervals is no outlier. By expectation and maximisation (Lange, Little & Taylor,
+    Robust statistical modeling using the t distribution, JASA 84, 1989). One everywhere where r has none.
     """
-    weights = _student(r)
-    if np.all(weights == 1.0) or 2 * D.shape[2] > r.size:
-        return weights
-    weights = np.ones(len(r))
+    alone, likelihood = _student(r)
+    if np.all(alone == 1.0) or 2 * D.shape[2] > r.size:
+        return alone
+    weights, beside = np.ones(len(r)), -np.inf
     for _ in range(MAXIMISATIONS):
         scale = np.sqrt(weights)[:, None]
         A, left = (D * scale[:, :, None]).reshape(r.size, -1), (r * scale).ravel()
@@ -253,23 +253,25 @@ def robust_weights(r: Array, D: Array) -> Array:
         normal = inverse[:, None] * gram * inverse + RIDGE * np.eye(len(gram))
         for _ in range(REFINEMENTS):  # what is left of large numbers is known to rounding then
             left = left - A @ (inverse * np.linalg.solve(normal, inverse * (A.T @ left)))
-        weights = _student(left.reshape(r.shape) / scale)
-    return weights
+        weights, beside = _student(left.reshape(r.shape) / scale)
+    price = 0.5 * D.shape[2] * np.log(r.size)
+    return weights if beside - price > likelihood else alone
 
 
-def _student(r: Array, share: float = 0.02) -> Array:
-    """The weights of residuals r (N, d).
+def _student(r: Array, share: float = 0.02) -> tuple[Array, float]:
+    """The weights of residuals r (N, d), and their log likelihood at the scale of typical ones.
 
     One everywhere unless the largest `share` of the intervals holds more than half of Σ r².
     """
-    size = np.mean(r**2, axis=1)
+    size, d = np.mean(r**2, axis=1), r.shape[1]
+    typical = float(np.median(size)) / 0.45 + 1e-300  # the median of χ²₁ is 0.45
+    tail = 1.0 + d * size / (STUDENT * typical)
+    likelihood = -0.5 * r.size * np.log(typical) - 0.5 * (STUDENT + d) * np.log(tail).sum()
     ordered = np.sort(size)
     few = max(1, int(share * len(size)))
-    if ordered[-few:].sum() < 0.5 * ordered.sum():
-        return np.ones(len(r))
-    typical = float(np.median(size)) / 0.45 + 1e-300  # the median of χ²₁ is 0.45
-    d = r.shape[1]
-    return np.asarray((STUDENT + d) / (STUDENT + d * size / typical))
+    some = ordered[-few:].sum() >= 0.5 * ordered.sum()
+    weights = (STUDENT + d) / (STUDENT * tail) if some else np.ones(len(r))
+    return weights, float(likelihood)
 
 
 STUDENT = 3.0

@@ -6,8 +6,7 @@ make of ΔC is of the log: noise and digits of its rows, and what forces did bet
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 

@@ -243,7 +243,7 @@ def robust_weights(r: Array, D: Array) -> Array:
     alone, likelihood = _student(r)
     if np.all(alone == 1.0) or 2 * D.shape[2] > r.size:
         return alone
-    weights, beside = np.ones(len(r)), -np.inf
+    weights, beside = alone, -np.inf
     for _ in range(MAXIMISATIONS):
         scale = np.sqrt(weights)[:, None]
         A, left = (D * scale[:, :, None]).reshape(r.size, -1), (r * scale).ravel()

@@ -1,0 +1,148 @@
+"""Small mistakes that many rows make certain, and large ones that act in a few of them.
+
+The runs are by the classical method of Runge and Kutta, written out here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import deltac as dc
+from deltac.arrays import Array
+
+G = 9.81
+
+Rate = Callable[[float, float], float]
+
+
+def stepped(rate: Rate, q: float, u: float, h: float) -> tuple[float, float]:
+    a, v = rate(q, u), u + h / 2 * rate(q, u)
+    b = rate(q + h / 2 * u, v)
+    w = u + h / 2 * b
+    c = rate(q + h / 2 * v, w)
+    x = u + h * c
+    d = rate(q + h * w, x)
+    return q + h / 6 * (u + 2 * v + 2 * w + x), u + h / 6 * (a + 2 * b + 2 * c + d)
+
+
+# --- a ball that is in contact in some of the rows ---
+
+MASS, RADIUS, STIFFNESS, DISSIPATION = 0.8, 0.1, 6e3, 0.15
+
+
+def ball(stiffness: float) -> dc.Mechanism:
+    floor = dc.forces.contact(
+        "floor",
+        dc.shapes.sphere("ball", RADIUS),
+        dc.shapes.half_space(),
+        stiffness,
+        exponent=1.5,
+        dissipation=DISSIPATION,
+    )
+    return dc.Mechanism(
+        [dc.bodies.sphere("ball", MASS, RADIUS)],
+        [dc.prismatic("height", "ground", "ball", "z")],
+        forces=[floor],
+        gravity=(0, 0, -G),
+    )
+
+
+def bounces(h: float, rows: int, every: int = 1) -> dc.Trajectory:
+    """Hertz's law with the damping of Hunt and Crossley."""
+
+    def rate(q: float, u: float) -> float:
+        depth = max(0.0, RADIUS - q)
+        return STIFFNESS * depth**1.5 * max(0.0, 1 - DISSIPATION * u) / MASS - G
+
+    x = np.empty((rows, 2))
+    x[0] = 0.45, 0.0
+    for k in range(1, rows):
+        x[k] = stepped(rate, *x[k - 1], h)
+    x = x[::every]
+    return dc.Trajectory(
+        t=h * every * np.arange(len(x)), q=x[:, :1], u=x[:, 1:],
+        coordinates=("height",), speeds=("height",),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("share", "every"), [(0.985, 1), (1.01, 1), (0.99, 10)])
+def test_a_floor_of_another_stiffness_is_told_by_the_rows_in_contact(
+    share: float, every: int
+) -> None:
+    """Heavier in the same share is all that it may be as well: forces per mass are what the rows tell."""
+    h, rows = (2e-4, 1800) if every == 1 else (5e-4, 4000)
+    found = dc.audit(ball(STIFFNESS * share), bounces(h, rows, every))
+    assert found.verdict.kind == "equation-error"
+    cause = found.causes[0]
+    masses = ("body-mass", "body-inertia")
+    assert cause.size is not None and cause.kind in ("channel-factor", "contact-stiffness", *masses)
+    told = 1.0 / cause.size if cause.kind in masses else cause.size
+    assert told == pytest.approx(1.0 / share, rel=2e-3)
+    assert dc.audit(ball(STIFFNESS), bounces(h, rows, every)).verdict.kind != "equation-error"
+
+
+# --- a hinge whose rows are noisy, or whose motor is driven by noise ---
+
+INERTIA, ARM, DAMPING = 0.3, 0.4, 0.2
+
+
+def hinge(damping: float) -> dc.Mechanism:
+    central = INERTIA - MASS * ARM**2
+    return dc.Mechanism(
+        [dc.body("rod", mass=MASS, inertia=(central, central, central), mass_centre=(0, 0, -ARM))],
+        [dc.revolute("hinge", "ground", "rod", axis="y", damping=damping)],
+        forces=[dc.forces.joint_torque("motor", "hinge")],
+        gravity=(0, 0, -G),
+    )
+
+
+def driven(torque: Callable[[int], float], h: float, rows: int) -> tuple[Array, Array]:
+    x, made = np.empty((rows, 2)), np.zeros(rows)
+    x[0] = 0.9, 0.0
+    for k in range(rows):
+        made[k] = tau = torque(k)
+        if k + 1 < rows:
+            x[k + 1] = stepped(
+                lambda q, u, tau=tau: (tau - DAMPING * u - MASS * G * ARM * np.sin(q)) / INERTIA,
+                *x[k],
+                h,
+            )
+    return x, made
+
+
+def log(x: Array, torque: Array, h: float) -> dc.Trajectory:
+    return dc.Trajectory(
+        t=h * np.arange(len(x)), q=x[:, :1], u=x[:, 1:], coordinates=("hinge",), speeds=("hinge",),
+        forces={"actuator motor": torque[:, None]}, provenance=dc.Provenance(simulator="by hand", step=h),
+    )  # fmt: skip
+
+
+def test_noise_of_a_command_is_no_noise_of_the_log() -> None:
+    """A controller that reads noisy encoders drives with noise, and the log tells what it did."""
+    rng = np.random.default_rng(5)
+    noise, h = rng.normal(scale=0.3, size=2000), 1e-3
+    x, torque = driven(lambda k: 2.0 * np.sin(7.0 * k * h) + noise[k], h, 2000)
+    right, wrong = (dc.audit(hinge(DAMPING * share), log(x, torque, h)) for share in (1.0, 1.003))
+    assert right.verdict.kind == "consistent" and not right.causes
+    cause = wrong.causes[0]
+    assert cause.kind == "damping" and cause.size == pytest.approx(DAMPING, rel=1e-6)
+
+
+@pytest.mark.parametrize("share", [1.0, 1.01])
+def test_a_damper_within_the_tolerance_is_found_in_all_rows_if_not_in_few(share: float) -> None:
+    """Thousands of noisy rows tell what no sixty of them do."""
+    rng, h, rows = np.random.default_rng(7), 1e-3, 4000
+    x, torque = driven(lambda k: 2.0 * np.sin(7.0 * k * h), h, rows)
+    x = x + 1e-5 * rng.standard_normal(x.shape)
+    found = dc.audit(hinge(DAMPING * share), log(x, torque, h))
+    told = [f.kind for f in found.findings]
+    if share == 1.0:
+        assert found.verdict.kind == "consistent" and "small-but-real" not in told
+    else:
+        assert found.verdict.kind == "equation-error" or "small-but-real" in told
+        assert found.causes[0].kind == "damping"
+        size, error = found.causes[0].size, found.causes[0].size_error
+        assert size is not None and error is not None and abs(size - DAMPING) < 3.0 * error

@@ -6,7 +6,6 @@ from deltac.diagnosis.check.check import EquationCheck as EquationCheck
 from deltac.diagnosis.check.localise import Localisation as Localisation
 from deltac.diagnosis.check.location import Blame as Blame
 from deltac.diagnosis.check.location import blame as blame
-from deltac.diagnosis.check.location import blame_at as blame_at
 from deltac.diagnosis.explain.result import Explanation as Explanation
 from deltac.diagnosis.inputs.logs import read_log as read_log
 from deltac.diagnosis.recommend.result import Recommendation as Recommendation

@@ -16,10 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.study.convergence import FEWEST, Convergence, order_of
-from deltac.diagnosis.study.runs import BalancedRun
+from deltac.diagnosis.study.convergence import FEWEST, order_of
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
-from deltac.energy import Ledger
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
@@ -198,92 +196,3 @@ def _in_own(
     with suppress(InputError):
         return run_residual(Kane(mechanism, own), run)
     return residual
-
-
-# --- the numbers that the verdict of a study rests on --------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class StudyMeasures:
-    """What the verdict of a study rests on.
-
-    Attributes:
-        runs: those that were compared, coarsest first; `function` is the testing function.
-        energy: how its ΔC converges; state: how the motion does; momentum: of each momentum balance.
-        residuals: of the equations of motion at the runs' own states, if they have accelerations.
-        trusted: the motion was made with the model's own dynamics, which are those of the test.
-        nominal: order of the solver, if known.
-        tolerance: accepted share of the energy that the system has.
-        unit: of what was varied: "s", or "" for tolerances.
-        constrained: the model has constraints.
-        until: the time (s) up to which `energy` was judged, where motions part before the end; else None.
-    """
-
-    runs: tuple[BalancedRun, ...]
-    function: str
-    energy: Convergence
-    state: Convergence
-    momentum: Mapping[str, Convergence]
-    residuals: SampleResiduals | None
-    trusted: bool
-    nominal: int | None
-    tolerance: float
-    unit: str
-    constrained: bool
-    until: float | None
-    findings: tuple[Finding, ...]
-
-    @property
-    def steps(self) -> tuple[float, ...]:
-        """The step (s) of each run, or its tolerance."""
-        return tuple(entry.step for entry in self.runs)
-
-    @property
-    def left(self) -> tuple[float, ...]:
-        """Largest |ΔC| of each run, corrections included, J."""
-        return tuple(float(np.abs(r.energy_error[self.function]).max()) for r in self.runs)
-
-    @property
-    def bars(self) -> tuple[float, ...]:
-        """What else than the motion explains of it, J."""
-        return tuple(float(r.bar[self.function].max()) for r in self.runs)
-
-    @property
-    def ledger(self) -> Ledger:
-        """Where the energy of the finest run went."""
-        return self.runs[-1].ledger
-
-    @property
-    def blown_up(self) -> bool:
-        """Whether the finest run became unstable."""
-        return self.runs[-1].blown_up
-
-    @property
-    def knob(self) -> str:
-        """What was varied from run to run: "step" or "tolerance"."""
-        return "step" if self.unit else "tolerance"
-
-    @property
-    def allowed(self) -> float:
-        """The energy error that is accepted, J."""
-        return self.tolerance * self.ledger.reference_energy
-
-    @property
-    def relative(self) -> float:
-        """Largest |ΔC| at the finest step, as a fraction of the energy that the system has."""
-        return self.left[-1] / (self.ledger.reference_energy or np.inf)
-
-    @property
-    def equations_right(self) -> bool:
-        """Whether the equations are known to be those of the model, whatever the integration did."""
-        return self.trusted or (self.residuals is not None and self.residuals.closes)
-
-    @property
-    def resolved(self) -> bool:
-        """Whether three runs or more are of one motion: differences of successive ones fall."""
-        unsettled = len(self.state.sizes) > 1 and self.state.trend == "does not settle"
-        return len(self.steps) > 2 and not unsettled
-
-    def has(self, *kinds: str) -> bool:
-        """Whether one of these was found."""
-        return any(f.kind in kinds for f in self.findings)

@@ -46,7 +46,6 @@ class Cleaned:
 
     run: Trajectory
     findings: tuple[Finding, ...]
-    comparisons: dict[str, Comparison]
 
 
 def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
@@ -56,17 +55,17 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     runs with integrals or events.
     """
     if len(run) < LEAST_ROWS:
-        return Cleaned(run, (), {})
+        return Cleaned(run, ())
     findings: list[Finding] = []
     if "u" in run.provenance.derived:
         run, findings = _unwrapped(mechanism, run)
-        return Cleaned(run, tuple(findings), {})
+        return Cleaned(run, tuple(findings))
     for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
         run, more = step(mechanism, run)
         findings += more
     of_coordinates = differences(run)
     if of_coordinates is not None:
-        return Cleaned(of_coordinates, tuple(findings), {})
+        return Cleaned(of_coordinates, tuple(findings))
     comparisons = coordinates_against_speeds(mechanism, run)
     run, more = _without_spikes(run, comparisons)
     if more:
@@ -79,7 +78,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
             findings.append(_jitter(run, even))
             run, comparisons = even, other
     findings += [*_jumps(run, comparisons), *_wrong_rates(run, comparisons)]
-    return Cleaned(run, tuple(findings), comparisons)
+    return Cleaned(run, tuple(findings))
 
 
 # --- what is undone --------------------------------------------------------------------------------------

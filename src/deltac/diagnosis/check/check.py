@@ -69,8 +69,8 @@ class Seen:
 @dataclass(frozen=True, eq=False, repr=False)
 class EquationCheck(
     Judged,
-    omit=("udot", "residuals", "test", "roughness", "coordinates", "states"),
-    also=("mechanism", "count", "relative_residual", "rough"),
+    omit=("udot", "residuals", "test", "coordinates", "states"),
+    also=("mechanism", "count", "relative_residual"),
 ):
     """What a check of equations found.
 
@@ -81,7 +81,7 @@ class EquationCheck(
         example: a simple state at which they fail, and both accelerations; None if they do not.
         states: where they were tested; `udot` (n, B) their accelerations there, `residuals` what is left.
         test: the mechanism's own equations at these states.
-        roughness: of the function, as a fraction of the terms (n,), by speed.
+        rough: roughness of the function, as a fraction of the terms, by speed.
         tolerance: relative residual that is accepted.
         coordinates: the map to the mechanism's coordinates, None for its own.
         name: what the equations are called.
@@ -97,7 +97,7 @@ class EquationCheck(
     udot: Array
     residuals: Residuals
     test: EquationTest
-    roughness: Array
+    rough: Mapping[str, float]
     tolerance: float
     coordinates: CoordinateMap | None
     name: str
@@ -124,11 +124,6 @@ class EquationCheck(
     def relative_residual(self) -> dict[str, float]:
         """The largest relative residual of each equation, by speed."""
         return dict(zip(self.test.speeds, finite_worst(self.residuals)))
-
-    @property
-    def rough(self) -> dict[str, float]:
-        """Roughness of the function, as a fraction of the terms, by speed."""
-        return dict(zip(self.test.speeds, map(float, self.roughness)))
 
     def summary(self) -> str:
         """Verdict, and the largest residual beside the tolerance."""
@@ -372,7 +367,7 @@ def _judged(
         udot=udot,
         residuals=residuals,
         test=test,
-        roughness=rough,
+        rough=dict(zip(test.speeds, map(float, rough))),
         tolerance=tolerance,
         coordinates=test.kane.coordinates,
         name=name,

@@ -13,6 +13,7 @@ import numpy as np
 
 from deltac.arrays import PHYSICAL
 from deltac.calls.progress import Progress, untold
+from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
 from deltac.energy.accumulator import OVERLAP, balance_chunks
@@ -228,8 +229,6 @@ def _whole(
     keep = keep if numbers > LARGE_LOG else None
     if not measured:
         return balanced(mechanism, run, work, tuple(findings), keep=keep)
-    from deltac.diagnosis.measurements.cleaning import cleaned
-
     clean = cleaned(mechanism, run)
     return balanced(mechanism, clean.run, work, (*findings, *clean.findings), keep=keep)
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SIX_DIGITS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
-    AT_ONCE,
     LEAST_RATIO,
     LEAST_ROWS,
     Comparison,
@@ -201,17 +200,11 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
     places, rates = (list(of) for of in zip(*pairs))
     derived = [run.speeds[j] in run.provenance.derived.get("u", {}) for j in rates]
 
-    def beyond(rows: slice) -> Array:
-        """What coordinates change by from each row to the next beyond what their speeds say."""
-        t, q, u = run.t[rows], run.q[rows][:, places], run.u[rows][:, rates]
-        u = np.where(derived, 0.0, u)  # splines of coordinates jump with them
-        return np.asarray(np.diff(q, axis=0) - 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1]))
-
-    few = max(1, AT_ONCE // len(pairs))
-    parts = (beyond(slice(k, k + few + 1)) for k in range(0, len(run), few))
-    if not any(np.abs(part).max(initial=0.0) > 0.5 * turn for part in parts):
+    # What coordinates change by beyond what their speeds say; splines of coordinates jump with them.
+    u = np.where(derived, 0.0, run.u[:, rates])
+    excess = np.diff(run.q[:, places], axis=0) - 0.5 * np.diff(run.t)[:, None] * (u[1:] + u[:-1])
+    if np.abs(excess).max(initial=0.0) <= 0.5 * turn:
         return run, []
-    excess = beyond(slice(None))
     q, findings = np.array(run.q), list[Finding]()
     turns = np.round(excess / turn)
     jumping = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)

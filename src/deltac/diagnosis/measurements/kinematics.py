@@ -91,10 +91,6 @@ class Comparison:
     unsteady: float
 
 
-AT_ONCE = 1 << 17
-"""Numbers of several columns that are compared at once: they stay in the processor's cache."""
-
-
 def compare(
     t: Array,
     moved: Array,
@@ -109,22 +105,6 @@ def compare(
     `bar` is what digits and noise of x and x' make of a change (T − 1, n). `projected` tells whether states
     may have been put back onto constraints after each step. None where nothing moves.
     """
-    size = max(1, AT_ONCE // max(1, len(t)))
-    comparisons: list[Comparison | None] = []
-    for first in range(0, moved.shape[1], size):
-        some = slice(first, first + size)
-        comparisons += _compared(t, moved[:, some], rate[:, some], bar[:, some], edges, projected)
-    return comparisons
-
-
-def _compared(
-    t: Array,
-    moved: Array,
-    rate: Array,
-    bar: Array,
-    edges: Sequence[tuple[int, int]],
-    projected: bool,
-) -> list[Comparison | None]:
     # A scheme, or a delay, is late by a time that is the same where rows are lost.
     typical = float(np.median(np.diff(t)))
     straight = []

@@ -11,11 +11,12 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.diagnosis.residuals.at_samples import RunResidual, run_residual, stale_stage
+from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.study.convergence import FEWEST, order_of
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.errors import InputError
@@ -23,10 +24,6 @@ from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.mechanism import Mechanism
 from deltac.results import Serialisable
 from deltac.trajectories import Trajectory
-
-if TYPE_CHECKING:
-    from deltac.diagnosis.residuals.at_samples import RunResidual
-    from deltac.diagnosis.residuals.kane import Kane
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +108,6 @@ def residuals_of(
     measured = [(h, r) for h, r in runs if _measured(r, trusted=trusted)]
     if not measured or not len(mechanism.free.u):
         return None
-    from deltac.diagnosis.residuals.at_samples import run_residual, stale_stage
-    from deltac.diagnosis.residuals.kane import Kane
-
     finest, kane = measured[-1][1], Kane(mechanism)
     of_finest = run_residual(kane, finest)
     blamed = _in_own(mechanism, finest, of_finest, own)
@@ -143,8 +137,6 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
 
     Those of other states are larger or smaller for that reason alone.
     """
-    from deltac.diagnosis.residuals.at_samples import run_residual
-
     parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
     if min(len(part) for _, part in parts) < FEWEST:
         return math.nan
@@ -188,9 +180,6 @@ def _in_own(
     mechanism: Mechanism, run: Trajectory, residual: RunResidual, own: CoordinateMap | None
 ) -> RunResidual:
     """The residual in the user's coordinates; in the mechanism's for a map without inverse."""
-    from deltac.diagnosis.residuals.at_samples import run_residual
-    from deltac.diagnosis.residuals.kane import Kane
-
     if own is None or not residual.relative.any():
         return residual
     with suppress(InputError):

@@ -18,7 +18,7 @@ import deltac as dc
 from deltac.errors import FileError, InputError
 from deltac.fleets.audits import find_logs
 from deltac.fleets.result import fleet_status
-from deltac.kernels.rows import compiled
+from deltac.kernels.rows import compiled_rows
 from tests.support.commands import command
 
 NAME = "double-pendulum"
@@ -205,7 +205,7 @@ def test_a_verdict_for_each_episode(
     # To the last bit: a single audit with the same compiled equations.
     for row, run in zip(found.frame.iter_rows(named=True), [*motions, coarse]):
         columns = {name: getattr(run, name) for name in ("t", "q", "u", "coordinates", "speeds")}
-        with compiled():
+        with compiled_rows():
             alone = dc.audit(NAME, dc.Trajectory(**columns))
         told = (row["verdict"], row["confidence"], row["relative"], row["energy"], row["message"])
         verdict = alone.verdict

@@ -1,7 +1,5 @@
 """Digits of more rows than are looked at: the same as those of fewer rows."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import numpy as np
@@ -42,7 +40,11 @@ def test_each_kind_is_recognised(name: str) -> None:
 def test_slips_of_a_long_log_are_seen() -> None:
     q, u = SMOOTH, np.gradient(SMOOTH, T)
     run = Trajectory(
-        t=T, q=(180.0 / np.pi * q)[:, None], u=u[:, None], coordinates=("a",), speeds=("a",)
+        t=np.asarray(T, dtype=float),
+        q=(180.0 / np.pi * q)[:, None],
+        u=u[:, None],
+        coordinates=("a",),
+        speeds=("a",),
     )
     found = [s for s in suspicions(run) if s.certain]
     assert [s.kind for s in found] == ["degrees"] and found[0].factors["q.a"] == np.pi / 180.0

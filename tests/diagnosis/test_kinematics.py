@@ -1,7 +1,5 @@
 """q against u without any dynamics: each slip of a log is named, and right logs are not."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -80,7 +78,7 @@ def test_copies_of_rows_are_left_out() -> None:
 def test_columns_one_row_late(what: str) -> None:
     run = log(CartPole())
     x = getattr(run, what)
-    assert kinds(replace(run, **{what: np.vstack([x[:1], x[:-1]])})) == ["late-rows"]
+    assert kinds(replace(run, **{what: np.vstack([x[:1], x[:-1]])})) == ["late-rows"]  # type: ignore[arg-type]
 
 
 def test_swapped_columns() -> None:
@@ -177,6 +175,6 @@ def test_a_speed_that_decays_evenly_does_not_show_a_small_factor(
     u = (1 - z + z**2 / 2 - z**3 / 6 + z**4 / 24) ** np.arange(80)
     q = gear * np.append(0.0, np.cumsum(h * u[:-1] * (1 - z / 2 + z**2 / 6 - z**3 / 24)))
     t, bar = h * np.arange(80), np.full((79, 1), 1e-16)
-    (found,) = kinematics.compare(t, np.diff(q)[:, None], u[:, None], bar, [(0, 80)])
+    (found,) = kinematics.compare(t, np.diff(q)[:, None], u[:, None], bar, [(0, 80)])  # type: ignore[arg-type]
     assert found is not None
     assert found.scaled == (gear != 1.0)

@@ -1,7 +1,5 @@
 """Ledgers that keep some rows: the same numbers as one of all rows, whichever way they are found."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from dataclasses import replace
@@ -34,7 +32,7 @@ def shaken(step: float, rows: int) -> tuple[dc.Mechanism, dc.Trajectory]:
     torque = 0.5 * udot - np.cos(q) * a + 2 * 9.81 * 0.5 * np.sin(q) + 0.1 * u
     force = np.stack([np.zeros(rows), 1.001 * torque], axis=1)
     run = dc.Trajectory(
-        t=t,
+        t=t,  # type: ignore[arg-type]
         q=np.stack([x, q], axis=1),
         u=np.stack([v, u], axis=1),
         udot=np.stack([a, udot], axis=1),
@@ -142,7 +140,7 @@ def test_energy_through_springs_counts_no_more_than_their_work() -> None:
     t = step * np.arange(rows)
     q, u, udot = np.cos(omega * t), -omega * np.sin(omega * t), -(omega**2) * np.cos(omega * t)
     run = dc.Trajectory(
-        t=t,
+        t=t,  # type: ignore[arg-type]
         q=q[:, None],
         u=u[:, None],
         udot=udot[:, None],

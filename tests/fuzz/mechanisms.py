@@ -12,8 +12,6 @@ must find that these accelerations need no forces, but for the rounding that the
 "apart" is a failure.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import argparse
@@ -85,7 +83,7 @@ def extreme(mechanism: Mechanism, rng: np.random.Generator, decades: float) -> M
                 body,
                 mass=body.mass * m,
                 mass_centre=tuple(c * size for c in body.mass_centre),
-                inertia=tuple(tuple(e * (m * size**2) for e in row) for row in body.inertia),
+                inertia=tuple(tuple(e * (m * size**2) for e in row) for row in body.inertia),  # type: ignore[arg-type]
             )
         )
     joints = [
@@ -244,7 +242,7 @@ def resized(kind: str, sample: Sample, rng: np.random.Generator, decades: float)
     for b in sample.mechanism.bodies:
         m = power(rng, decades)
         inertia = tuple(tuple(e * m for e in row) for row in b.inertia)
-        bodies.append(replace(b, mass=b.mass * m, inertia=inertia))
+        bodies.append(replace(b, mass=b.mass * m, inertia=inertia))  # type: ignore[arg-type]
     return replace(sample, mechanism=replace(sample.mechanism, bodies=tuple(bodies)))
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from deltac.arrays import EPS
 from deltac.kernels import evaluator_name, rows
-from deltac.kernels.rows import Expression, at_rows, compiled
+from deltac.kernels.rows import Expression, at_rows, compiled_rows
 
 LONG_SUM = 30
 """Terms of an expression that is long, here: real ones take seconds to compile."""
@@ -37,7 +37,7 @@ def test_both_ways_agree(terms: int, often: bool) -> None:
     expression, columns = _expression(terms, often=often)
     expected = at_rows(expression.function, columns)
     found = expression(*columns)
-    with compiled():
+    with compiled_rows():
         others = expression(*columns)
     bound = 8 * EPS * terms**2  # of a sum of so many sines, weighted by up to their number
     for one in (found, others):
@@ -53,7 +53,7 @@ def test_the_choice_is_the_expressions_own() -> None:
         expression(*columns)
         assert ("kernel" in vars(expression)) == (llvm and often and terms > 3)
         first = expression(*columns)
-        with compiled():
+        with compiled_rows():
             expression(*columns)
         for a, b in zip(first, expression(*columns), strict=True):
             np.testing.assert_array_equal(a, b)

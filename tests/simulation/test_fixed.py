@@ -1,7 +1,5 @@
 """Fixed steps: fused calls, recording, runs that break down, unit quaternions, parameters kept."""
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 import importlib
@@ -132,7 +130,7 @@ def test_a_run_that_breaks_down_keeps_what_it_has(
     # The state at step k is finite, but its acceleration need not be: then one row less is kept.
     # At step k the state is finite and its acceleration is not: the sample before it is the last.
     assert round(run.t[-1] / 0.01) == (k - 1) // every * every
-    assert np.isfinite(run.u).all() and np.isfinite(run.udot).all()
+    assert np.isfinite(run.u).all() and np.isfinite(run.udot).all()  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("solver", ["RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA"])
@@ -216,7 +214,7 @@ def test_vary_needs_no_new_compilation_and_gives_the_same_numbers(compilations: 
     # Constants folded in change the order of roundings, over 100 steps.
     np.testing.assert_allclose(varied.q, folded.q, atol=1e-13)
     np.testing.assert_allclose(varied.u, folded.u, atol=1e-13)
-    np.testing.assert_allclose(varied.udot, folded.udot, atol=1e-12)
+    np.testing.assert_allclose(varied.udot, folded.udot, atol=1e-12)  # type: ignore[arg-type]
     np.testing.assert_allclose(varied.integrals["wang"], folded.integrals["wang"], atol=1e-13)
     assert np.abs(first.q - varied.q).max() > 0.1
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
@@ -36,12 +36,9 @@ from deltac.fleets.spec import Execution
 from deltac.fleets.store import ADDRESS, digest, versions
 from deltac.foreign.files import read_text
 from deltac.foreign.isolation import Failure
-from deltac.kernels.rows import compiled
+from deltac.kernels import compiled_rows
 from deltac.models import Model, ModelLike, load_model
 from deltac.trajectories import FORMATS, LogMapping, Trajectory, as_mapping, is_log_folder, read_raw
-
-if TYPE_CHECKING:
-    pass
 
 OUTCOME: Mapping[str, str] = {**AUDITED, "duration": NUMBER}
 """What the table says of every log or episode; see docs/fleets.md."""
@@ -117,7 +114,7 @@ def verdicts(
     runs = read_episodes(source, episodes, task.mapping, task.model.mechanism)
     batched = list(episodes) != [None]
     # Compiled is the same for all episodes, so that they all pay for it.
-    with compiled() if batched else contextlib.nullcontext():
+    with compiled_rows() if batched else contextlib.nullcontext():
         for first in range(0, len(runs), TOGETHER):
             yield from _judged(task, runs[first : first + TOGETHER])
 

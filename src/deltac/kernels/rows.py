@@ -25,8 +25,8 @@ class Expression:
     """An expression of columns, evaluated at many rows.
 
     It is interpreted by CasADi's machine, or compiled: where it is wanted `often` for a single log and is
-    `LONG`, and inside `compiled`. What was evaluated before decides nothing, so that the results of a log
-    are the same to the last bit.
+    `LONG`, and inside `compiled_rows`. What was evaluated before decides nothing, so that the results of a
+    log are the same to the last bit.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ _COMPILED: ContextVar[bool] = ContextVar("deltac_compiled_expressions", default=
 
 
 @contextmanager
-def compiled() -> Iterator[None]:
+def compiled_rows() -> Iterator[None]:
     """Compile expressions of any length: where many logs of one model follow."""
     token = _COMPILED.set(True)
     try:

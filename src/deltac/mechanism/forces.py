@@ -467,8 +467,8 @@ def _spring_kinds(*laws: Any) -> tuple[str, ...]:
 def joint_spring(
     name: str,
     joint: str,
-    stiffness: LawLike | None = None,
-    rest: LawLike = 0.0,
+    stiffness: LawsLike | None = None,
+    rest: LawsLike = 0.0,
     *,
     torque: LawLike | None = None,
     potential: LawLike | None = None,

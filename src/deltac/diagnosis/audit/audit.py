@@ -405,7 +405,7 @@ def audit(
 @one_thread_per_matrix()
 def explain_residual(
     model: ModelLike,
-    log: LogLike | list[LogLike],
+    log: LogLike | Sequence[LogLike],
     *,
     mapping: MappingLike = None,
     coordinates: CoordinateMap | str | None = None,

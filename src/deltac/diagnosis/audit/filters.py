@@ -29,7 +29,7 @@ from deltac.diagnosis.inference.observations import observations
 from deltac.diagnosis.measurements.kinematics import stretches
 from deltac.diagnosis.verdict import Finding
 from deltac.energy.terms import LoggedForces
-from deltac.kernels.rows import compiled
+from deltac.kernels.rows import compiled_rows
 from deltac.results import percent
 from deltac.trajectories import Trajectory
 
@@ -273,7 +273,7 @@ def unfiltered(
         return None  # what acts elsewhere only has no column here
     part = run.take(slice(0, LEAST_ROWS))
     part = part if LoggedForces.of(part).places == acting else run
-    with np.errstate(all="ignore"), compiled(), suppress(FlowError, np.linalg.LinAlgError):
+    with np.errstate(all="ignore"), compiled_rows(), suppress(FlowError, np.linalg.LinAlgError):
         if _Rows(model, part, ()).whole < SIX_DIGITS:  # most rows follow from each other
             return None
         for fit in _likely(_Rows(model, part, kernels)):

@@ -16,7 +16,7 @@ LONG_SUM = 30
 
 @pytest.fixture(autouse=True)
 def _hundreds_of_instructions_are_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(rows, "LONG", 600)
+    monkeypatch.setattr(rows, "LONG_CODE", 600)
 
 
 T = 37  # no multiple of a vector's width

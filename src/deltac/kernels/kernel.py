@@ -18,7 +18,7 @@ from deltac.kernels.lowering import simplified
 
 SX: TypeAlias = Any  # casadi.SX
 
-AT_ONCE = 1032
+BLOCK_STATES = 1032
 """States in a block of a named evaluation: they stay in a core's cache on the way through the kernel, and
 their rows are not a power of two apart.
 """
@@ -286,8 +286,8 @@ class Kernel:
                 f"({times}, {self.n_parameters})"
             )
         parts = []
-        for start in range(0, max(times, 1), AT_ONCE):
-            block = slice(start, min(start + AT_ONCE, times))
+        for start in range(0, max(times, 1), BLOCK_STATES):
+            block = slice(start, min(start + BLOCK_STATES, times))
             x = np.empty((self.n_in, block.stop - start))
             for key, where in self.input_slices.items():
                 x[where] = (rows[key] if len(rows[key]) == 1 else rows[key][block]).T

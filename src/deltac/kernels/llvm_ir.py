@@ -40,7 +40,7 @@ COPIED = PIECE // 8
 """Outputs that are constants or inputs in a piece: LLVM's time grows with the square of their number."""
 
 
-BLOCK = 4
+VECTORS_A_PIECE = 4
 """Vectors that go through a piece of code longer than `INSTRUCTIONS_CACHED` before the next one begins.
 
 Chains of 30 and 100 joints take four fifths of the time so.
@@ -225,7 +225,10 @@ def llvm_ir(function: Function, width: int, strided: bool = True) -> str:
     text = [
         *(piece.text(k) for k, piece in enumerate(pieces)),
         _evaluate(
-            width, len(pieces), len(carried), BLOCK if len(needed) > INSTRUCTIONS_CACHED else 1
+            width,
+            len(pieces),
+            len(carried),
+            VECTORS_A_PIECE if len(needed) > INSTRUCTIONS_CACHED else 1,
         ),
     ]
     text += [_iterate(len(pieces), len(carried), len(places), function.nnz_in(1)), CALL]

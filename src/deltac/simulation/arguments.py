@@ -32,7 +32,7 @@ from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import StepGrid
 
-MOST_STEPS = 10**15
+STEPS_OF_A_RUN = 10**15
 """Steps of a run at most: time is still told apart from step to step, and it would take years."""
 
 
@@ -272,10 +272,10 @@ def count(value: int, what: str) -> int:
 def whole_steps(duration: float, step: float | None, every: int) -> int:
     """How many steps make up the duration; InputError unless it is a whole number, and of `every`."""
     assert step is not None
-    if not duration / step <= MOST_STEPS:
+    if not duration / step <= STEPS_OF_A_RUN:
         raise SolverError(
             f"step {step:g} goes {duration / step:.3g} times into the duration {duration:g}; expected at "
-            f"most {MOST_STEPS:.0e} steps, what can be counted and waited for. Give a larger step"
+            f"most {STEPS_OF_A_RUN:.0e} steps, what can be counted and waited for. Give a larger step"
         )
     steps = round(duration / step)
     rows, most = steps // every + 1, Limits.current().rows

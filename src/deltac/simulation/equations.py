@@ -31,7 +31,7 @@ from deltac.errors import (
 )
 from deltac.mechanism.coordinate_map import CoordinateMap, check_coordinates, own_coordinates
 from deltac.simulation.state_form import (
-    PLAIN,
+    PLAIN_FORM,
     Order,
     StateForm,
     candidate_forms,
@@ -178,7 +178,7 @@ def explicit(system: System, equations: Equations) -> Equations:
     """
     parameters = signature(equations.rhs)
     declared = equations.form is not None or equations.order is not None
-    if not declared and (parameters is None or parameters[1] >= len(PLAIN.arguments)):
+    if not declared and (parameters is None or parameters[1] >= len(PLAIN_FORM.arguments)):
         return equations
     state = state_symbols(system, equations.coordinates)
     coordinates, speeds = state.coordinates, state.speeds
@@ -214,7 +214,7 @@ def explicit(system: System, equations: Equations) -> Equations:
     form = likeliest(candidates, evaluate, right, np.empty((0, len(states))))
     if form is None or form.plain:
         if form is None and (
-            declared or len(parameters[0] if parameters else ()) < len(PLAIN.arguments)
+            declared or len(parameters[0] if parameters else ()) < len(PLAIN_FORM.arguments)
         ):
             raise _no_form(equations, candidates, evaluate, nq, nu)
         return equations  # called as it is: its own error says what does not fit

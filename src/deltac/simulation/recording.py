@@ -19,7 +19,7 @@ from deltac.simulation.constraints.projection import (
     NEARLY_DEPENDENT,
     smallest_pivot,
 )
-from deltac.simulation.flow import LOST, Flow
+from deltac.simulation.flow import OFF_CONSTRAINTS, Flow
 from deltac.simulation.stepping.protocol import Motion
 from deltac.trajectories import Occurrence, Provenance, Trajectory
 
@@ -182,12 +182,12 @@ def while_assembled(flow: Flow, motion: Motion, columns: dict[str, Array]) -> Mo
     if "departures" not in columns:
         return motion
     violation = np.abs(columns["departures"].reshape(len(motion.t), -1))
-    if violation.max(initial=0.0) <= LOST:  # no NaN is
+    if violation.max(initial=0.0) <= OFF_CONSTRAINTS:  # no NaN is
         if not motion.message or not flow.projecting:
             return motion
         locked = "; or the mechanism is locked, and its constraints cannot be met any further"
         return replace(motion, message=motion.message + locked)
-    first = max(1, int(np.argmax(~(violation <= LOST).all(axis=1))))
+    first = max(1, int(np.argmax(~(violation <= OFF_CONSTRAINTS).all(axis=1))))
     worst = int(np.nanargmax(violation[first]))
     if worst < len(flow.slipping):
         unit = "m/s"

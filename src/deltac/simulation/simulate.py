@@ -208,7 +208,7 @@ class Compiled:
     observe_events: Kernel
 
 
-_KEPT: LRUCache[Compiled] = LRUCache(32)
+_RUNS: LRUCache[Compiled] = LRUCache(32)
 
 
 def _compiled(
@@ -261,7 +261,7 @@ def _compiled(
             observer(flow_in_motion) if switches else observe,
         )
 
-    return _KEPT.get(key, make)
+    return _RUNS.get(key, make)
 
 
 def _method(flow: Flow, solver: Solver) -> Method | None:

@@ -344,7 +344,7 @@ _BEYOND_TOLERANCE = (
 )
 """Causes that set the exit code although the balance holds: their forces are those of the log."""
 
-SHARES = {"read": 0.4, "evidence": 0.6}
+AUDIT_SHARES = {"read": 0.4, "evidence": 0.6}
 """Of the time that each part of an audit takes, roughly."""
 
 
@@ -396,7 +396,7 @@ def audit(
     """
     reference = _reference(model, tolerance, work)
     source = _Source(log, mapping, coordinates, replay)
-    judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(progress, SHARES))
+    judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(progress, AUDIT_SHARES))
     return _audit(reference, judged, strict)
 
 
@@ -450,7 +450,7 @@ def explain_residual(
     judgements = list[Judgement]()
     for one in counted(logs, progress or untold):
         source = _Source(one, mapping, coordinates, replay, passive=False)
-        judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(None, SHARES))
+        judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(None, AUDIT_SHARES))
         if judged.inference is None and not judged.explanation.reasons:
             raise LogError(
                 f"the log has {len(judged.rows)} rows, or the model's motion leaves all bounds between them: "

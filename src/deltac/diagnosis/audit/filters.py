@@ -36,7 +36,7 @@ from deltac.trajectories import Trajectory
 BEGIN = 1.0
 """Number a to begin with, rows; Butterworth's filter has b = a²/2."""
 
-LEFT = 0.3
+LEFT_OF_INPUT = 0.3
 """Share of the prediction errors of a log that may be left of what went into its filter, beside causes."""
 
 NOTHING = 0.01
@@ -124,7 +124,7 @@ class _Fit:
     left: float
 
 
-KINDS = ("smooth", "start")
+BETWEEN_ROWS = ("smooth", "start")
 """How forces act between rows of a fit."""
 
 
@@ -222,7 +222,7 @@ class _Rows:
             flat = self._flat(x)
             return np.asarray(flat - basis @ (basis.T @ flat))
 
-        for kind in KINDS if run.forces else KINDS[:1]:
+        for kind in BETWEEN_ROWS if run.forces else BETWEEN_ROWS[:1]:
             forces = point.forces.alike(kind)
             # A memory is a filter as well.
             methods = tuple(m for m in INTEGRATORS if m.memory is None)
@@ -249,7 +249,7 @@ def _likely(rows: _Rows) -> list[_Fit]:
             fit = rows.improved(_Fit(first, np.inf), alternates=False)
             if fit.left <= rows.whole:
                 settled.append(rows.settled(fit))
-    share = LEFT if rows.kernels else NOTHING
+    share = LEFT_OF_INPUT if rows.kernels else NOTHING
     right = [fit for fit in settled if fit.filter.low_pass and fit.left < share * rows.whole]
     return sorted(right, key=lambda fit: fit.left)
 

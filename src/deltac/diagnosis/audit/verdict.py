@@ -50,10 +50,10 @@ dampers are rarely known to better than a per cent."""
 COASTING = 1e6
 """Energy of what coasts, in units of what it exchanges."""
 
-MOST = 0.9
+MOST_EXPLAINED = 0.9
 """Share of what is left that terms of a model must explain to be a mistake without a name."""
 
-EXACT = 1e-6
+EXACT_ROWS = 1e-6
 """Noise of rows as a share of their changes below which they are as a simulator computed them."""
 
 
@@ -161,7 +161,7 @@ class Judgement:
             and not self.smoothed
             and generic.log_odds > CERTAIN
             and generic.exchanged > self.allowed_flow
-            and generic.explained > MOST
+            and generic.explained > MOST_EXPLAINED
             and self.left_flow > self.allowed_flow
         )
 
@@ -378,7 +378,7 @@ class Judgement:
             return False
         generic = inference.generic
         if inference.intermittent[0] > CERTAIN or (
-            generic.log_odds > CERTAIN and generic.explained > MOST
+            generic.log_odds > CERTAIN and generic.explained > MOST_EXPLAINED
         ):
             return False
         noise = bool((self.left <= NEAR * inference.relative[1]).all())
@@ -517,7 +517,7 @@ def _clear(e: Judgement) -> bool:
     inference = e.inference
     if inference is None or e.smoothed or e.incomplete or inference.unnamed > SLIGHT:
         return False
-    if e.attribution is None or float(inference.relative[1].max()) < EXACT:
+    if e.attribution is None or float(inference.relative[1].max()) < EXACT_ROWS:
         return True
     share, error = e.attribution.integrator.largest
     return inference.flow > max(SLIGHT * share, 2.0 * error)

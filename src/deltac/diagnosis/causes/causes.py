@@ -49,8 +49,8 @@ MASSES = "Check masses and inertias of the model against those that the simulato
 TERMS = "Check the terms in products of speeds in the equations of the run, or its frames"
 GRAVITY = "Give model and simulator the same gravity"
 ADD = "Add it to the model, or log its force"
-PLACES = "Compare the places and lengths of the model with those of the machine or of the simulator's model"
-AXES = "Compare the axes and frames of the model's joints with those of the machine or the simulator's model"
+LAYOUT = "Compare the places and lengths of the model with those of the machine or of the simulator's model"
+TILTS = "Compare the axes and frames of the model's joints with those of the machine or the simulator's model"
 
 
 @dataclass(frozen=True)
@@ -198,7 +198,7 @@ KINDS = {
     ),
     "link-length": Kind(
         "{element} in the run is {shown} m long {origin}, not {base} m",
-        PLACES,
+        LAYOUT,
         "length",
         "m",
         "positive",
@@ -206,39 +206,39 @@ KINDS = {
     "body-size": _factor(
         "{element} in the run is {shown} times as long as in the model, with its joints, mass centre and "
         "inertia{more}",
-        PLACES,
+        LAYOUT,
         "factor",
         "cJ",
     ),
     "joint-axis": _geometry(
         "the axis of joint {element} in the run is tilted by {several} rad about {axes} of its frame",
-        AXES,
+        TILTS,
         "rad",
     ),
     "joint-position": _geometry(
         "joint {element}, with all that it carries, sits {several} m further along {axes} of {origin}",
-        PLACES,
+        LAYOUT,
         "m",
     ),
     "joint-pivot": _geometry(
         "the pivot of joint {element} in the run is displaced by {several} m along {axes} of {origin}; the "
         "bodies are where they are",
-        PLACES,
+        LAYOUT,
         "m",
     ),
     "body-position": _geometry(
         "{origin} sits {several} m further along its {axes} on joint {element} than in the model",
-        PLACES,
+        LAYOUT,
         "m",
     ),
     "joint-orientation": _geometry(
         "joint {element}, with all that it carries, is turned by {several} rad about {axes} of its frame",
-        AXES,
+        TILTS,
         "rad",
     ),
     "body-orientation": _geometry(
         "{origin} is turned by {several} rad about {axes} of its frame at joint {element}",
-        AXES,
+        TILTS,
         "rad",
     ),
     "element-length": Kind(
@@ -248,10 +248,10 @@ KINDS = {
         "{origin} in the run is {shown} m, not {base} m", SAME_VALUE, "size", "m", "positive"
     ),
     "attachment": _geometry(
-        "{origin} is displaced by {several} m along {axes} of the body", PLACES, "m"
+        "{origin} is displaced by {several} m along {axes} of the body", LAYOUT, "m"
     ),
     "contact-position": _geometry(
-        "{origin} is displaced by {several} m along {axes} of the body", PLACES, "m"
+        "{origin} is displaced by {several} m along {axes} of the body", LAYOUT, "m"
     ),
     "law-number": Kind(
         "a number of {origin} in the run is {shown}, not {base}", SAME_VALUE, "number"
@@ -282,7 +282,7 @@ TOUCHING = (
 SLIPS, SLIPPED = (0.0, -1.0, 2.0, 0.5), 0.02
 """Factors of terms that were forgotten, or have another sign, or a 2 too many or too few; how near."""
 
-UNITS = (3, 6, 7, 9)
+POWERS_OF_TEN = (3, 6, 7, 9)
 """Powers of ten between units of masses and inertias: g, kg·mm², g·cm², g·mm²."""
 
 FREE = "free"
@@ -470,7 +470,7 @@ def other_unit(factor: Array) -> bool:
     if factor.size != 1 or float(factor.ravel()[0]) <= 0.0:
         return False
     power = abs(float(np.log10(factor.ravel()[0])))
-    return any(abs(power - p) < 0.005 for p in UNITS)
+    return any(abs(power - p) < 0.005 for p in POWERS_OF_TEN)
 
 
 def tensor(six: Array) -> Array:

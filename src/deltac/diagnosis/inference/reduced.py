@@ -25,10 +25,10 @@ from deltac.kernels.rows import Expression
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
-CORRECTIONS = 12
+NEWTON_CORRECTIONS = 12
 """Newton's steps to the dependent coordinates at most: they begin at those of the log."""
 
-PROBES = 40
+PROBED_ROWS = 40
 """Rows at which independent coordinates are chosen."""
 
 SETS, MOST_SETS = 3, 300
@@ -67,7 +67,7 @@ class Reduced(Model):
         whole = self.whole
         every = np.zeros((len(t), whole.n))
         every[:, self.own_q], every[:, self.others_q] = q, self._near(t)
-        for _ in range(CORRECTIONS):
+        for _ in range(NEWTON_CORRECTIONS):
             phi, b = self._constraints(t, every)
             G = whole.matrices(t, every)[1]
             inverse = np.linalg.inv(G[:, :, self.others])
@@ -157,7 +157,7 @@ def reductions(model: Model, run: Trajectory) -> Iterator[Reduced]:
     plain = len(model.rates) == model.n == len(model.of_q)
     if bound is None or not plain or not all(bound.rows.holonomic):
         return
-    some = np.unique(np.linspace(0, len(run) - 1, PROBES).astype(np.intp))
+    some = np.unique(np.linspace(0, len(run) - 1, PROBED_ROWS).astype(np.intp))
     rows = model.rows(run.take(some))
     G = model.matrices(rows.t, rows.q)[1]
     count = model.n - G.shape[1]

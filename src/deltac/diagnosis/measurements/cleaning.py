@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SIX_DIGITS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
-    AT_ONCE,
+    COMPARED_AT_ONCE,
     LEAST_RATIO,
-    LEAST_ROWS,
+    SHORTEST_PART,
     Comparison,
     Mask,
     coordinates_against_speeds,
@@ -55,7 +55,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     Of runs whose speeds were derived from the coordinates, angles are unwrapped alone; no row is taken out of
     runs with integrals or events.
     """
-    if len(run) < LEAST_ROWS:
+    if len(run) < SHORTEST_PART:
         return Cleaned(run, (), {})
     findings: list[Finding] = []
     if "u" in run.provenance.derived:
@@ -140,7 +140,7 @@ def _at_the_pace_of_the_slower(
     old = {"coordinates": _repeated(run.q, free.q), "speeds": _repeated(run.u, free.u)}
     for (what, repeated), other in zip(old.items(), reversed(old.values())):
         new = np.append(0, np.flatnonzero(~repeated) + 1)
-        if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < ROUGHLY:
+        if len(new) < SHORTEST_PART or np.mean(repeated & ~other) < ROUGHLY:
             continue
         pace = np.diff(new)
         every = int(np.median(pace))
@@ -165,7 +165,7 @@ def differences(run: Trajectory, one_sided: bool = False) -> Trajectory | None:
     Or where they are differences to the row before or after: so are those of some methods.
     """
     pairs = RateNames.of(run.coordinates, run.speeds).rates
-    if len(pairs) < len(run.speeds) or len(run) < LEAST_ROWS or _whole(run):
+    if len(pairs) < len(run.speeds) or len(run) < SHORTEST_PART or _whole(run):
         return None
     i, j = np.array(pairs).T
     q, u, least = run.q[:, i], run.u[:, j], np.diff(run.t).min()
@@ -208,7 +208,7 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
         u = np.where(derived, 0.0, u)  # splines of coordinates jump with them
         return np.asarray(np.diff(q, axis=0) - 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1]))
 
-    few = max(1, AT_ONCE // len(pairs))
+    few = max(1, COMPARED_AT_ONCE // len(pairs))
     parts = (beyond(slice(k, k + few + 1)) for k in range(0, len(run), few))
     if not any(np.abs(part).max(initial=0.0) > 0.5 * turn for part in parts):
         return run, []

@@ -9,7 +9,7 @@ import numpy as np
 from deltac.arrays import ROUGHLY, SAME, SMALL_SHARE, TINY
 from deltac.diagnosis.inputs.omissions import impacts_not_held
 from deltac.diagnosis.study.convergence import (
-    FEWEST,
+    FEWEST_TIMES,
     Convergence,
     order_of,
     order_text,
@@ -36,7 +36,7 @@ def of_comparison(
             ", ".join(f"{knob} {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
             "End all runs at the same time",
         )
-    if len(compared.t) < FEWEST:
+    if len(compared.t) < FEWEST_TIMES:
         yield Finding(
             "few-common-times",
             f"the runs have only {len(compared.t)} times in common, so the motions cannot be compared well",
@@ -118,7 +118,7 @@ def of_constraints(
         ]
         stays = (
             len(together) > 1
-            and compared.within >= FEWEST
+            and compared.within >= FEWEST_TIMES
             and together[-1] > max(1e-6, tolerance * span)
             and order_of(compared.steps[[0, -1]], together[0], together[-1]) < LEAST_ORDER
         )

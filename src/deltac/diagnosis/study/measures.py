@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from deltac.arrays import Array
-from deltac.diagnosis.study.convergence import FEWEST, Convergence, order_of
+from deltac.diagnosis.study.convergence import FEWEST_TIMES, Convergence, order_of
 from deltac.diagnosis.study.runs import BalancedRun
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.energy import Ledger
@@ -148,7 +148,7 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
     from deltac.diagnosis.residuals.at_samples import run_residual
 
     parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
-    if min(len(part) for _, part in parts) < FEWEST:
+    if min(len(part) for _, part in parts) < FEWEST_TIMES:
         return math.nan
     (h0, coarse), (h1, fine) = ((h, run_residual(kane, part).largest) for h, part in parts)
     if not (coarse > 0.0 and fine > 0.0):

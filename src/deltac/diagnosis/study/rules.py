@@ -8,7 +8,7 @@ from deltac.diagnosis.study.convergence import CLEAR, order_text
 from deltac.diagnosis.study.measures import StudyMeasures
 from deltac.diagnosis.verdict import Confidence, Kind, Verdict, percent
 
-LIMITS: tuple[str, ...] = (
+STUDY_LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
     "a wrong force that does no work, where the runs have no accelerations",
     "the inaccuracy of an energy-conserving method; see the order of the state",
@@ -132,7 +132,7 @@ def _limits(m: StudyMeasures) -> tuple[str, ...]:
             "the inaccuracy of this motion, because this method conserves energy by construction: the "
             f"finest two {m.knob}s differ by {m.state.sizes[-1]:.1g} of the range of the motion{order}"
         )
-    return (*LIMITS, *more)
+    return (*STUDY_LIMITS, *more)
 
 
 # --- words ----------------------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from deltac.simulation.step_size.energy_error import ACCURATE
 PASSES = 2
 """Newton's steps towards ΔC = 0: what a step of order p leaves, h^(p+1), is left in fourth power."""
 
-MOST = ROUGHLY
+LARGEST_PASS = ROUGHLY
 """A pass changes speeds by this share of themselves at most; near rest, by what the forces do in h."""
 
 
@@ -81,7 +81,7 @@ def _moved(flow: Flow, h: SX) -> SX:
     least_q, least_u = _least(flow, along_q), _least(flow, along_u)
     slope = ca.dot(along_u, least_u) + h**2 * ca.dot(along_q, least_q)
     # Where nothing moves and nothing pulls there is no way to go: slope and way are both zero.
-    share = ca.fmin(ca.fmax(-imbalance / ca.fmax(slope, TINY), -MOST), MOST)
+    share = ca.fmin(ca.fmax(-imbalance / ca.fmax(slope, TINY), -LARGEST_PASS), LARGEST_PASS)
     moved = flow.normalised(
         ca.vertcat(q + ca.mtimes(W, h**2 * share * least_q), u + share * least_u, z)
     )

@@ -116,7 +116,7 @@ class SingularMotion:
         return qdot.ravel(), udot, independent @ bounded, turning.T @ (dependent @ growing)
 
 
-SHORTEST = 2.0**-10
+SHORTEST_SHARE = 2.0**-10
 """Share of a step beyond which a careful one is not shortened: across a singular position none is exact."""
 
 
@@ -130,7 +130,7 @@ class CarefulStep:
 
     def length(self, t: float, x: Array, h: float) -> float:
         """The length, up to h, of a step that two halves agree with to the tolerance, relative to q and u."""
-        shortest = SHORTEST * h
+        shortest = SHORTEST_SHARE * h
         while h > shortest:
             whole, halves = self(t, x, h), self(t + h / 2, self(t, x, h / 2), h / 2)
             if all(

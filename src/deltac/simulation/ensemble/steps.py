@@ -22,7 +22,7 @@ from deltac.errors import SolverError
 from deltac.kernels import Kernel
 from deltac.kernels.simd import AVX512_WIDTH, INSTRUCTIONS_CACHED
 from deltac.simulation.constraints.singular import CarefulStep
-from deltac.simulation.flow import LOST, Flow
+from deltac.simulation.flow import OFF_CONSTRAINTS, Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.explicit import FUSED_INSTRUCTIONS, FixedMethod
 from deltac.simulation.stepping.interpreted import settle_kernel
@@ -250,7 +250,7 @@ def _step(flow: Flow, solver: Solver, along: tuple[int, ...]) -> Any:
 def _assembly(flow: Flow) -> Any:
     """(t, x, p) -> whether a state is on the constraints."""
     violation = ca.mmax(ca.fabs(ca.densify(ca.vertcat(flow.departures[1], 0))))
-    return ca.Function("assembly", [flow.t, flow.x, flow.p], [violation <= LOST])
+    return ca.Function("assembly", [flow.t, flow.x, flow.p], [violation <= OFF_CONSTRAINTS])
 
 
 @derived

@@ -10,7 +10,8 @@ import numpy as np
 
 from deltac.arrays import EPS, PHYSICAL, ROUGHLY, Array
 from deltac.errors import warn_user
-from deltac.simulation.flow import CORRECTIONS, ENERGY_CORRECTION, Flow
+from deltac.mechanism.channels import BOOKED
+from deltac.simulation.flow import Flow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.step_size.stiffness import fastest_rate, longest_step
 from deltac.simulation.stepping.protocol import Motion
@@ -18,9 +19,6 @@ from deltac.trajectories import Provenance
 
 ACCURATE = 1e-3
 """The energy error that a recommended step aims at."""
-
-BOOKED = (*CORRECTIONS, ENERGY_CORRECTION)
-"""Integrals of what corrections did to the energy: what they undid was the step's error."""
 
 
 class EnergyErrorWarning(UserWarning):

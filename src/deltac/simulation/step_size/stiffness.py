@@ -29,7 +29,7 @@ TOLERATED = 1.01
 DOUBLED = 2.0
 """Growth per step beyond which a run follows nothing; the ledger tells of smaller growth."""
 
-SMALL = 12
+CHEAP_SIZE = 12
 """Coordinates and speeds up to which eigenvalues are cheap enough to be looked at for every run."""
 
 
@@ -95,7 +95,7 @@ def explained(flow: Flow, solver: Solver, h: float, p: Array, x0: Array, motion:
         return motion
     if not motion.message:
         motion = _within_measure(motion, x0, flow.q_size + flow.u_size)
-    small = flow.q_size + flow.u_size <= SMALL
+    small = flow.q_size + flow.u_size <= CHEAP_SIZE
     if not flow.traced or not (motion.message or small):
         return motion
     t, rate = float(motion.t[0]), fastest_rate(flow, float(motion.t[0]), x0, p)

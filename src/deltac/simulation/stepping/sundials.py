@@ -21,7 +21,7 @@ from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.implicit.form import ImplicitForm, StagePoint
 from deltac.simulation.stepping.protocol import CHUNK, Block, Step, StepFailed, StepGrid, Stepper
 
-FEW = CHUNK // 8
+NEAR_EVENT = CHUNK // 8
 """Samples of one call near an event."""
 
 
@@ -66,7 +66,7 @@ class SundialsSteps(Stepper):
         # Each number of parts needs an integrator of its own: there are four at most.
         count = -(-rest // -(-rest // CHUNK))
         if count > most:
-            count = CHUNK if most >= CHUNK else min(FEW, count)
+            count = CHUNK if most >= CHUNK else min(NEAR_EVENT, count)
         try:
             values = self._integrate(x, grid.time(k), count * grid.step, count, self._p)
         except RuntimeError:

@@ -153,7 +153,7 @@ def test_a_type_error_inside_stays_one() -> None:
 
 def test_a_study_of_tolerances_speaks_of_tolerances() -> None:
     found = dc.study(M, S, 1.0, solver=dc.solvers.Scipy("RK45", tolerance=1e-5))
-    assert found.measures.knob == "tolerance"
+    assert found.knob == "tolerance"
     assert "steps" not in str(found)
 
 

@@ -47,7 +47,7 @@ from deltac.diagnosis.residuals.states import States as States
 from deltac.diagnosis.residuals.states import random_states as random_states
 from deltac.diagnosis.study.convergence import Convergence as Convergence
 from deltac.diagnosis.study.convergence import observed_order as observed_order
-from deltac.diagnosis.study.study import Study as Study
+from deltac.diagnosis.study.result import Study as Study
 from deltac.diagnosis.study.study import study as study
 from deltac.diagnosis.verdict import Finding as Finding
 from deltac.diagnosis.verdict import Verdict as Verdict

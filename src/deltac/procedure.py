@@ -19,8 +19,9 @@ from deltac.diagnosis.check.check import EquationCheck, check_equations
 from deltac.diagnosis.inputs.logs import LogLike
 from deltac.diagnosis.recommend.recommend import recommend
 from deltac.diagnosis.recommend.result import Recommendation
+from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.simulators import SimulationOptions, handed_on
-from deltac.diagnosis.study.study import Study, study
+from deltac.diagnosis.study.study import study
 from deltac.diagnosis.verdict import REFINED_TOLERANCE
 from deltac.errors import ArgumentsError
 from deltac.models import Model, ModelLike, StateLike, load_model

@@ -348,7 +348,7 @@ def _study(piece: RunPiece) -> dict[str, Any]:
         record=TESTING,
     )
     order = result.observed_order["state"].order if "state" in result.observed_order else None
-    error = float(result.measures.left[-1])
+    error = float(result.errors[-1])
     return {
         "verdict": [result.verdict.kind],
         "confidence": [result.verdict.confidence],

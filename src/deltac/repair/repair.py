@@ -19,7 +19,7 @@ from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import TIME_LIMIT
-from deltac.diagnosis import Caller, States, blame, blame_at
+from deltac.diagnosis import Caller, States, blame
 from deltac.errors import InputError
 from deltac.mechanism import CoordinateMap
 from deltac.models import ModelLike, load_model
@@ -185,9 +185,7 @@ def _as_run(source: Source, function: Callable[..., Any], target: Target) -> Non
     samples = target.samples()
     some = samples.at(np.arange(min(AS_RUN, len(samples.t))))
     states = target.test().states.take(np.arange(len(some.t)))
-    caller = Caller(
-        function, source.qualified, target.test().kane, False, form=source.form or PLAIN_FORM
-    )
+    caller = Caller(function, source.qualified, target.test().kane, form=source.form or PLAIN_FORM)
     traced, called = reading(source, some).run(), _called(caller, states)
     rows = min(len(traced), len(called))
     close = AS_RUN_TO * np.abs(called[: len(traced)]).max(initial=1e-300)
@@ -223,7 +221,7 @@ def _by_running(
     terms: tuple[str, ...] = ()
     if len(wrong) and not right:
         limit = np.full(len(test.speeds), RIGHT)
-        terms = blamed_terms(blame(caller, test, result[: len(test.speeds)], limit))
+        terms = blamed_terms(blame(test, result[: len(test.speeds)], limit, caller))
     names = (*samples.speeds, *(f"q̇ of {name}" for name in test.kane.user_names))
     file, _, function = text.rpartition(":")
     return Repair(
@@ -343,7 +341,7 @@ def _report(
     terms: tuple[str, ...] = ()
     nominal = program.run()[: len(test.speeds), program.samples.group == 0]
     if not fixes and nominal.shape == test.acceleration.shape and np.isfinite(nominal).all():
-        terms = blamed_terms(blame_at(test, nominal, np.full(len(test.speeds), RIGHT)))
+        terms = blamed_terms(blame(test, nominal, np.full(len(test.speeds), RIGHT)))
     return Repair(
         file=source.name,
         function=source.qualified,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -78,35 +79,49 @@ def simplest_failure(
     if excess.max() <= 1.0:
         return None
     # A simple state must show at least half of the worst failure's orders of magnitude, to convince.
-    probe = _Probe(caller, test, typical, limit * float(np.sqrt(excess.max())))
-    start = test.states.take([int(np.argmax(excess))])
-    return probe.example(_simplified(test, probe, start))
+    shown = limit * float(np.sqrt(excess.max()))
+
+    def at(state: States) -> tuple[EquationTest, Array, Array]:
+        """The equations at a state, the accelerations given there, and what they miss, relative (n,)."""
+        there, given = EquationTest(test.kane, state, strict=False), caller(state)
+        return there, given[:, 0], _missed(there, given)[:, 0] / typical
+
+    def fails(state: States) -> bool:
+        """Whether the state is admissible and an equation misses there by more than is to be shown."""
+        with np.errstate(all="ignore"), suppress(InputError):
+            if admissible(test.kane, state)[0]:
+                missed = at(state)[2]
+                return bool(np.isfinite(missed).all() and (missed > shown).any())
+        return False
+
+    state = test.states.take([int(np.argmax(excess))])
+    moves = _moves(test)
+    plain = [(name, k, PLAIN) for name, k, zero in moves if name != "t" and np.ndim(zero) == 0]
+    for name, k, values in [(name, k, (zero,)) for name, k, zero in moves] + plain:
+        if values is PLAIN and getattr(state, name)[k, 0] == 0.0:
+            continue
+        for value in values:
+            array = getattr(state, name).copy()
+            array[k] = value
+            trial = _onto_constraints(test, replace(state, **{name: array}))
+            gain = _zeros(trial) - _zeros(state)
+            if (gain > 0 or (gain == 0 and values is PLAIN)) and fails(trial):
+                state = trial
+                break
+    there, given, missed = at(state)
+    worst = int(np.argmax(missed / shown))
+    return Example(
+        state=state.describe(0),
+        given=dict(zip(test.speeds, map(float, given))),
+        right=dict(zip(test.speeds, map(float, there.acceleration[:, 0]))),
+        speed=test.speeds[worst],
+        relative=float(missed[worst]),
+    )
 
 
 def _missed(test: EquationTest, udot: Array) -> Array:
     """Inertia forces of the error of accelerations (n, B): the residual, and what violates constraints."""
     return np.abs(times(test.M, udot - test.acceleration))
-
-
-def _simplified(test: EquationTest, probe: _Probe, state: States) -> States:
-    """The state with zeros, and plain numbers, wherever it still fails."""
-
-    def tried(state: States, name: str, k: Any, value: Any, plain: bool = False) -> States | None:
-        array = getattr(state, name).copy()
-        array[k] = value
-        trial = _onto_constraints(test, replace(state, **{name: array}))
-        gained = _zeros(trial) - _zeros(state)
-        simpler = gained >= 0 if plain else gained > 0
-        return trial if simpler and probe.fails(trial) else None
-
-    for name, k, value in _moves(test):
-        state = tried(state, name, k, value) or state
-    for name, k in _single(test):
-        if getattr(state, name)[k, 0] == 0.0:
-            continue
-        trials = (tried(state, name, k, value, plain=True) for value in PLAIN)
-        state = next((trial for trial in trials if trial is not None), state)
-    return state
 
 
 def _zeros(state: States) -> int:
@@ -129,56 +144,15 @@ def _without_rounding(x: Array) -> Array:
 
 def _moves(test: EquationTest) -> list[tuple[str, Any, Any]]:
     """What is set to zero, one after the other; a quaternion as a whole, to the identity."""
-    zeros = [(name, k, 0.0) for name, k in _single(test)]
+    speeds = [("u", k, 0.0) for k in range(len(test.states.u))]
     if test.kane.assembled:  # a coordinate alone would leave the constraints, and so would the time
-        return [move for move in zeros if move[0] == "u"]
-    identity = np.eye(4)[:, :1]
-    turned = [("q", place, identity) for place in orientations(test).values()]
-    return [("t", slice(None), 0.0), *zeros, *turned]
-
-
-def _single(test: EquationTest) -> list[tuple[str, int]]:
-    """Speeds, then coordinates, that may be changed one by one: those of no quaternion."""
-    whole = {k for place in orientations(test).values() for k in range(place.start, place.stop)}
-    places = [("u", k) for k in range(len(test.states.u))]
-    return places + [("q", k) for k in range(len(test.states.q)) if k not in whole]
-
-
-@dataclass(frozen=True, eq=False)
-class _Probe:
-    """One state at a time, judged by the typical terms of many."""
-
-    caller: Caller
-    test: EquationTest
-    typical: Array
-    limit: Array
-
-    def fails(self, state: States) -> bool:
-        """Whether the state is admissible and an equation misses there by more than the limit."""
-        try:
-            accelerations, test = self._at(state)
-        except InputError:
-            return False
-        with np.errstate(all="ignore"):
-            if not admissible(self.test.kane, state)[0]:
-                return False
-            missed = _missed(test, accelerations)[:, 0]
-        return bool(np.isfinite(missed).all() and (missed > self.limit * self.typical).any())
-
-    def example(self, state: States) -> Example:
-        """The state in words."""
-        accelerations, test = self._at(state)
-        missed = _missed(test, accelerations)[:, 0] / self.typical
-        worst = int(np.argmax(missed / self.limit))
-        names = self.test.speeds
-        return Example(
-            state=state.describe(0),
-            given=dict(zip(names, map(float, accelerations[:, 0]))),
-            right=dict(zip(names, map(float, test.acceleration[:, 0]))),
-            speed=names[worst],
-            relative=float(missed[worst]),
-        )
-
-    def _at(self, state: States) -> tuple[Array, EquationTest]:
-        test = EquationTest(self.test.kane, state, strict=False)
-        return self.caller(state), test
+        return speeds
+    turned = orientations(test).values()
+    whole = {k for place in turned for k in range(place.start, place.stop)}
+    single = [("q", k, 0.0) for k in range(len(test.states.q)) if k not in whole]
+    return [
+        ("t", slice(None), 0.0),
+        *speeds,
+        *single,
+        *(("q", place, np.eye(4)[:, :1]) for place in turned),
+    ]

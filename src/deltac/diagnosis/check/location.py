@@ -108,41 +108,30 @@ def _listed(degrees: tuple[int, ...]) -> str:
 
 
 def blame(
-    caller: Caller, test: EquationTest, udot: Array, limit: Array, progress: Progress = untold
+    test: EquationTest,
+    udot: Array,
+    limit: Array,
+    caller: Caller | None = None,
+    progress: Progress = untold,
 ) -> tuple[Blame, ...]:
-    """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first."""
+    """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first.
+
+    `caller` gives accelerations at further states; without it what a residual varies with is not known.
+    """
     good: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
-    failing = _failing(test, udot, limit, good)
-    if not failing:
-        return ()
-    typical = test.typical(udot)
-    base = _bases(test, test.residual(udot)[:, good] / typical[:, None], good)
-    degrees = _degrees(caller, test, base, typical, limit)
-    tied = bool(test.kane.rows.names) and bool(len(test.gamma))
-    depends = None if tied else _dependence(caller, test, base, typical, limit)
-    blamed = [
-        replace(
-            b,
-            degrees=degrees[b.number - 1],
-            depends_on=None if depends is None else depends[b.number - 1],
-        )
-        for b in failing
-    ]
-    return tuple(blamed) if tied else _explained(caller, test, blamed, limit, progress)
-
-
-def blame_at(test: EquationTest, udot: Array, limit: Array) -> tuple[Blame, ...]:
-    """`blame` of accelerations that are known at the test's own states only: what they vary with is not."""
-    failing = _failing(test, udot, limit, np.ones(len(test.states), dtype=np.bool_))
-    if len(test.gamma):
-        return tuple(failing)
-    residual = test.residual(udot)
-    explained = []
-    for b in failing:
-        own = residual[b.number - 1]
-        terms = explain_row(test, own, udot, b.number - 1) or explain_plainly(test, own, udot, None)
-        explained.append(replace(b, terms=terms))
-    return tuple(explained)
+    blamed = _failing(test, udot, limit, good)
+    tied = bool(len(test.gamma))
+    if blamed and caller is not None:
+        typical = test.typical(udot)
+        base = _bases(test, test.residual(udot)[:, good] / typical[:, None], good)
+        degrees = _degrees(caller, test, base, typical, limit)
+        blamed = [replace(b, degrees=degrees[b.number - 1]) for b in blamed]
+        if not tied:
+            depends = _dependence(caller, test, base, typical, limit)
+            blamed = [replace(b, depends_on=depends[b.number - 1]) for b in blamed]
+    if tied or not good.all():
+        return tuple(blamed)
+    return _explained(test, udot, blamed, limit, progress)
 
 
 def _failing(test: EquationTest, udot: Array, limit: Array, good: NDArray[np.bool_]) -> list[Blame]:
@@ -168,16 +157,13 @@ def _failing(test: EquationTest, udot: Array, limit: Array, good: NDArray[np.boo
 
 
 def _explained(
-    caller: Caller, test: EquationTest, blamed: list[Blame], limit: Array, progress: Progress
+    test: EquationTest, udot: Array, blamed: list[Blame], limit: Array, progress: Progress
 ) -> tuple[Blame, ...]:
     """The same with what each error consists of.
 
     The model's own terms in the rows of M u̇ = f first; where some rows have no such sum, the errors of the
     accelerations; else plain functions.
     """
-    udot = caller(test.states)
-    if not np.isfinite(udot).all():
-        return tuple(blamed)
     residual = test.residual(udot)
     rows = {b.speed: b.number - 1 for b in blamed}
     parts = Parts(progress, {"own": 0.5, "plain": 0.5})

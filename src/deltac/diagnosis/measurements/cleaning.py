@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SIX_DIGITS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
-    COMPARED_AT_ONCE,
     LEAST_RATIO,
     SHORTEST_PART,
     Comparison,
@@ -46,7 +45,6 @@ class Cleaned:
 
     run: Trajectory
     findings: tuple[Finding, ...]
-    comparisons: dict[str, Comparison]
 
 
 def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
@@ -56,17 +54,17 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     runs with integrals or events.
     """
     if len(run) < SHORTEST_PART:
-        return Cleaned(run, (), {})
+        return Cleaned(run, ())
     findings: list[Finding] = []
     if "u" in run.provenance.derived:
         run, findings = _unwrapped(mechanism, run)
-        return Cleaned(run, tuple(findings), {})
+        return Cleaned(run, tuple(findings))
     for step in (_without_copies, _at_the_pace_of_the_slower, _unwrapped):
         run, more = step(mechanism, run)
         findings += more
     of_coordinates = differences(run)
     if of_coordinates is not None:
-        return Cleaned(of_coordinates, tuple(findings), {})
+        return Cleaned(of_coordinates, tuple(findings))
     comparisons = coordinates_against_speeds(mechanism, run)
     run, more = _without_spikes(run, comparisons)
     if more:
@@ -79,7 +77,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
             findings.append(_jitter(run, even))
             run, comparisons = even, other
     findings += [*_jumps(run, comparisons), *_wrong_rates(run, comparisons)]
-    return Cleaned(run, tuple(findings), comparisons)
+    return Cleaned(run, tuple(findings))
 
 
 # --- what is undone --------------------------------------------------------------------------------------
@@ -202,17 +200,11 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
     places, rates = (list(of) for of in zip(*pairs))
     derived = [run.speeds[j] in run.provenance.derived.get("u", {}) for j in rates]
 
-    def beyond(rows: slice) -> Array:
-        """What coordinates change by from each row to the next beyond what their speeds say."""
-        t, q, u = run.t[rows], run.q[rows][:, places], run.u[rows][:, rates]
-        u = np.where(derived, 0.0, u)  # splines of coordinates jump with them
-        return np.asarray(np.diff(q, axis=0) - 0.5 * np.diff(t)[:, None] * (u[1:] + u[:-1]))
-
-    few = max(1, COMPARED_AT_ONCE // len(pairs))
-    parts = (beyond(slice(k, k + few + 1)) for k in range(0, len(run), few))
-    if not any(np.abs(part).max(initial=0.0) > 0.5 * turn for part in parts):
+    # What coordinates change by beyond what their speeds say; splines of coordinates jump with them.
+    u = np.where(derived, 0.0, run.u[:, rates])
+    excess = np.diff(run.q[:, places], axis=0) - 0.5 * np.diff(run.t)[:, None] * (u[1:] + u[:-1])
+    if np.abs(excess).max(initial=0.0) <= 0.5 * turn:
         return run, []
-    excess = beyond(slice(None))
     q, findings = np.array(run.q), list[Finding]()
     turns = np.round(excess / turn)
     jumping = (turns != 0.0) & (np.abs(excess - turns * turn) < 0.5)

@@ -52,10 +52,6 @@ FAR_DEFECT = 30.0
 """A defect beyond this multiple of its error bar and of the others' scatter is no quadrature error."""
 
 
-ARRAYS = ("defect", "bar", "increments", "integrals", "outliers")
-"""What a comparison tells of each interval, beside the row at its start."""
-
-
 @dataclass(frozen=True, eq=False)
 class Comparison:
     """A column against its rate.
@@ -72,7 +68,7 @@ class Comparison:
         alike: correlation of the change and ∫x' dt, without sign; 0 where one is none.
         significant: whether the defects are beyond their error bars.
         outliers: intervals whose defect stands out of its bar and of the scatter of all others (I,).
-        steady: whether r is the same all along the log, where r is not one.
+        scaled: whether the rate is off by a factor, the same all along the log.
         instant: whether θ is told: the rate changes from row to row by more than its noise.
         unsteady: the movement that neither bars nor the quadrature of any scheme explain, as a share of it
             (root mean square): time stamps that scatter, rows that were interpolated, filtered speeds.
@@ -90,25 +86,9 @@ class Comparison:
     alike: float
     significant: bool
     outliers: Mask
-    steady: bool
+    scaled: bool
     instant: bool
     unsteady: float
-
-    def between(self, t: Array, times: Array) -> Comparison:
-        """The same of the intervals among the rows at the times `times`, of those at t (T,)."""
-        start = t[self.start]
-        inside = (start >= times[0]) & (start < times[-1])
-        arrays = {n: getattr(self, n)[inside] for n in ARRAYS}
-        return replace(self, start=np.searchsorted(times, start[inside]), **arrays)
-
-    @property
-    def scaled(self) -> bool:
-        """Whether the rate is off by a factor."""
-        return self.steady and abs(self.ratio - 1.0) > max(self.ratio_error, LEAST_RATIO)
-
-
-COMPARED_AT_ONCE = 1 << 17
-"""Numbers of several columns that are compared at once: they stay in the processor's cache."""
 
 
 def compare(
@@ -125,22 +105,6 @@ def compare(
     `bar` is what digits and noise of x and x' make of a change (T − 1, n). `projected` tells whether states
     may have been put back onto constraints after each step. None where nothing moves.
     """
-    size = max(1, COMPARED_AT_ONCE // max(1, len(t)))
-    comparisons: list[Comparison | None] = []
-    for first in range(0, moved.shape[1], size):
-        some = slice(first, first + size)
-        comparisons += _compared(t, moved[:, some], rate[:, some], bar[:, some], edges, projected)
-    return comparisons
-
-
-def _compared(
-    t: Array,
-    moved: Array,
-    rate: Array,
-    bar: Array,
-    edges: Sequence[tuple[int, int]],
-    projected: bool,
-) -> list[Comparison | None]:
     # A scheme, or a delay, is late by a time that is the same where rows are lost.
     typical = float(np.median(np.diff(t)))
     straight = []

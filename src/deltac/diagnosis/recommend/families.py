@@ -12,7 +12,7 @@ import numpy as np
 from deltac.arrays import LONG_LOG
 from deltac.diagnosis.recommend.work_precision import Deadline, Family, MotionRows, VerifiedSpan
 from deltac.diagnosis.study.simulators import MUJOCO, SAMPLES, SimulationOptions
-from deltac.errors import ArgumentsError, InputError, SolverError, UnknownName, WrongType, closest
+from deltac.errors import ArgumentsError, InputError, SolverError, WrongType
 from deltac.importers.files import with_base
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
@@ -225,12 +225,8 @@ def _mujoco(
     controller: Control | None,
     deadline: Deadline,
 ) -> Family:
-    from deltac.recorders.mujoco_recorder import MUJOCO_ORDERS, integrator_names, mujoco_simulator
+    from deltac.recorders.mujoco_recorder import integrator_names, mujoco_simulator
 
-    if integrator.lower() not in MUJOCO_ORDERS:
-        raise UnknownName(
-            f"recommend: unknown MuJoCo integrator {integrator!r}{closest(integrator.lower(), MUJOCO_ORDERS)}"
-        )
     recorded = mujoco_simulator(
         source, duration, integrator=integrator, controller=controller, state=state
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -15,17 +15,16 @@ from deltac.diagnosis.study.convergence import (
     order_text,
 )
 from deltac.diagnosis.study.curves import ComparedRuns, by_unit
-from deltac.diagnosis.study.runs import BalancedRun, corrections
+from deltac.diagnosis.study.runs import corrections
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
 
-def of_comparison(
-    compared: ComparedRuns, runs: Sequence[BalancedRun], knob: str = "step"
-) -> Iterator[Finding]:
+def of_comparison(compared: ComparedRuns, knob: str) -> Iterator[Finding]:
     """Few common times; runs of different length; a horizon before the end."""
+    runs = compared.runs
     spans = [(float(r.run.t[0]), float(r.run.t[-1])) for r in runs]
     ends = [end for _, end in spans]
     span = max(end - start for start, end in spans)
@@ -95,14 +94,13 @@ def of_corrections(ledger: Ledger, function: str, allowed: float) -> Iterator[Fi
     )
 
 
-def of_constraints(
-    runs: Sequence[BalancedRun], compared: ComparedRuns, tolerance: float, *, trusted: bool
-) -> Iterator[Finding]:
+def of_constraints(compared: ComparedRuns, tolerance: float, *, trusted: bool) -> Iterator[Finding]:
     """Constraints, driven joints or quaternions that are violated though energy may be kept.
 
     A violation that stays, however small the step, is none of the integrator: the model's constraint is
     another than the motion's. Motions that have parted say nothing of that.
     """
+    runs = compared.runs
     finest = runs[-1]
     for name, values in finest.ledger.violation.items():
         what, _, element = name.partition(" ")

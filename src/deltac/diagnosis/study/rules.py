@@ -1,11 +1,11 @@
-"""From the measures of a study to its verdict: the rules, in the order in which they apply."""
+"""From what a study measured to its verdict: the rules, in the order in which they apply."""
 
 from __future__ import annotations
 
 import math
 
 from deltac.diagnosis.study.convergence import CLEAR, order_text
-from deltac.diagnosis.study.measures import StudyMeasures
+from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.verdict import Confidence, Kind, Verdict, percent
 
 STUDY_LIMITS: tuple[str, ...] = (
@@ -18,8 +18,8 @@ BLOCKING = ("impacts", "few-common-times", "assumed-zero")
 """Findings that explain why ΔC may stay at a value though the equations are right."""
 
 
-def judge_study(m: StudyMeasures) -> Verdict:
-    """The verdict on a study.
+def judge_study(m: Study) -> Verdict:
+    """The verdict on a study that has none yet, with the findings that it has.
 
     What was misread cannot be judged. Wrong equations show at the states of the runs, where no integration
     enters, in constraints, in momenta, or in what ΔC tends to. Of right ones an error is the integrator's.
@@ -33,7 +33,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
     def unresolved(why: str, *more: str) -> Verdict:
         return verdict("unresolved", "high", f"The runs do not decide: {why}.", *more)
 
-    error, bar = m.left[-1], m.bars[-1]
+    error, bar = m.errors[-1], m.bars[-1]
     doubts = dict.fromkeys(f.what for f in m.findings if f.weight == "doubt")
     if doubts:
         return unresolved("; ".join(doubts))
@@ -57,7 +57,7 @@ def judge_study(m: StudyMeasures) -> Verdict:
     return verdict("integration-error", "high" if m.blown_up else "medium", _coarse(m))
 
 
-def _mistake(m: StudyMeasures) -> tuple[Confidence, str] | None:
+def _mistake(m: Study) -> tuple[Confidence, str] | None:
     """What shows that the equations are wrong, and how surely; None for nothing."""
     if m.residuals is not None and m.residuals.stays and max(m.residuals.by_step) > m.tolerance:
         return "high", _wrong_equations(m)
@@ -77,7 +77,7 @@ def _mistake(m: StudyMeasures) -> tuple[Confidence, str] | None:
         and convergence.limit > CLEAR * max(convergence.floors)
     ]
     # While ΔC still falls with the step, what the steps leave of the momenta may look like a limit.
-    falling = m.left[-1] > m.allowed and m.energy.trend == "falls to zero"
+    falling = m.errors[-1] > m.allowed and m.energy.trend == "falls to zero"
     if not momenta or m.blown_up or falling:
         return None
     return "medium", (
@@ -86,13 +86,13 @@ def _mistake(m: StudyMeasures) -> tuple[Confidence, str] | None:
     )
 
 
-def _hiding(m: StudyMeasures) -> tuple[str, ...]:
+def _hiding(m: Study) -> tuple[str, ...]:
     """Why the error may hide a mistake, with advice; empty for equations that are known to be right."""
     limit = f"ΔC tends to {m.energy.limit:.3g} J, "
     if m.energy.trend == "falls to zero":
         if m.equations_right:
             return ()
-        if m.constrained and m.has("order-below-nominal"):
+        if m.mechanism.constraints and m.has("order-below-nominal"):
             return _mended(m), _advice(m)
         unsettled = m.state.trend == "does not settle" and len(m.steps) > 2
         return (_unsettled(m), _advice(m)) if unsettled else ()
@@ -110,17 +110,17 @@ def _hiding(m: StudyMeasures) -> tuple[str, ...]:
     )
 
 
-def _wrong_limit(m: StudyMeasures) -> bool:
+def _wrong_limit(m: Study) -> bool:
     """Whether ΔC tends to a limit that is not zero, and no floor of the data explains it."""
     c = m.energy
     return c.trend == "tends to a limit" and c.limit > max(m.allowed, CLEAR * max(m.bars))
 
 
-def _sure(m: StudyMeasures) -> Confidence:
+def _sure(m: Study) -> Confidence:
     return "high" if m.equations_right and m.resolved else "medium"
 
 
-def _limits(m: StudyMeasures) -> tuple[str, ...]:
+def _limits(m: Study) -> tuple[str, ...]:
     """What this study does not see; more where steps are few, or energy is kept whatever they are."""
     more = []
     if len(m.steps) < 3:
@@ -138,17 +138,17 @@ def _limits(m: StudyMeasures) -> tuple[str, ...]:
 # --- words ----------------------------------------------------------------------------------------
 
 
-def at_step(m: StudyMeasures) -> str:
+def at_step(m: Study) -> str:
     """How the finest step is named: "h = 0.001 s", or "tolerance 1e-08"."""
     return f"h = {m.steps[-1]:g} s" if m.unit else f"tolerance {m.steps[-1]:g}"
 
 
-def _amount(m: StudyMeasures) -> str:
+def _amount(m: Study) -> str:
     energy = m.ledger.reference_energy
-    return f"at {at_step(m)} it is {m.left[-1]:.2g} J of {energy:.3g} J that the system has"
+    return f"at {at_step(m)} it is {m.errors[-1]:.2g} J of {energy:.3g} J that the system has"
 
 
-def _falling(m: StudyMeasures) -> str:
+def _falling(m: Study) -> str:
     order = (
         " without a clear order" if m.energy.order is None else f" at order {order_text(m.energy)}"
     )
@@ -157,13 +157,13 @@ def _falling(m: StudyMeasures) -> str:
     else:
         order += f" up to t = {m.until:.4g} s, where the runs diverge"
         amount = (
-            f"at {at_step(m)} it is {m.energy.sizes[-1]:.2g} J by then, and at most {m.left[-1]:.2g} J of "
+            f"at {at_step(m)} it is {m.energy.sizes[-1]:.2g} J by then, and at most {m.errors[-1]:.2g} J of "
             f"{m.ledger.reference_energy:.3g} J that the system has in the whole run"
         )
     return f"The error is the integrator's; it falls{order}; {amount}.{_unresolved_motion(m)}"
 
 
-def _unresolved_motion(m: StudyMeasures) -> str:
+def _unresolved_motion(m: Study) -> str:
     if m.resolved or len(m.steps) < 3:
         return ""
     return (
@@ -171,7 +171,7 @@ def _unresolved_motion(m: StudyMeasures) -> str:
     )
 
 
-def _hidden(m: StudyMeasures) -> tuple[str, ...]:
+def _hidden(m: Study) -> tuple[str, ...]:
     """What could still hide behind the error of the steps, where the equations were not tested."""
     bound = max(m.energy.limit, m.energy.limit_error)
     if m.equations_right or not math.isfinite(bound):
@@ -179,13 +179,13 @@ def _hidden(m: StudyMeasures) -> tuple[str, ...]:
     return (f"A mistake whose ΔC is less than {bound:.2g} J would not show at these {m.knob}s",)
 
 
-def _small(m: StudyMeasures) -> str:
+def _small(m: Study) -> str:
     if m.energy.trend == "falls to zero" and m.energy.order is not None:
         return f"The energy balance holds. {_falling(m)}"
     return f"The energy balance holds: {_amount(m)}."
 
 
-def _mended(m: StudyMeasures) -> str:
+def _mended(m: Study) -> str:
     assert m.nominal is not None
     return (
         f"ΔC falls with the {m.knob}, yet the motion converges at order {order_text(m.state)} where the "
@@ -194,14 +194,14 @@ def _mended(m: StudyMeasures) -> str:
     )
 
 
-def _unsettled(m: StudyMeasures) -> str:
+def _unsettled(m: Study) -> str:
     return (
         f"ΔC falls with the {m.knob} ({_amount(m)}), but the motion does not converge at these {m.knob}s, "
         "and an error of the equations could hide behind theirs"
     )
 
 
-def _coarse(m: StudyMeasures) -> str:
+def _coarse(m: Study) -> str:
     if len(m.steps) < 3 and not m.blown_up:
         return (
             f"The error is the integrator's, since the equations are right; {_amount(m)}. {_few(m)}: study "
@@ -214,7 +214,7 @@ def _coarse(m: StudyMeasures) -> str:
     )
 
 
-def _wrong_equations(m: StudyMeasures) -> str:
+def _wrong_equations(m: Study) -> str:
     limit = m.energy.limit
     if m.energy.trend == "tends to a limit":
         return (
@@ -227,8 +227,8 @@ def _wrong_equations(m: StudyMeasures) -> str:
     )
 
 
-def _energy(m: StudyMeasures) -> str:
-    sizes = ", ".join(f"{x:.2g}" for x in m.left)
+def _energy(m: Study) -> str:
+    sizes = ", ".join(f"{x:.2g}" for x in m.errors)
     text = (
         f"Largest |ΔC| {sizes} J at {'h' if m.unit else 'tolerance'} = "
         f"{', '.join(f'{h:g}' for h in m.steps)}{' s' if m.unit else ''}; the last is {percent(m.relative)} "
@@ -241,14 +241,14 @@ def _energy(m: StudyMeasures) -> str:
     return text
 
 
-def _few(m: StudyMeasures) -> str:
+def _few(m: Study) -> str:
     """Why fewer than three steps say little."""
     if len(m.steps) == 1:
         return f"One {m.knob} gives no order"
     return f"Two {m.knob}s cannot confirm an order"
 
 
-def _state(m: StudyMeasures) -> str:
+def _state(m: Study) -> str:
     nominal = "" if m.nominal is None else f" (nominal order {m.nominal})"
     if m.state.order is not None:
         return f"The motion converges at order {order_text(m.state)}{nominal}"
@@ -259,7 +259,7 @@ def _state(m: StudyMeasures) -> str:
     return f"The motion does not converge at these {m.knob}s{nominal}"
 
 
-def _equations(m: StudyMeasures) -> str:
+def _equations(m: Study) -> str:
     if m.trusted:
         return "The motion was computed from the model's own equations"
     if m.residuals is None:
@@ -275,12 +275,12 @@ def _equations(m: StudyMeasures) -> str:
     return f"The equations of motion have a residual of up to {worst} of their terms at the samples{how}"
 
 
-def _why(m: StudyMeasures) -> str:
+def _why(m: Study) -> str:
     if len(m.steps) < 3:
         return f"{_few(m)}: what ΔC tends to shows from three on"
     if m.energy.trend == "at its floor":
         return (
-            f"what is left of ΔC, {m.left[-1]:.2g} J, is hardly above the error bar of the work, "
+            f"what is left of ΔC, {m.errors[-1]:.2g} J, is hardly above the error bar of the work, "
             f"{m.bars[-1]:.2g} J"
         )
     if m.energy.trend == "tends to a limit":
@@ -291,7 +291,7 @@ def _why(m: StudyMeasures) -> str:
     return f"ΔC neither falls nor tends to a limit at these {m.knob}s"
 
 
-def _advice(m: StudyMeasures) -> str:
+def _advice(m: Study) -> str:
     accelerations = (
         "" if m.residuals is not None else ", and log the accelerations u̇ of the same instants"
     )

@@ -187,8 +187,8 @@ def _(report: Study, context: Beside) -> Page:
     finest = usable[-1]
     assert finest.ledger is not None and finest.run is not None
     state = report.observed_order["state"]
-    knob = "step" if report.measures.unit else "tolerance"
-    runs = [(named(e, report.measures.unit), e.run) for e in dict.fromkeys((finest, usable[0]))]
+    knob = report.knob
+    runs = [(named(e, report.unit), e.run) for e in dict.fromkeys((finest, usable[0]))]
     order = () if state.order is None else (("observed order of the motion", order_text(state)),)
     nominal = () if report.nominal is None else (("the solver's order", str(report.nominal)),)
     return Page(
@@ -197,7 +197,7 @@ def _(report: Study, context: Beside) -> Page:
         f"{report.solver} at {len(report.runs)} {knob}s.",
         **_verdict(report),
         numbers=(
-            (f"|ΔC| at the finest {knob}", number(report.measures.left[-1], "J", 3)),
+            (f"|ΔC| at the finest {knob}", number(report.errors[-1], "J", 3)),
             *_share(report),
             *order,
             *nominal,

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from deltac.arrays import Array
 from deltac.errors import InputError, UnknownName, closest
-from deltac.kernels.evaluators import Evaluator, Loop, compile_function, compile_loop
+from deltac.kernels.evaluators import Evaluator, NativeLoop, compile_function, compile_loop
 from deltac.kernels.lowering import simplified
 
 SX: TypeAlias = Any  # casadi.SX
@@ -118,7 +118,7 @@ class Kernel:
         return self._for_batches.width if self.n_out else 1
 
     @cached_property
-    def _loop(self) -> Loop:
+    def _loop(self) -> NativeLoop:
         return compile_loop(self._written)
 
     def compile(self, *, single: bool = False) -> Kernel:

@@ -21,7 +21,7 @@ as to interpret it at some 20 000 rows; what is shorter takes milliseconds eithe
 """
 
 
-class Expression:
+class RowExpression:
     """An expression of columns, evaluated at many rows.
 
     It is interpreted by CasADi's machine, or compiled: where it is wanted `often` for a single log and is

@@ -27,7 +27,7 @@ from deltac.mechanism.events import Event
 from deltac.mechanism.mechanism import Mechanism
 from deltac.mechanism.state import State
 from deltac.simulation.equations import Controller, Equations
-from deltac.simulation.flow import Flow, Keeping, Projection
+from deltac.simulation.flow import Keeping, Projection, StateFlow
 from deltac.simulation.solvers import Solver
 from deltac.simulation.stepping.interpreted import StageRate
 from deltac.simulation.stepping.protocol import StepGrid
@@ -107,7 +107,7 @@ def check_correction(keeping: Keeping, solver: Solver, *, watching: bool) -> Non
         )
 
 
-def check_derivatives(flow: Flow, solver: Solver, controller: Controller | None) -> None:
+def check_derivatives(flow: StateFlow, solver: Solver, controller: Controller | None) -> None:
     """InputError where a solver differentiates what can only be called from Python."""
     if flow.traced and controller is None:
         return
@@ -174,7 +174,7 @@ def _contrast(mechanism: Mechanism, M: Array, *, tied: bool) -> str:
 
 
 def check_accelerations(
-    flow: Flow,
+    flow: StateFlow,
     mechanism: Mechanism,
     controller: Controller | None,
     state: State,
@@ -207,7 +207,7 @@ def check_accelerations(
 
 
 def _start_error(
-    flow: Flow,
+    flow: StateFlow,
     mechanism: Mechanism,
     controller: Controller | None,
     state: State,
@@ -246,7 +246,7 @@ def _start_error(
     return error
 
 
-def _at_start(flow: Flow, t: float, p: Array) -> Callable[[Array], Array]:
+def _at_start(flow: StateFlow, t: float, p: Array) -> Callable[[Array], Array]:
     """The accelerations as a function of the state."""
     return lambda x: np.asarray(evaluate_at(flow.rate, t, x, p)[0][flow.parts[1]])
 

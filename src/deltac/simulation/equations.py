@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from deltac.arrays import HALF_DIGITS, Array
 from deltac.calls.arguments import checked
-from deltac.dynamics.constraints import Rows
+from deltac.dynamics.constraints import ConstraintRows
 from deltac.dynamics.coordinates import OwnCoordinates, trace_map
 from deltac.dynamics.equations_of_motion import equations_of
 from deltac.dynamics.spatial import SX
@@ -124,7 +124,7 @@ class StateSymbols:
 
 
 def state_symbols(
-    system: System, coordinates: CoordinateMap | str | None, rows: Rows | None = None
+    system: System, coordinates: CoordinateMap | str | None, rows: ConstraintRows | None = None
 ) -> StateSymbols:
     """The state of a system's equations; InputError for a map that does not fit.
 
@@ -330,7 +330,7 @@ class ByHand:
     key: Hashable
 
 
-def by_hand(system: System, equations: Equations, rows: Rows | None = None) -> ByHand:
+def by_hand(system: System, equations: Equations, rows: ConstraintRows | None = None) -> ByHand:
     """Trace hand-written equations, now; `rows` are the mechanism's independent constraints."""
     key: Hashable = equations  # called anew at every stage: nothing of it is baked in
     equations = explicit(system, equations)

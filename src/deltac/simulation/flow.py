@@ -100,7 +100,7 @@ def keeping(constraints: str | Keeping) -> Keeping:
 
 
 @dataclass(frozen=True, eq=False)
-class Flow(Once):
+class StateFlow(Once):
     """ẋ in symbols, and what is observed of a motion.
 
     Inputs: `t`, the state `x`, values of motors `inputs`, parameters `p`; and `given`, the
@@ -272,7 +272,7 @@ def build_flow(
     constraints: Keeping = USUAL_PROJECTION,
     *,
     works: bool = True,
-) -> Flow:
+) -> StateFlow:
     """Write out ẋ for a mechanism.
 
     `written` are equations by hand in place of the mechanism's own, traced on `trace(mechanism, vary)`;
@@ -350,7 +350,7 @@ def build_flow(
         if own is not None:
             outputs = _substituted(outputs, [system.q, system.u], [own.q, own.u])
     x = ca.vertcat(q, u, ca.SX.sym("z", len(working) + len(integrals)))
-    return Flow(
+    return StateFlow(
         system=system,
         testing=names,
         works=tuple(working),

@@ -129,7 +129,7 @@ BETWEEN_ROWS = ("smooth", "start")
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
+class _FilteredRows:
     """Rows of a log that went through a filter, perhaps by equations with causes of these columns in them."""
 
     model: Model
@@ -238,7 +238,7 @@ class _Rows:
                     yield float(np.sqrt(np.median(each))), step
 
 
-def _likely(rows: _Rows) -> list[_Fit]:
+def _likely(rows: _FilteredRows) -> list[_Fit]:
     """Filters by which prediction errors are a small share of those of a log, the likeliest first."""
     settled = list[_Fit]()
     for trapezoid, forces in product((True, False), (False, True)):
@@ -274,10 +274,10 @@ def unfiltered(
     part = run.take(slice(0, LEAST_ROWS))
     part = part if LoggedForces.of(part).places == acting else run
     with np.errstate(all="ignore"), compiled_rows(), suppress(FlowError, np.linalg.LinAlgError):
-        if _Rows(model, part, ()).whole < SIX_DIGITS:  # most rows follow from each other
+        if _FilteredRows(model, part, ()).whole < SIX_DIGITS:  # most rows follow from each other
             return None
-        for fit in _likely(_Rows(model, part, kernels)):
-            own = _Rows(model, run, kernels).settled(fit).filter
+        for fit in _likely(_FilteredRows(model, part, kernels)):
+            own = _FilteredRows(model, run, kernels).settled(fit).filter
             return own.before(run), _told(own, float(h.mean()), fit.left)
     return None
 

@@ -31,7 +31,7 @@ from deltac.trajectories.formats.recognition import arrays_named
 if TYPE_CHECKING:
     from mujoco import MjModel
 
-    from deltac.diagnosis.audit.audit import Reference
+    from deltac.diagnosis.audit.audit import AuditReference
 
 CONTROLS = ("ctrl", "control", "controls", "action", "actions", "act", "u", "a")
 ACTIVATIONS = ("act", "activation", "activations")
@@ -57,7 +57,7 @@ class Attempt:
 
 def replayed(
     model: ModelLike,
-    reference: Reference,
+    reference: AuditReference,
     log: LogLike,
     mapping: MappingLike,
     *,

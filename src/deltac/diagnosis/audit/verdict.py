@@ -30,7 +30,7 @@ from deltac.diagnosis.inference.result import (
     Inference,
     Share,
 )
-from deltac.diagnosis.verdict import Confidence, Finding, Kind, Verdict, percent
+from deltac.diagnosis.verdict import Confidence, Finding, Verdict, VerdictKind, percent
 from deltac.energy import Ledger
 from deltac.results import HEADINGS, SHOWN
 from deltac.trajectories import Trajectory
@@ -281,7 +281,7 @@ class Judgement:
         return float(self.inference.unexplained > self.allowed)
 
     @cached_property
-    def odds(self) -> dict[Kind, float]:
+    def odds(self) -> dict[VerdictKind, float]:
         """Probabilities of the four verdicts; they add up to one."""
         return self._odds(self.integrator)
 
@@ -294,7 +294,7 @@ class Judgement:
         far = float(self._beyond(joules, error, ROUND))
         return self._odds(far)["consistent"] >= PROBABLE["medium"]
 
-    def _odds(self, integrator: float) -> dict[Kind, float]:
+    def _odds(self, integrator: float) -> dict[VerdictKind, float]:
         """Probabilities of the verdicts, by that of too many joules of the integrator."""
         if self.still or self.doubts:
             return {
@@ -417,7 +417,7 @@ class Judgement:
     # --- the verdict ---
 
     @cached_property
-    def kind(self) -> Kind:
+    def kind(self) -> VerdictKind:
         """The verdict."""
         kind = max(self.odds, key=lambda k: self.odds[k])
         kind = "consistent" if self.near_tolerance else kind
@@ -562,7 +562,7 @@ def _departing_equations(e: Judgement) -> Finding | None:
     )
 
 
-def _missing_contact(e: Judgement, inference: Inference, kind: Kind) -> Finding:
+def _missing_contact(e: Judgement, inference: Inference, kind: VerdictKind) -> Finding:
     active, n = inference.intermittent[1], inference.model.n
     size = np.abs(inference.residual[:, n:] / inference.log.intervals.h)
     k = int(np.argmax(size[active].max(axis=0)))

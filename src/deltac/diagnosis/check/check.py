@@ -33,7 +33,7 @@ from deltac.diagnosis.residuals.states import (
     some_rows,
     states_along,
 )
-from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
+from deltac.diagnosis.verdict import Confidence, Finding, Judged, Verdict, VerdictKind
 from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, load_model
@@ -47,7 +47,7 @@ CHECK_LIMITS = (
     "a parameter that is wrong in both the model and the equations",
 )
 
-CHECK_MEANINGS: dict[Kind, str] = {
+CHECK_MEANINGS: dict[VerdictKind, str] = {
     "consistent": "The equations are the model's.",
     "equation-error": "The equations are not the model's.",
     "unresolved": "The function is too rough, or too often undefined, to decide.",
@@ -346,7 +346,7 @@ def _judged(
     most = float(limit.max(initial=tolerance))
     missed = max(rates.values(), default=0.0)
     excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
-    kind: Kind = "consistent"
+    kind: VerdictKind = "consistent"
     confidence: Confidence = "high" if most <= tolerance else "medium"
     if excess > 1.0:
         kind, confidence = "equation-error", "high" if excess > 100.0 else "medium"

@@ -21,7 +21,7 @@ from deltac.arrays import EPS, Array
 from deltac.diagnosis.causes.columns import ColumnKernels
 from deltac.diagnosis.inference.model import Model, Rows
 from deltac.diagnosis.residuals.states import WELL_CONDITIONED
-from deltac.kernels.rows import Expression
+from deltac.kernels.rows import RowExpression
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 
@@ -57,9 +57,9 @@ class Reduced(Model):
         self._near = CubicSpline(run.t, run.q[:, model.of_q[self.others_q]], axis=0)
         bound, s = model.symbols.constrained, model.symbols.system
         assert bound is not None
-        self._constraints: Expression = model.symbols.once(
+        self._constraints: RowExpression = model.symbols.once(
             "constraints in place",
-            lambda: Expression("phi", {"t": s.t, "q": s.q}, bound.rows.phi, bound.rows.b),
+            lambda: RowExpression("phi", {"t": s.t, "q": s.q}, bound.rows.phi, bound.rows.b),
         )
 
     def _complete(self, t: Array, q: Array, u: Array | None = None) -> tuple[Array, Array]:

@@ -53,7 +53,7 @@ FAR_DEFECT = 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ColumnComparison:
     """A column against its rate.
 
     Attributes:
@@ -99,7 +99,7 @@ def compare(
     edges: Sequence[tuple[int, int]],
     *,
     projected: bool = False,
-) -> list[Comparison | None]:
+) -> list[ColumnComparison | None]:
     """Compare changes (T − 1, n) over all intervals with rates (T, n), between gaps (`edges`), by columns.
 
     `bar` is what digits and noise of x and x' make of a change (T − 1, n). `projected` tells whether states
@@ -129,7 +129,7 @@ def compare(
     fine, C, S, B = (np.hstack(x) for x in zip(*parts))
     extent = _sizes(D)
     active = np.flatnonzero((_sizes(fine) > 0.0) & (extent > 0.0))
-    comparisons: list[Comparison | None] = [None] * len(D)
+    comparisons: list[ColumnComparison | None] = [None] * len(D)
     if not len(active):
         return comparisons
     if len(active) < len(D):
@@ -177,7 +177,7 @@ def compare(
     squared = np.vecdot(D, D) * np.vecdot(I, I)
     correlation = np.abs(np.vecdot(D, I)) / np.sqrt(np.where(squared > 0.0, squared, np.inf))
     for k, column in enumerate(active):
-        comparisons[column] = Comparison(
+        comparisons[column] = ColumnComparison(
             float(r[k]),
             float(ratio_error[k]),
             float(late[k]),
@@ -200,7 +200,7 @@ def compare(
 
 def _of_a_scheme(
     moved: Array, trapezoid: Array, linear: Array, noise: Array, start: NDArray[np.intp], h: Array
-) -> list[Comparison | None]:
+) -> list[ColumnComparison | None]:
     """The comparisons of columns (n, I) that one scheme moves by its own rates; none if one does not follow.
 
     Nearly all logs of every step do: q moves by the speed before, by that after, or by their mean. No spline
@@ -221,7 +221,7 @@ def _of_a_scheme(
     instant = (_sizes(linear) > 4.0 * _sizes(noise)).tolist()
     none = np.zeros(len(h), dtype=np.bool_)
     return [
-        Comparison(
+        ColumnComparison(
             1.0, LEAST_RATIO, late, residual[k], noise[k], moved[k], trapezoid[k], start,
             shares[k], 1.0, False, none, False, instant[k], 0.0,
         )
@@ -304,7 +304,9 @@ def _steady(integrals: Array, moved: Array, ratio: float) -> bool:
     return bool(weights) and float(np.dot(weights, near)) > 0.8 * sum(weights)
 
 
-def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[str, Comparison]:
+def coordinates_against_speeds(
+    mechanism: Mechanism, run: Trajectory
+) -> dict[str, ColumnComparison]:
     """Coordinates against speeds, for every free speed that moves a coordinate or turns a quaternion."""
     rows, edges = _looked_at(run)
     if not edges:
@@ -379,7 +381,7 @@ def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:
 # --- what all columns have in common ----------------------------------------------------------------------
 
 
-def unsteadiness(comparisons: Mapping[str, Comparison]) -> float:
+def unsteadiness(comparisons: Mapping[str, ColumnComparison]) -> float:
     """How far rows are those of one motion at their times, as a share of the movement: `unsteady` of most.
 
     Scattered time stamps and interpolation are common to all columns; one bad column is not.

@@ -6,7 +6,7 @@ import math
 
 from deltac.diagnosis.study.convergence import CLEAR, order_text
 from deltac.diagnosis.study.result import Study
-from deltac.diagnosis.verdict import Confidence, Kind, Verdict, percent
+from deltac.diagnosis.verdict import Confidence, Verdict, VerdictKind, percent
 
 STUDY_LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
@@ -27,7 +27,7 @@ def judge_study(m: Study) -> Verdict:
     """
     base = (_energy(m), _state(m), _equations(m))
 
-    def verdict(kind: Kind, confidence: Confidence, meaning: str, *more: str) -> Verdict:
+    def verdict(kind: VerdictKind, confidence: Confidence, meaning: str, *more: str) -> Verdict:
         return Verdict(kind, confidence, (*base, *more), m.findings, _limits(m), meaning)
 
     def unresolved(why: str, *more: str) -> Verdict:

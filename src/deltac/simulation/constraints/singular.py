@@ -19,7 +19,7 @@ from deltac.dynamics.admissible import onto_positions, onto_speeds
 from deltac.dynamics.equations_of_motion import equations_of, quaternions
 from deltac.dynamics.kkt import least_squares
 from deltac.dynamics.terms import Reactions, driving_forces, terms
-from deltac.simulation.flow import Flow, constraint_forces
+from deltac.simulation.flow import StateFlow, constraint_forces
 from deltac.simulation.solvers import Solver
 
 DEPENDENT = 1e-4
@@ -33,7 +33,7 @@ configuration what is left of a dependent row is that error, which points anywhe
 class SingularMotion:
     """The motion of a constrained mechanism with multipliers by numeric least squares."""
 
-    def __init__(self, flow: Flow, p: Array) -> None:
+    def __init__(self, flow: StateFlow, p: Array) -> None:
         """Prepare the pieces of the equations of motion; they are evaluated by CasADi.
 
         Laws that switch are taken as they are: of `p` only the mechanism's parameters, the first, count.
@@ -123,7 +123,7 @@ SHORTEST_SHARE = 2.0**-10
 class CarefulStep:
     """One step of a solver with multipliers by least squares, and a projection to match."""
 
-    def __init__(self, flow: Flow, solver: Solver, p: Array, tolerance: float = 0.0) -> None:
+    def __init__(self, flow: StateFlow, solver: Solver, p: Array, tolerance: float = 0.0) -> None:
         """Of a flow and its parameters `p`; `tolerance` is for `length`."""
         assert solver.step is not None
         self._flow, self._step, self._p, self._tolerance = flow, solver.step, p, tolerance

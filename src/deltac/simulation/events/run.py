@@ -21,7 +21,7 @@ from deltac.simulation.events.impact import Collider
 from deltac.simulation.events.location import End, crossing, may_cross
 from deltac.simulation.events.switching import switched
 from deltac.simulation.events.witness import Witness, Witnesses
-from deltac.simulation.flow import Flow
+from deltac.simulation.flow import StateFlow
 from deltac.simulation.stepping.interpreted import StageRate
 
 HEIGHT = ROUNDED
@@ -36,13 +36,13 @@ SLOW_CONTACT = ROUNDED
 class Eventful:
     """A flow made ready for events, compiled once: its branches held if they are to be found."""
 
-    flow: Flow
+    flow: StateFlow
     watch: Witnesses
     collider: Collider
 
 
 @derived
-def eventful(flow: Flow, split: CoordinateMap | None, switches: bool) -> Eventful:
+def eventful(flow: StateFlow, split: CoordinateMap | None, switches: bool) -> Eventful:
     """Prepare the events of a flow."""
     system = flow.system
     functions = ca.SX(0, 1)

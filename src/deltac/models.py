@@ -301,11 +301,11 @@ def _named(text: str) -> Model:
         return _made(from_file(Path(file), name), Path(file), name)
     if text in problems.names():
         return load_model(problems.load(text))
-    from deltac.importers.files import IMPORTED, with_base
+    from deltac.importers.files import MODEL_SUFFIXES, with_base
     from deltac.trajectories.formats.files import FORMATS
 
     path, base = with_base(text)
-    if path.suffix.lower() in IMPORTED:
+    if path.suffix.lower() in MODEL_SUFFIXES:
         if not os.path.isfile(path):
             raise FileError(f"model {text}: no such file")
         return _imported(text if base else path)

@@ -8,9 +8,9 @@ import pytest
 from deltac.arrays import EPS
 from deltac.diagnosis.measurements.digits import Digits, resolution
 from deltac.trajectories import Trajectory, suspicions
-from deltac.trajectories.lint import MANY
+from deltac.trajectories.lint import LOOKED_AT
 
-ROWS = 3 * MANY
+ROWS = 3 * LOOKED_AT
 T = 1e-3 * np.arange(ROWS)
 SMOOTH = np.sin(0.7 * T) + 0.1 * np.cos(13.0 * T)
 COUNT = 2.0 * np.pi / 2**14
@@ -28,8 +28,8 @@ COLUMNS = {
 def test_each_kind_is_recognised(name: str) -> None:
     values, expected = COLUMNS[name]
     digits = Digits(np.stack([SMOOTH, np.asarray(values, dtype=float)], axis=1))
-    few = Digits(digits._values[:MANY])
-    some = np.array([5, MANY - 1])
+    few = Digits(digits._values[:LOOKED_AT])
+    some = np.array([5, LOOKED_AT - 1])
     # The count is the least difference of what was seen: known to the rounding of the numbers.
     np.testing.assert_allclose(digits.half(some), few.half(some), rtol=1e-9)
     assert digits.half().shape == (ROWS, 2)

@@ -40,7 +40,7 @@ from deltac.mechanism.mechanism import Mechanism
 from deltac.simulation.arguments import INACCURATE as LOOSE
 from deltac.simulation.arguments import IllConditionedWarning, check_accelerations
 from deltac.simulation.constraints.feasibility import constraint_start
-from deltac.simulation.flow import Flow, build_flow
+from deltac.simulation.flow import StateFlow, build_flow
 from deltac.simulation.solvers import find_solver
 from tests.dynamics.test_against_simulators import IN_PINOCCHIO, PLAIN, in_pinocchio, to_pinocchio
 from tests.systems.constrained_mechanisms import tied
@@ -100,11 +100,11 @@ class Structure:
         parts = ("body.", "joint.")
         known = sample.mechanism.numbers.items()
         self.names = tuple(n for n, value in known if n.startswith(parts) and value)
-        self.flows: dict[tuple[int, ...], tuple[Flow, ca.Function, ca.Function]] = {}
+        self.flows: dict[tuple[int, ...], tuple[StateFlow, ca.Function, ca.Function]] = {}
 
     def written(
         self, mechanism: Mechanism, rows: tuple[int, ...]
-    ) -> tuple[Flow, ca.Function, ca.Function]:
+    ) -> tuple[StateFlow, ca.Function, ca.Function]:
         """ẋ and M as functions of (t, x, inputs, p)."""
         if rows not in self.flows:
             flow = build_flow(mechanism, (), vary=self.names, rows=rows, works=False)

@@ -257,7 +257,7 @@ def test_a_second_run_compiles_nothing(compilations: list[str]) -> None:
 def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch, compilations: list[str]) -> None:
     """Three flows are kept, and the one that was not asked for longest goes first."""
     module = importlib.import_module("deltac.simulation.simulate")
-    monkeypatch.setattr(module, "_KEPT", LRUCache(3))
+    monkeypatch.setattr(module, "_RUNS", LRUCache(3))
 
     def compiled(length: float) -> bool:
         count = len(compilations)
@@ -268,7 +268,7 @@ def test_what_is_kept_is_bounded(monkeypatch: pytest.MonkeyPatch, compilations: 
     assert [compiled(l) for l in (0.5, 0.6, 0.7)] == [True] * 3
     assert not compiled(0.5)  # used again, so 0.6 is now the oldest
     assert compiled(0.8)
-    assert len(module._KEPT) == 3
+    assert len(module._RUNS) == 3
     assert not compiled(0.5) and not compiled(0.7)
     assert compiled(0.6)
 

@@ -156,7 +156,7 @@ class Flows(Panel):
     kind = "flows"
 
 
-POINTS = 4000
+CURVE_POINTS = 4000
 """Points, or stretches with their extremes, that a curve is drawn with: no screen has more columns."""
 
 MOST_DRAWN = 30

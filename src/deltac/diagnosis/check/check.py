@@ -23,7 +23,7 @@ from deltac.diagnosis.check.location import (
 )
 from deltac.diagnosis.check.whole import causes_of_model, whole_causes
 from deltac.diagnosis.inputs.equations import load_equations
-from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING, MOST_ROWS
+from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING, MOST_SAMPLES
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import ROUGH, Caller, noise, uncertainty
 from deltac.diagnosis.residuals.kane import Kane
@@ -39,21 +39,21 @@ from deltac.diagnosis.residuals.states import (
     some_rows,
     states_along,
 )
-from deltac.diagnosis.verdict import Confidence, Finding, Judged, Kind, Verdict
+from deltac.diagnosis.verdict import Confidence, Finding, Judged, Verdict, VerdictKind
 from deltac.errors import InputError, ModelError, SourceError, StateError
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.models import Model, ModelLike, load_model
 from deltac.results import SHOWN, Section, Table, fraction
 from deltac.simulation.equations import Equations, RightHandSide, as_equations
-from deltac.simulation.state_form import PLAIN, StateForm
+from deltac.simulation.state_form import PLAIN_FORM, StateForm
 from deltac.trajectories import Trajectory
 
-LIMITS = (
+CHECK_LIMITS = (
     "states other than those drawn, such as a branch that is rarely taken",
     "a parameter that is wrong in both the model and the equations",
 )
 
-MEANINGS: dict[Kind, str] = {
+CHECK_MEANINGS: dict[VerdictKind, str] = {
     "consistent": "The equations are the model's.",
     "equation-error": "The equations are not the model's.",
     "unresolved": "The function is too rough, or too often undefined, to decide.",
@@ -108,7 +108,7 @@ class EquationCheck(
     coordinates: CoordinateMap | None
     name: str
     rates: Mapping[str, float] = field(default_factory=dict)
-    form: StateForm = PLAIN
+    form: StateForm = PLAIN_FORM
 
     @property
     def worst(self) -> float:
@@ -177,7 +177,7 @@ RATES = "rates as speeds"
 """A map without its own speeds: Euler's rates in place of body rates, for instance."""
 
 
-SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
+CHECK_SHARES = {"function": 0.3, "blame": 0.5, "causes": 0.2}
 """Of the time that each part of a check takes, roughly."""
 
 
@@ -236,13 +236,13 @@ def check_equations(
     if states is None:
         drawn = _drawn(kane, where, count=count, seed=seed)
     elif isinstance(states, Trajectory):
-        drawn = states_along(kane, states, some_rows(states, MOST_ROWS))
+        drawn = states_along(kane, states, some_rows(states, MOST_SAMPLES))
     else:
         drawn = _fitting(kane, states)
     test = EquationTest(kane, drawn)
     caller = Caller(own.rhs, own.name, kane)
     caller.find_form(test, own, len(loaded.mechanism.motors))
-    parts = Parts(progress, SHARES)
+    parts = Parts(progress, CHECK_SHARES)
     caller.refuse_memory(drawn)
     caller.progress = parts.part("function")
     qdot, udot = caller.whole(drawn)
@@ -318,7 +318,7 @@ def check_states(
     rates = _misses(test, qdot)
     rough = np.zeros(len(test.speeds))
     judged = _judged(test, udot, limit, rates, name=name, tolerance=accepted, rough=rough)
-    limits = (*LIMITS, "the function at states that are not in the table")
+    limits = (*CHECK_LIMITS, "the function at states that are not in the table")
     if judged.verdict.kind != "equation-error":
         return replace(judged, verdict=replace(judged.verdict, limits=limits))
     blamed = blame(test, udot, limit)
@@ -352,7 +352,7 @@ def _judged(
     most = float(limit.max(initial=tolerance))
     missed = max(rates.values(), default=0.0)
     excess = max(float((worst / limit).max(initial=0.0)), violated / most, missed / most)
-    kind: Kind = "consistent"
+    kind: VerdictKind = "consistent"
     confidence: Confidence = "high" if most <= tolerance else "medium"
     if excess > 1.0:
         kind, confidence = "equation-error", "high" if excess > 100.0 else "medium"
@@ -365,7 +365,7 @@ def _judged(
     evidence = _evidence(residuals, rough, limit, tolerance, results, test, udot, wrong)
     evidence = (*evidence, *_of_rates(rates, tolerance))
     return EquationCheck(
-        verdict=Verdict(kind, confidence, evidence, meaning=MEANINGS[kind]),
+        verdict=Verdict(kind, confidence, evidence, meaning=CHECK_MEANINGS[kind]),
         blame=(),
         seen=results,
         example=None,
@@ -418,7 +418,7 @@ def _limits(model: Model, kane: Kane, where: tuple[Place, ...], states: States) 
     unseen = (f"what happens at events ({', '.join(events)})",) if events else ()
     if where_from := kane.mode:
         unseen = (*unseen, f"other assemblies of the loops than that of {where_from}")
-    return (*LIMITS, *not_sampled(where, states), *unseen)
+    return (*CHECK_LIMITS, *not_sampled(where, states), *unseen)
 
 
 def _fitting(kane: Kane, states: States) -> States:

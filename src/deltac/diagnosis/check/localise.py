@@ -12,7 +12,7 @@ from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.location import Blame, blame
 from deltac.diagnosis.residuals.at_samples import (
-    MOST_ROWS,
+    MOST_SAMPLES,
     RunResidual,
     run_residual,
 )
@@ -116,7 +116,7 @@ def _by_momenta(
     mechanism: Mechanism, run: Trajectory, coordinates: CoordinateMap | None
 ) -> Localisation:
     """The same without accelerations, by what changes ΔP_r."""
-    rows = some_rows(run, MOST_ROWS)
+    rows = some_rows(run, MOST_SAMPLES)
     t = run.t[rows]
 
     def forces(ledger: Ledger) -> dict[str, Array]:

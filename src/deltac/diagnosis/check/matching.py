@@ -389,7 +389,7 @@ def acceleration_parts(test: EquationTest, k: int) -> list[Summand]:
     """The terms of all equations but inertia as M⁻¹ brings them into one acceleration."""
     inverse: Array = np.asarray(np.linalg.inv(test.M), dtype=float)
     right = test.acceleration
-    parts = [Summand(WHOLE, right[k], ("whole", ""), row=k)]
+    parts = [Summand(AS_A_WHOLE, right[k], ("whole", ""), row=k)]
     for row, speed in enumerate(test.speeds):
         share = inverse[:, k, row]
         where = f"equation {row + 1} ({speed})"
@@ -403,7 +403,7 @@ def acceleration_parts(test: EquationTest, k: int) -> list[Summand]:
     return [p for p in parts if np.abs(p.values).max() > 1e-9 * np.abs(right[k]).max()]
 
 
-WHOLE = "the acceleration as a whole"
+AS_A_WHOLE = "the acceleration as a whole"
 
 
 def _in_words(

@@ -12,8 +12,8 @@ from deltac.arrays import EPS, NEGLIGIBLE, ROUGHLY, SIX_DIGITS, Array
 from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.measurements.kinematics import (
     LEAST_RATIO,
-    LEAST_ROWS,
-    Comparison,
+    SHORTEST_PART,
+    ColumnComparison,
     Mask,
     coordinates_against_speeds,
     size_of,
@@ -53,7 +53,7 @@ def cleaned(mechanism: Mechanism, run: Trajectory) -> Cleaned:
     Of runs whose speeds were derived from the coordinates, angles are unwrapped alone; no row is taken out of
     runs with integrals or events.
     """
-    if len(run) < LEAST_ROWS:
+    if len(run) < SHORTEST_PART:
         return Cleaned(run, ())
     findings: list[Finding] = []
     if "u" in run.provenance.derived:
@@ -131,7 +131,7 @@ def _at_the_pace_of_the_slower(
     old = {what: _repeated(values) for what, values in columns}
     for (what, repeated), other in zip(old.items(), reversed(old.values())):
         new = np.append(0, np.flatnonzero(~repeated) + 1)
-        if len(new) < LEAST_ROWS or np.mean(repeated & ~other) < ROUGHLY:
+        if len(new) < SHORTEST_PART or np.mean(repeated & ~other) < ROUGHLY:
             continue
         pace = np.diff(new)
         every = int(np.median(pace))
@@ -156,7 +156,7 @@ def differences(run: Trajectory, one_sided: bool = False) -> Trajectory | None:
     Or where they are differences to the row before or after: so are those of some methods.
     """
     pairs = RateNames.of(run.coordinates, run.speeds).rates
-    if len(pairs) < len(run.speeds) or len(run) < LEAST_ROWS or _whole(run):
+    if len(pairs) < len(run.speeds) or len(run) < SHORTEST_PART or _whole(run):
         return None
     i, j = np.array(pairs).T
     q, u, least = run.q[:, i], run.u[:, j], np.diff(run.t).min()
@@ -223,7 +223,7 @@ def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[
 
 
 def _without_spikes(
-    run: Trajectory, comparisons: Mapping[str, Comparison]
+    run: Trajectory, comparisons: Mapping[str, ColumnComparison]
 ) -> tuple[Trajectory, list[Finding]]:
     """Single rows of which a column lies far off its neighbours; only a few are taken out."""
     spikes: dict[int, str] = {}
@@ -282,7 +282,7 @@ def _jitter(run: Trajectory, even: Trajectory) -> Finding:
 # --- what is told ----------------------------------------------------------------------------------------
 
 
-def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
+def _jumps(run: Trajectory, comparisons: Mapping[str, ColumnComparison]) -> Iterator[Finding]:
     """Single intervals over which coordinates move farther than any speed in the log would take them."""
     jumped: dict[int, str] = {}
     for name, comparison in comparisons.items():
@@ -305,7 +305,7 @@ def _jumps(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[F
     )
 
 
-def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iterator[Finding]:
+def _wrong_rates(run: Trajectory, comparisons: Mapping[str, ColumnComparison]) -> Iterator[Finding]:
     """Swapped and clipped columns, late rows, clock, gears, and speeds that are no rates at all.
 
     What one of these explains the others are not asked about.
@@ -364,10 +364,10 @@ def _wrong_rates(run: Trajectory, comparisons: Mapping[str, Comparison]) -> Iter
             )
 
 
-def _swapped(comparisons: Mapping[str, Comparison]) -> Iterator[tuple[str, str]]:
+def _swapped(comparisons: Mapping[str, ColumnComparison]) -> Iterator[tuple[str, str]]:
     """Pairs of speeds that fit each other's coordinates and not their own."""
 
-    def fits(a: Comparison, b: Comparison) -> bool:
+    def fits(a: ColumnComparison, b: ColumnComparison) -> bool:
         if len(a.increments) != len(b.integrals):
             return False
         size = float(np.linalg.norm(a.increments) * np.linalg.norm(b.integrals))
@@ -380,7 +380,7 @@ def _swapped(comparisons: Mapping[str, Comparison]) -> Iterator[tuple[str, str]]
                 yield a, b
 
 
-def _is_clipped(u: Array, c: Comparison) -> bool:
+def _is_clipped(u: Array, c: ColumnComparison) -> bool:
     """Whether a speed has its extreme in many rows, between which the coordinate moves faster."""
     size = np.abs(u)
     at = size >= size.max(initial=0.0) * (1.0 - 1e-12)
@@ -391,13 +391,15 @@ def _is_clipped(u: Array, c: Comparison) -> bool:
     return bool(excess > 5.0 * np.median(c.bar) + 1e-3 * size_of(c.increments))
 
 
-def _is_late(c: Comparison) -> bool:
+def _is_late(c: ColumnComparison) -> bool:
     """Whether the rate is of another row, and changes enough from row to row to tell."""
     tells = c.instant and c.off < 0.2 and not (c.significant and c.off > NEGLIGIBLE)
     return tells and abs(c.late) > LATE and abs(c.ratio - 1.0) < 0.1
 
 
-def _scaled(scaled: dict[str, Comparison], every: dict[str, Comparison]) -> Iterator[Finding]:
+def _scaled(
+    scaled: dict[str, ColumnComparison], every: dict[str, ColumnComparison]
+) -> Iterator[Finding]:
     """One factor in all columns is a clock's; else gears between coordinates and speeds."""
     ratios = np.array([c.ratio for c in scaled.values()])
     errors = np.array([max(c.ratio_error, LEAST_RATIO) for c in scaled.values()])

@@ -26,12 +26,12 @@ from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
 from deltac.trajectories.columns import RateNames
-from deltac.trajectories.lint import MANY, STRETCHES, gap_rows
+from deltac.trajectories.lint import LOOKED_AT, NEIGHBOURS, gap_rows
 from deltac.trajectories.rates import continuous, rotation_vectors
 
 Mask: TypeAlias = NDArray[np.bool_]
 
-LEAST_ROWS = 12
+SHORTEST_PART = 12
 """Rows that a part between gaps has at least to be compared."""
 
 SURE = 8.0
@@ -40,23 +40,23 @@ SURE = 8.0
 LEAST_RATIO = 2e-4
 """Relative differences of r from one below this are not reported: quadratures err by as much."""
 
-QUADRATURE = 5 / 12
+OWN_QUADRATURE = 5 / 12
 """Share of h δ²x' by which a scheme's own quadrature of a rate x' may differ from that along the rows.
 
 That of Adams and Bashforth's method of two steps, the largest in use (Hairer, Nørsett, Wanner, §III.1)."""
 
-PROJECTION = 1 / 3
+ON_A_CIRCLE = 1 / 3
 """The same of a straight step that is put back onto a circle: its angle θ becomes atan θ ≈ θ − θ³/3."""
 
-REWEIGHTED = 12
+MOST_REWEIGHTINGS = 12
 """Fits at most: each changes r and θ by a part of what the one before did."""
 
-FAR = 30.0
+FAR_DEFECT = 30.0
 """A defect beyond this multiple of its error bar and of the others' scatter is no quadrature error."""
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ColumnComparison:
     """A column against its rate.
 
     Attributes:
@@ -102,7 +102,7 @@ def compare(
     edges: Sequence[tuple[int, int]],
     *,
     projected: bool = False,
-) -> list[Comparison | None]:
+) -> list[ColumnComparison | None]:
     """Compare changes (T − 1, n) over all intervals with rates (T, n), between gaps (`edges`), by columns.
 
     `bar` is what digits and noise of x and x' make of a change (T − 1, n). `projected` tells whether states
@@ -129,7 +129,7 @@ def compare(
     fine, C, S, B = (np.hstack(x) for x in zip(*parts))
     extent = _sizes(D)
     active = np.flatnonzero((_sizes(fine) > 0.0) & (extent > 0.0))
-    comparisons: list[Comparison | None] = [None] * len(D)
+    comparisons: list[ColumnComparison | None] = [None] * len(D)
     if not len(active):
         return comparisons
     if len(active) < len(D):
@@ -143,16 +143,16 @@ def compare(
     bars = noise + S
     count = np.maximum(keep.sum(axis=-1), 1)
     scatter = np.sqrt(np.sum(keep * residual**2, axis=-1) / count)
-    # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ `QUADRATURE`. Of oscillations
-    # that looks like another r, and is found from what it would leave besides.
+    # A scheme's own quadrature of x' may differ from ours by c h δ²x', |c| ≤ `OWN_QUADRATURE`. Of
+    # oscillations that looks like another r, and is found from what it would leave besides.
     x, y, variance = _least_squares(I * keep, L * keep, C * keep)
     error = scatter * np.sqrt(variance)
     alone = keep * (C - x[:, None] * I - y[:, None] * L)
     size = np.sqrt(np.sum(alone**2, axis=-1) / count)
     if projected:  # that shortens the steps evenly, and leaves nothing to tell it by
-        c = np.full_like(size, QUADRATURE + PROJECTION)
+        c = np.full_like(size, OWN_QUADRATURE + ON_A_CIRCLE)
     else:
-        c = np.fmin(QUADRATURE, 4.0 * scatter / np.where(size > 0.0, size, np.nan))
+        c = np.fmin(OWN_QUADRATURE, 4.0 * scatter / np.where(size > 0.0, size, np.nan))
     # Nor is r told better than one quadrature along the rows tells it like another.
     otherwise = np.abs(np.vecdot(B, fine)) / np.vecdot(fine, fine)
     # Of rates that decay evenly a delay of a row does the same.
@@ -161,18 +161,18 @@ def compare(
     alike = np.where(apart < ROUGHLY * _sizes(L), _sizes(L) / _sizes(I), 0.0)
     ratio_error = SURE * error + c * _sizes(C) / _sizes(I) + otherwise + alike
     scaled = np.abs(r - 1.0) > np.maximum(ratio_error, LEAST_RATIO)
-    most = QUADRATURE + PROJECTION * projected
+    most = OWN_QUADRATURE + ON_A_CIRCLE * projected
     squares = np.maximum(np.sum(keep * C**2, axis=-1), 1e-300)
     by_scheme = np.clip(np.sum(keep * C * residual, axis=-1) / squares, -most, most)
     rest, barred, defect = _sizes(residual - by_scheme[:, None] * C), _sizes(bars), _sizes(residual)
     unsteady = np.sqrt(np.maximum(rest**2 - barred**2, 0.0)) / extent
     instant = _sizes(L) > 4.0 * _sizes(noise)
     size = np.abs(residual)
-    outliers = size > FAR * (bars + 1.4826 * medians(size)[:, None]) + 1e-6 * extent[:, None]
+    outliers = size > FAR_DEFECT * (bars + 1.4826 * medians(size)[:, None]) + 1e-6 * extent[:, None]
     squared = np.vecdot(D, D) * np.vecdot(I, I)
     correlation = np.abs(np.vecdot(D, I)) / np.sqrt(np.where(squared > 0.0, squared, np.inf))
     for k, column in enumerate(active):
-        comparisons[column] = Comparison(
+        comparisons[column] = ColumnComparison(
             float(r[k]),
             float(ratio_error[k]),
             float(late[k]),
@@ -225,7 +225,7 @@ def _robust(
     """
     columns, weight = np.arange(len(moved)), 1.0 / spread
     r, late = np.zeros((2, *integrals.shape[:2]))
-    for _ in range(REWEIGHTED):
+    for _ in range(MOST_REWEIGHTINGS):
         before = r, late
         r, late, _ = _least_squares(integrals * weight, linear * weight, moved * weight)
         residual = moved - r[..., None] * integrals - late[..., None] * linear
@@ -243,7 +243,7 @@ def _robust(
 def _steady(integrals: Array, moved: Array, ratio: float) -> bool:
     """Whether all parts of a log say the same factor: a clock and a gear do, impacts and kinks do not."""
     weights, near = [], []
-    for x, y in zip(np.array_split(integrals, STRETCHES), np.array_split(moved, STRETCHES)):
+    for x, y in zip(np.array_split(integrals, NEIGHBOURS), np.array_split(moved, NEIGHBOURS)):
         size = float(x @ x)
         if size > 0.0:
             weights.append(size)
@@ -251,7 +251,9 @@ def _steady(integrals: Array, moved: Array, ratio: float) -> bool:
     return bool(weights) and float(np.dot(weights, near)) > 0.8 * sum(weights)
 
 
-def coordinates_against_speeds(mechanism: Mechanism, run: Trajectory) -> dict[str, Comparison]:
+def coordinates_against_speeds(
+    mechanism: Mechanism, run: Trajectory
+) -> dict[str, ColumnComparison]:
     """Coordinates against speeds, for every free speed that moves a coordinate or turns a quaternion."""
     rows, edges = _looked_at(run)
     if not edges:
@@ -298,13 +300,13 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
     """Rows (first, last + 1) of samples without gaps or events in between; a choice of them in long logs."""
     happened = np.searchsorted(run.t, [e.t for e in run.events])
     cuts = np.unique(np.concatenate([gap_rows(run.t) + 1, happened, [0, len(run)]]).astype(np.intp))
-    pieces = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= LEAST_ROWS]
+    pieces = [(int(a), int(b)) for a, b in zip(cuts[:-1], cuts[1:]) if b - a >= SHORTEST_PART]
     total = sum(b - a for a, b in pieces)
-    if total <= MANY:
+    if total <= LOOKED_AT:
         return pieces
-    share, parts = MANY / total, []
+    share, parts = LOOKED_AT / total, []
     for a, b in pieces:
-        size = max(LEAST_ROWS, int(share * (b - a) / 3))
+        size = max(SHORTEST_PART, int(share * (b - a) / 3))
         if b - a <= 3 * size:
             parts.append((a, b))
             continue
@@ -316,7 +318,7 @@ def stretches(run: Trajectory) -> list[tuple[int, int]]:
 def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:
     """The rows of the stretches of a long log, else all; and where these stretches are among them."""
     edges = stretches(run)
-    if len(run) <= MANY:
+    if len(run) <= LOOKED_AT:
         return slice(None), edges
     rows = np.concatenate([np.arange(a, b) for a, b in edges] or [np.arange(0)])
     ends = np.cumsum([0, *(b - a for a, b in edges)]).tolist()
@@ -326,7 +328,7 @@ def _looked_at(run: Trajectory) -> tuple[Chosen, list[tuple[int, int]]]:
 # --- what all columns have in common ----------------------------------------------------------------------
 
 
-def unsteadiness(comparisons: Mapping[str, Comparison]) -> float:
+def unsteadiness(comparisons: Mapping[str, ColumnComparison]) -> float:
     """How far rows are those of one motion at their times, as a share of the movement: `unsteady` of most.
 
     Scattered time stamps and interpolation are common to all columns; one bad column is not.

@@ -21,7 +21,7 @@ from deltac.diagnosis.residuals.states import TRIAL_STATES, States, in_user_coor
 from deltac.errors import NO_NUMBER, InputError, SourceError
 from deltac.simulation.equations import Equations
 from deltac.simulation.state_form import (
-    PLAIN,
+    PLAIN_FORM,
     StateForm,
     candidate_forms,
     likeliest,
@@ -29,7 +29,7 @@ from deltac.simulation.state_form import (
     signature,
 )
 
-NODES, ORDER = 9, 5
+LINE_POINTS, ORDER = 9, 5
 """Points on a line, and the order of the differences in which only noise is left of a smooth function."""
 
 STEP = 1e-6
@@ -63,7 +63,7 @@ class Caller:
     name: str
     kane: Kane
     overwrites: str = ""
-    form: StateForm = PLAIN
+    form: StateForm = PLAIN_FORM
     progress: Progress = untold
 
     def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
@@ -71,7 +71,7 @@ class Caller:
         names = self.kane.user_names, test.states.speeds
         parameters = signature(self.rhs)
         candidates = candidate_forms(parameters, equations.form, equations.order, *names, motors)
-        if candidates == [PLAIN]:
+        if candidates == [PLAIN_FORM]:
             return
         right = test.rates, test.acceleration
         places = some_rows(test.states, TRIAL_STATES)
@@ -81,8 +81,8 @@ class Caller:
             return self.with_form(form).whole(some)
 
         likely = likeliest(candidates, evaluate, *(x[:, places] for x in right))
-        self.form = PLAIN if likely is None else likely
-        if likely is None and not _takes(self.rhs, PLAIN.given(0.0, (), (), np.array, 0.0)):
+        self.form = PLAIN_FORM if likely is None else likely
+        if likely is None and not _takes(self.rhs, PLAIN_FORM.given(0.0, (), (), np.array, 0.0)):
             raise SourceError(self._how_to_call(candidates, evaluate))
         if self.form.order:
             self._try_momenta(candidates, evaluate, right[0][:, places])
@@ -300,19 +300,19 @@ def noise(caller: Caller, test: EquationTest, scales: Array, among: int) -> Arra
     some = states.take(some_rows(range(among), TRIAL_STATES))
     rng = np.random.default_rng(1)
     count = len(some)
-    shift = STEP * np.repeat(np.arange(NODES) - NODES // 2, count)
-    towards_q = np.tile(rng.choice([-1.0, 1.0], some.q.shape), NODES)
-    towards_u = np.tile(rng.choice([-1.0, 1.0], some.u.shape) * scales[:, None], NODES)
-    size = np.maximum(np.abs(np.tile(some.q, NODES)), 1e-2)
+    shift = STEP * np.repeat(np.arange(LINE_POINTS) - LINE_POINTS // 2, count)
+    towards_q = np.tile(rng.choice([-1.0, 1.0], some.q.shape), LINE_POINTS)
+    towards_u = np.tile(rng.choice([-1.0, 1.0], some.u.shape) * scales[:, None], LINE_POINTS)
+    size = np.maximum(np.abs(np.tile(some.q, LINE_POINTS)), 1e-2)
     line = States(
-        np.tile(some.t, NODES) + shift,
-        np.tile(some.q, NODES) + shift * size * towards_q,
-        np.tile(some.u, NODES) + shift * towards_u,
+        np.tile(some.t, LINE_POINTS) + shift,
+        np.tile(some.q, LINE_POINTS) + shift * size * towards_q,
+        np.tile(some.u, LINE_POINTS) + shift * towards_u,
         states.coordinates,
         states.speeds,
     )
     residual = EquationTest(kane, line, strict=False).residual(caller(line))
-    values = residual.reshape(len(residual), NODES, count)
+    values = residual.reshape(len(residual), LINE_POINTS, count)
     differences = np.diff(values, ORDER, axis=1)
     gain = factorial(ORDER) ** 2 / factorial(2 * ORDER)
     with np.errstate(invalid="ignore"):

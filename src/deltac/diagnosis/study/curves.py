@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import EPS, ROUGHLY, SAME, SIX_DIGITS, Array
-from deltac.diagnosis.study.convergence import FEWEST, Convergence, between_runs, towards_zero
+from deltac.diagnosis.study.convergence import FEWEST_TIMES, Convergence, between_runs, towards_zero
 from deltac.diagnosis.study.runs import BalancedRun, StudyRun
 from deltac.diagnosis.verdict import Finding
 from deltac.mechanism.mechanism import Mechanism
@@ -51,7 +51,7 @@ class ComparedRuns:
     @property
     def apart(self) -> bool:
         """Whether too few times, or runs, are together to compare curves: maxima are all there is."""
-        return self.within < FEWEST or self.first > len(self.rows) - 2
+        return self.within < FEWEST_TIMES or self.first > len(self.rows) - 2
 
     def towards_zero(self, curves: Sequence[Array], bars: Sequence[Array]) -> Convergence:
         """How curves of the runs that should be zero converge, as long as these stay together."""
@@ -67,7 +67,7 @@ class ComparedRuns:
 
     def motion(self) -> Convergence:
         """How the motion converges while the runs are together."""
-        if self.within < max(2, min(FEWEST, len(self.t))):
+        if self.within < max(2, min(FEWEST_TIMES, len(self.t))):
             return Convergence("does not settle" if len(self.runs) > 1 else "one run")
         x = self.states[self.first :, 1 : self.within]
         rows = np.array([len(entry.run) for entry in self.runs[self.first :]])

@@ -1,4 +1,4 @@
-"""What a study says of what it measured: what it notices, one function a check; then the verdict, by rules."""
+"""What a study says of what it measured: what it notices, one function a check, and its verdict by rules."""
 
 from __future__ import annotations
 
@@ -9,11 +9,17 @@ import numpy as np
 
 from deltac.arrays import ROUGHLY, SAME, SMALL_SHARE, TINY
 from deltac.diagnosis.inputs.omissions import impacts_not_held
-from deltac.diagnosis.study.convergence import CLEAR, FEWEST, Convergence, order_of, order_text
+from deltac.diagnosis.study.convergence import (
+    CLEAR,
+    FEWEST_TIMES,
+    Convergence,
+    order_of,
+    order_text,
+)
 from deltac.diagnosis.study.curves import ComparedRuns, by_unit
 from deltac.diagnosis.study.result import Study
 from deltac.diagnosis.study.runs import corrections
-from deltac.diagnosis.verdict import LEAST_ORDER, Confidence, Finding, Kind, Verdict, percent
+from deltac.diagnosis.verdict import LEAST_ORDER, Confidence, Finding, Verdict, VerdictKind, percent
 from deltac.energy import Ledger
 from deltac.mechanism.mechanism import Mechanism
 from deltac.trajectories import Trajectory
@@ -34,7 +40,7 @@ def of_comparison(compared: ComparedRuns, knob: str) -> Iterator[Finding]:
             ", ".join(f"{knob} {r.step:g}: to {e:.6g} s" for r, e in zip(runs, ends)),
             "End all runs at the same time",
         )
-    if len(compared.t) < FEWEST:
+    if len(compared.t) < FEWEST_TIMES:
         yield Finding(
             "few-common-times",
             f"the runs have only {len(compared.t)} times in common, so the motions cannot be compared well",
@@ -115,7 +121,7 @@ def of_constraints(compared: ComparedRuns, tolerance: float, *, trusted: bool) -
         ]
         stays = (
             len(together) > 1
-            and compared.within >= FEWEST
+            and compared.within >= FEWEST_TIMES
             and together[-1] > max(1e-6, tolerance * span)
             and order_of(compared.steps[[0, -1]], together[0], together[-1]) < LEAST_ORDER
         )
@@ -183,7 +189,7 @@ def _jumps(mechanism: Mechanism, run: Trajectory) -> Iterator[Finding]:
 
 # --- the verdict, by rules in the order in which they apply -----------------------------------------
 
-LIMITS: tuple[str, ...] = (
+STUDY_LIMITS: tuple[str, ...] = (
     "an error shared by motion and model, such as the same wrong mass in both",
     "a wrong force that does no work, where the runs have no accelerations",
     "the inaccuracy of an energy-conserving method; see the order of the state",
@@ -202,7 +208,7 @@ def judge_study(m: Study) -> Verdict:
     """
     base = (_energy(m), _state(m), _equations(m))
 
-    def verdict(kind: Kind, confidence: Confidence, meaning: str, *more: str) -> Verdict:
+    def verdict(kind: VerdictKind, confidence: Confidence, meaning: str, *more: str) -> Verdict:
         return Verdict(kind, confidence, (*base, *more), m.findings, _limits(m), meaning)
 
     def unresolved(why: str, *more: str) -> Verdict:
@@ -307,7 +313,7 @@ def _limits(m: Study) -> tuple[str, ...]:
             "the inaccuracy of this motion, because this method conserves energy by construction: the "
             f"finest two {m.knob}s differ by {m.state.sizes[-1]:.1g} of the range of the motion{order}"
         )
-    return (*LIMITS, *more)
+    return (*STUDY_LIMITS, *more)
 
 
 # --- words ----------------------------------------------------------------------------------------

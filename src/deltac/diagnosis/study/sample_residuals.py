@@ -17,7 +17,7 @@ import numpy as np
 from deltac.arrays import Array
 from deltac.diagnosis.residuals.at_samples import RunResidual, run_residual, stale_stage
 from deltac.diagnosis.residuals.kane import Kane
-from deltac.diagnosis.study.convergence import FEWEST, order_of
+from deltac.diagnosis.study.convergence import FEWEST_TIMES, order_of
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding, percent
 from deltac.errors import InputError
 from deltac.mechanism.coordinate_map import CoordinateMap
@@ -138,7 +138,7 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
     Those of other states are larger or smaller for that reason alone.
     """
     parts = [(h, run.between(run.t[0], max(until, run.t[0]))) for h, run in runs]
-    if min(len(part) for _, part in parts) < FEWEST:
+    if min(len(part) for _, part in parts) < FEWEST_TIMES:
         return math.nan
     (h0, coarse), (h1, fine) = ((h, run_residual(kane, part).largest) for h, part in parts)
     if not (coarse > 0.0 and fine > 0.0):

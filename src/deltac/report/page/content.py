@@ -83,7 +83,7 @@ UNDECIDED = {
 }
 """The meaning of a kind where the others do not stand beside it."""
 
-WORDS = {
+VERDICT_WORDS = {
     "consistent": "Consistent",
     "integration-error": "Integration error",
     "equation-error": "Equation error",
@@ -305,7 +305,7 @@ def _checked(report: EquationCheck, fixed: Sequence[Fix]) -> dict[str, Any]:
 
 _REPAIRED = "The search for the mistake"
 _CHECKED = {
-    **WORDS,
+    **VERDICT_WORDS,
     "consistent": "The equations are right",
     "equation-error": "The equations are wrong",
 }
@@ -521,7 +521,7 @@ def _verdict(report: Judged) -> dict[str, Any]:
     cause = next((_sentence(f"{f.what}.") for f in v.findings if f.weight == "cause"), "")
     reason = next((f"{e}." for e in v.evidence if e.startswith("Unresolved ")), "")
     meaning = v.meaning or reason or UNDECIDED.get(v.kind) or MEANINGS[v.kind]
-    return {"tone": tone, "word": WORDS[v.kind], "sentence": f"{meaning} {cause}".strip()}
+    return {"tone": tone, "word": VERDICT_WORDS[v.kind], "sentence": f"{meaning} {cause}".strip()}
 
 
 def _rests_on(report: Judged) -> Words:

@@ -310,31 +310,20 @@ def _linear(caller: Caller, test: EquationTest) -> tuple[Finding, ...]:
     other = replace(some, q=np.roll(some.q, 1, axis=1), u=np.roll(some.u, 1, axis=1))
     middle = replace(some, q=0.5 * (some.q + other.q), u=0.5 * (some.u + other.u))
     values = [_called(caller, replace(s, t=some.t)) for s in (some, other, middle)]
-    near = _order(caller, test, some)
     a, b, c = values
-    if a is not None and b is not None and c is not None and _agree(c, 0.5 * (a + b)):
-        right = near is not None and near >= 1.5
-        return (
-            Finding(
-                "linearised",
-                "the function is linear in the state: a linearised version"
-                + (" of the model about zero" if right else ", and not of the model about zero"),
-                "its accelerations are means of those at two states in the middle between them",
-                "Compare it with dc.linearise, or keep the sines",
-                "cause",
-            ),
-        )
-    if near is not None and near >= 1.5:
-        return (
-            Finding(
-                "linearised",
-                "the function is right for small coordinates: a small-angle version",
-                f"its error goes to zero as the power {near:.1f} of the coordinates",
-                "Keep the sines and cosines",
-                "cause",
-            ),
-        )
-    return ()
+    linear = a is not None and b is not None and c is not None and _agree(c, 0.5 * (a + b))
+    power = _order(caller, test, some)
+    near = power is not None and power >= 1.5
+    if not (linear or near):
+        return ()
+    what = "right for small coordinates: a small-angle version"
+    evidence = f"its error goes to zero as the power {power:.1f} of the coordinates" if near else ""
+    if linear:
+        about = "" if near else ", and not"
+        what = f"linear in the state: a linearised version{about} of the model about zero"
+        evidence = "its accelerations are means of those at two states in the middle between them"
+    remedy = "Compare it with dc.linearise, or keep the sines and cosines"
+    return (Finding("linearised", f"the function is {what}", evidence, remedy, "cause"),)
 
 
 def _order(caller: Caller, test: EquationTest, some: States) -> float | None:

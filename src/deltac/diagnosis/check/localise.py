@@ -105,9 +105,9 @@ def localise(
             )
         run = with_accelerations(run)
     samples = run_residual(Kane(mechanism, coordinates), run)
-    own = samples if coordinates is None else run_residual(Kane(mechanism), run)
+    of_joints, _ = samples.test.of_joints(samples.udot)
     joints: dict[str, Array] = {}
-    for index, power in zip(mechanism.free.u, -own.test.states.u * own.residual):
+    for index, power in zip(mechanism.free.u, -samples.test.point.u * of_joints):
         joint = mechanism.speeds[int(index)].joint
         joints[joint] = joints.get(joint, 0.0) + power
     t, departures = samples.test.states.t, _departures(samples)

@@ -232,10 +232,16 @@ def causes_of_model(test: EquationTest, udot: Array) -> tuple[Finding, ...]:
     F_r + F*_r at the states is regressed on the columns of all causes, as for a log: states drawn at random
     know no integrator and no noise. A change is only told where all equations hold with it.
     """
-    equations = _Regression.of(test, udot)
-    posterior = search([equations.block], equations.candidates, equations.sizes, 0.0)
-    best, size = posterior.best, np.linalg.norm(equations.block.r)
-    if np.linalg.norm(equations.block.residual(best.coefficients)) > HALF_DIGITS * size:
+    block, causes = _regression(test, udot)
+
+    def sizes(fit: Fit) -> Array:
+        """How much each cause of a fit changes the equations."""
+        effects = [block.D[..., list(c.columns)] @ fit.of(k) for k, c in enumerate(fit.chosen)]
+        return np.array([float(np.linalg.norm(effect)) for effect in effects])
+
+    posterior = search([block], causes, sizes, 0.0)
+    best = posterior.best
+    if np.linalg.norm(block.residual(best.coefficients)) > HALF_DIGITS * np.linalg.norm(block.r):
         return ()
     mechanism = test.kane.mechanism
 
@@ -254,43 +260,30 @@ def causes_of_model(test: EquationTest, udot: Array) -> tuple[Finding, ...]:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Regression:
-    """The equations of a test on the columns of all causes, each by the typical size of its terms."""
-
-    block: Block
-    candidates: tuple[Candidate, ...]
-
-    @staticmethod
-    def of(test: EquationTest, udot: Array) -> _Regression:
-        """Those at accelerations u̇ (n, B)."""
-        mechanism, point, count = test.kane.mechanism, test.point, len(test.states)
-        free = mechanism.free
-        q, u = (
-            np.zeros((count, len(mechanism.coordinates))),
-            np.zeros((count, len(mechanism.speeds))),
-        )
-        q[:, free.q], u[:, free.u] = point.q.T, point.u.T
-        drawn = Trajectory(
-            t=np.arange(float(count)), q=q, u=u, coordinates=mechanism.coordinates.names,
-            speeds=mechanism.speeds.names, provenance=Provenance("states"),
-        )  # fmt: skip
-        evaluator = LogEquations(mechanism, drawn)
-        kernels = column_kernels(evaluator)
-        rates = np.zeros((count, 0))
-        accelerations = (times(point.Y, udot) + point.rest).T
-        values = kernels(test.states.t, point.q.T, point.u.T, accelerations, rates, rates, rates)
-        values = np.einsum("tij,tik->tjk", point.Y, values) / test.typical(udot)[:, None]
-        places = np.arange(values.shape[2] - 1)
-        empty = np.arange(0), np.zeros(0)
-        block = Block(values[..., 0], -values[..., 1:], *empty, places, HALF_DIGITS**2)
-        every_cause = candidates(evaluator, kernels.columns)
-        return _Regression(block, tuple(c for c in every_cause if c.kind not in OF_A_LOG))
-
-    def sizes(self, fit: Fit) -> Array:
-        """How much each cause of a fit changes the equations."""
-        effects = [self.block.D[..., list(c.columns)] @ fit.of(k) for k, c in enumerate(fit.chosen)]
-        return np.array([float(np.linalg.norm(effect)) for effect in effects])
+def _regression(test: EquationTest, udot: Array) -> tuple[Block, tuple[Candidate, ...]]:
+    """The equations at accelerations u̇ (n, B) on the columns of all causes, each by the size of its terms."""
+    mechanism, point, count = test.kane.mechanism, test.point, len(test.states)
+    free = mechanism.free
+    q, u = (
+        np.zeros((count, len(mechanism.coordinates))),
+        np.zeros((count, len(mechanism.speeds))),
+    )
+    q[:, free.q], u[:, free.u] = point.q.T, point.u.T
+    drawn = Trajectory(
+        t=np.arange(float(count)), q=q, u=u, coordinates=mechanism.coordinates.names,
+        speeds=mechanism.speeds.names, provenance=Provenance("states"),
+    )  # fmt: skip
+    evaluator = LogEquations(mechanism, drawn)
+    kernels = column_kernels(evaluator)
+    rates = np.zeros((count, 0))
+    accelerations = (times(point.Y, udot) + point.rest).T
+    values = kernels(test.states.t, point.q.T, point.u.T, accelerations, rates, rates, rates)
+    values = np.einsum("tij,tik->tjk", point.Y, values) / test.typical(udot)[:, None]
+    places = np.arange(values.shape[2] - 1)
+    empty = np.arange(0), np.zeros(0)
+    block = Block(values[..., 0], -values[..., 1:], *empty, places, HALF_DIGITS**2)
+    every_cause = candidates(evaluator, kernels.columns)
+    return block, tuple(c for c in every_cause if c.kind not in OF_A_LOG)
 
 
 SAME_IN_BOTH = "Give model and function the same"

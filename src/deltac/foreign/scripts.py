@@ -61,6 +61,15 @@ FUNCTION_MEMORY = 4 * 1024**3
 """Bytes that a user's function may take, where it is called in a process of its own."""
 
 
+def needs_nothing(value: Any) -> bool:
+    """Whether a value can be called without arguments, as far as it says."""
+    try:
+        parameters = inspect.signature(value).parameters.values()
+    except (TypeError, ValueError):
+        return False
+    return all(p.default is not p.empty or p.kind is p.VAR_KEYWORD for p in parameters)
+
+
 def function_named(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
     """What a name with dots means; a class stands for an object, what needs no argument is asked."""
     parts = [part for part in name.split(".") if part != "<locals>"]
@@ -73,11 +82,9 @@ def function_named(namespace: dict[str, Any], name: str) -> Callable[..., Any]:
         value = getattr(value, part)
     if isinstance(value, type):
         value = value()
-    with suppress(TypeError, ValueError):
-        parameters = inspect.signature(value).parameters.values()
-        if all(p.default is not p.empty for p in parameters):
-            result = value()
-            value = result if callable(result) else value
+    if needs_nothing(value):
+        result = value()
+        value = result if callable(result) else value
     function: Callable[..., Any] = getattr(value, "rhs", value)
     return function
 

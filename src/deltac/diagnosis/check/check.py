@@ -13,8 +13,14 @@ from deltac.arrays import ROOT_EPS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.progress import Parts, Progress, untold
-from deltac.diagnosis.check.example import Example, simplest_failure
-from deltac.diagnosis.check.location import Blame, blame, explained, without_sums
+from deltac.diagnosis.check.location import (
+    Blame,
+    Example,
+    blame,
+    explained,
+    simplest_failure,
+    without_sums,
+)
 from deltac.diagnosis.check.whole import causes_of_model, whole_causes
 from deltac.diagnosis.inputs.equations import load_equations
 from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING, MOST_SAMPLES

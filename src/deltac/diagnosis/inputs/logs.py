@@ -282,9 +282,6 @@ def _refuse_garbage(run: Trajectory, first: int = 0, rows: int | None = None) ->
     columns += [("udot", run.udot, run.speeds)] if run.udot is not None else []
     columns += [(f"force.{name}", force, run.speeds) for name, force in run.forces.items()]
     for what, values, names in columns:
-        least, most = (float(f(values, initial=0.0)) for f in (np.min, np.max))
-        if least >= -PHYSICAL and most <= PHYSICAL:
-            continue
         absurd = np.argwhere(np.abs(values) > PHYSICAL)
         if len(absurd):
             row, k = absurd[0]
@@ -300,8 +297,6 @@ def _refuse_undefined(ledger: Ledger) -> None:
     groups = (ledger.potential, ledger.power, ledger.work, ledger.delta_c, ledger.error_bar)
     named = {"K": ledger.kinetic, **{n: values for group in groups for n, values in group.items()}}
     for name, values in named.items():
-        if np.isfinite(values.sum()):  # all of them
-            continue
         undefined = np.flatnonzero(~np.isfinite(values))
         if undefined.size:
             raise LogError(

@@ -115,17 +115,9 @@ def _without_copies(_: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Fin
     ]
 
 
-def _repeated(values: Array, columns: Sequence[int] | NDArray[np.intp] | None = None) -> Mask:
-    """Which rows after the first have the same numbers as the row before (T − 1,).
-
-    Column by column, at the rows that may still be such: of most logs the first column tells all.
-    """
-    rows = np.arange(len(values) - 1)
-    for k in range(values.shape[1]) if columns is None else columns:
-        rows = rows[values[rows + 1, k] == values[rows, k]]
-    mask = np.zeros(len(values) - 1, dtype=np.bool_)
-    mask[rows] = True
-    return mask
+def _repeated(values: Array) -> Mask:
+    """Which rows after the first have the same numbers as the row before (T − 1,)."""
+    return np.asarray((values[1:] == values[:-1]).all(axis=1))
 
 
 def _at_the_pace_of_the_slower(
@@ -135,7 +127,8 @@ def _at_the_pace_of_the_slower(
     free = mechanism.free
     if not (len(free.q) and len(free.u)) or _whole(run):
         return run, []
-    old = {"coordinates": _repeated(run.q, free.q), "speeds": _repeated(run.u, free.u)}
+    columns = (("coordinates", run.q[:, free.q]), ("speeds", run.u[:, free.u]))
+    old = {what: _repeated(values) for what, values in columns}
     for (what, repeated), other in zip(old.items(), reversed(old.values())):
         new = np.append(0, np.flatnonzero(~repeated) + 1)
         if len(new) < SHORTEST_PART or np.mean(repeated & ~other) < ROUGHLY:

@@ -20,7 +20,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from deltac.arrays import HALF_DIGITS, ROUGHLY, SAME, SMALL_SHARE, Array, medians
+from deltac.arrays import ROUGHLY, SAME, Array, medians
 from deltac.diagnosis.measurements.digits import Chosen, digits_of
 from deltac.energy.sampling.splines import spline_integrals
 from deltac.mechanism.mechanism import Mechanism
@@ -47,6 +47,9 @@ That of Adams and Bashforth's method of two steps, the largest in use (Hairer, N
 
 ON_A_CIRCLE = 1 / 3
 """The same of a straight step that is put back onto a circle: its angle θ becomes atan θ ≈ θ − θ³/3."""
+
+MOST_REWEIGHTINGS = 12
+"""Fits at most: each changes r and θ by a part of what the one before did."""
 
 FAR_DEFECT = 30.0
 """A defect beyond this multiple of its error bar and of the others' scatter is no quadrature error."""
@@ -115,9 +118,6 @@ def compare(
     trapezoid, L = (np.hstack([part[k] for part in straight]) for k in (0, 1))
     start = np.concatenate([np.arange(a, b - 1) for a, b in edges])
     D, noise = (np.ascontiguousarray(x[start].T) for x in (moved, bar))
-    exact = _of_a_scheme(D, trapezoid, L, noise, start, np.diff(t)[start])
-    if exact:
-        return exact
     parts = []
     for (a, b), (own, _, half, change) in zip(edges, straight):
         fine, coarse = (spline_integrals(t[a:b], rate[a:b], k).T for k in (5, 3))
@@ -138,13 +138,8 @@ def compare(
         )
     # Rows of a scheme obey a trapezoid also where a force jumps and splines ring; sampled motion the splines.
     integrals = np.stack([fine, trapezoid])
-    r, late, residual, keep = _robust(
-        integrals, L, D, np.hypot(noise, 1e-3 * extent[:, None] + S), noise
-    )
-    best = np.argmin(medians(np.abs(residual)), axis=0)
-    I, r, late, residual, keep = (
-        x[best, np.arange(len(D))] for x in (integrals, r, late, residual, keep)
-    )
+    spread = np.hypot(noise, 1e-3 * extent[:, None] + S)
+    I, r, late, residual, keep = _robust(integrals, L, D, spread, noise)
     bars = noise + S
     count = np.maximum(keep.sum(axis=-1), 1)
     scatter = np.sqrt(np.sum(keep * residual**2, axis=-1) / count)
@@ -198,37 +193,6 @@ def compare(
     return comparisons
 
 
-def _of_a_scheme(
-    moved: Array, trapezoid: Array, linear: Array, noise: Array, start: NDArray[np.intp], h: Array
-) -> list[ColumnComparison | None]:
-    """The comparisons of columns (n, I) that one scheme moves by its own rates; none if one does not follow.
-
-    Nearly all logs of every step do: q moves by the speed before, by that after, or by their mean. No spline
-    can tell more of them.
-    """
-    extent = _sizes(moved)
-    if not extent.all():
-        return []
-    late, residual = 0.0, moved - trapezoid
-    for theta in (0.0, 0.5, -0.5):  # rates that do not change are not late
-        late, rest = theta, np.abs(residual - theta * linear)
-        if np.all(rest.max(axis=-1) <= HALF_DIGITS * extent):
-            break
-    else:
-        return []
-    residual = residual - late * linear
-    shares = (_sizes(residual) / extent).tolist()
-    instant = (_sizes(linear) > 4.0 * _sizes(noise)).tolist()
-    none = np.zeros(len(h), dtype=np.bool_)
-    return [
-        ColumnComparison(
-            1.0, LEAST_RATIO, late, residual[k], noise[k], moved[k], trapezoid[k], start,
-            shares[k], 1.0, False, none, False, instant[k], 0.0,
-        )
-        for k in range(len(moved))
-    ]  # fmt: skip
-
-
 def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
     """The x and z of least |x a + z b − y|² along the last axis, and the variance of x for unit scatter.
 
@@ -254,43 +218,26 @@ def _least_squares(a: Array, b: Array, y: Array) -> tuple[Array, Array, Array]:
 
 def _robust(
     integrals: Array, linear: Array, moved: Array, spread: Array, noise: Array
-) -> tuple[Array, Array, Array, Mask]:
-    """R and θ by reweighted least squares, what they leave, and the intervals that are no outliers.
+) -> tuple[Array, Array, Array, Array, Mask]:
+    """∫x' dt, R and θ by reweighted least squares, what they leave, and the intervals that are no outliers.
 
-    Along the last axis, of every column and each of the quadratures `integrals` of it at once, until they are
-    settled. A quadrature that another one leaves far behind is given up: its r and θ are rough.
+    Along the last axis, of every column at once, by that of the quadratures `integrals` that leaves least.
     """
-    quadratures, columns, _ = integrals.shape
-    r, late, typical = np.zeros((3, quadratures * columns))
-    open_ = np.arange(quadratures * columns)
-    settled = np.zeros(len(open_), dtype=np.bool_)
-    x, of = integrals.reshape(len(open_), -1), open_ % columns
-    y, m, s = (a[of] for a in (linear, moved, spread))
-    weight = 1.0 / s
-    for _ in range(12):
-        of = open_ % columns
-        before = r[open_], late[open_]
-        now = _least_squares(x * weight, y * weight, m * weight)[:2]
-        r[open_], late[open_] = now
-        size = np.abs(m - now[0][:, None] * x - now[1][:, None] * y)
-        middle = medians(size)
-        typical[open_] = middle
-        # Absolute values count, not squares: a few impacts must not bend the line.
-        size = np.maximum(size, 1e-3 * s + middle[:, None])
-        size *= s
-        weight = 1.0 / np.sqrt(size, out=size)
-        done = np.all(np.abs(np.subtract(now, before)) <= SAME * np.maximum(np.abs(now), 1.0), 0)
-        settled[open_[done]] = True
-        least = np.where(settled, typical, np.inf).reshape(quadratures, columns).min(axis=0)
-        on = ~done & (SMALL_SHARE * middle <= least[of])
-        if not on.any():
+    columns, weight = np.arange(len(moved)), 1.0 / spread
+    r, late = np.zeros((2, *integrals.shape[:2]))
+    for _ in range(MOST_REWEIGHTINGS):
+        before = r, late
+        r, late, _ = _least_squares(integrals * weight, linear * weight, moved * weight)
+        residual = moved - r[..., None] * integrals - late[..., None] * linear
+        size = np.abs(residual)
+        typical = medians(size)
+        best = np.argmin(typical, axis=0), columns
+        if np.allclose((r[best], late[best]), [x[best] for x in before], SAME, SAME):
             break
-        if not on.all():
-            open_ = open_[on]
-            x, y, m, s, weight = (a[on] for a in (x, y, m, s, weight))
-    r, late, typical = (a.reshape(quadratures, columns) for a in (r, late, typical))
-    residual = moved - r[..., None] * integrals - late[..., None] * linear
-    return r, late, residual, np.abs(residual) <= 7.0 * typical[..., None] + 3.0 * noise
+        # Absolute values count, not squares: a few impacts must not bend the line.
+        weight = 1.0 / np.sqrt(np.maximum(size, 1e-3 * spread + typical[..., None]) * spread)
+    keep = size[best] <= 7.0 * typical[best][:, None] + 3.0 * noise
+    return integrals[best], r[best], late[best], residual[best], keep
 
 
 def _steady(integrals: Array, moved: Array, ratio: float) -> bool:

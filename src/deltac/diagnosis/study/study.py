@@ -17,11 +17,10 @@ from deltac.diagnosis.inputs.omissions import (
     assumed_zero_finding,
     unresolved_works,
 )
-from deltac.diagnosis.study import findings as noticed
+from deltac.diagnosis.study import rules
 from deltac.diagnosis.study.convergence import Convergence
 from deltac.diagnosis.study.curves import compare, disagreements
 from deltac.diagnosis.study.result import Study
-from deltac.diagnosis.study.rules import judge_study
 from deltac.diagnosis.study.runs import (
     BalancedRun,
     Simulator,
@@ -78,7 +77,7 @@ def studied(
     finest = comparable[-1]
     ledger = finest.ledger
     compared = compare(mechanism, comparable)
-    findings += noticed.of_comparison(compared, "step" if unit else "tolerance")
+    findings += rules.of_comparison(compared, "step" if unit else "tolerance")
     function = function_of(ledger)
     orders = {
         name: _kept(
@@ -123,12 +122,12 @@ def studied(
     if not maker.trusted:
         missing = assumed_zero(finest.run, loaded.import_report)
         findings += assumed_zero_finding(missing)
-        findings += noticed.of_impacts(mechanism, finest.run)
-    findings += noticed.of_order(orders["state"], maker.order, maker.name)
+        findings += rules.of_impacts(mechanism, finest.run)
+    findings += rules.of_order(orders["state"], maker.order, maker.name)
     findings += unresolved_works(finest.run, ledger)
-    findings += noticed.of_corrections(ledger, function, tolerance * ledger.reference_energy)
-    findings += noticed.of_constraints(compared, tolerance, trusted=trusted)
-    findings += noticed.of_momentum(momentum, ledger)
+    findings += rules.of_corrections(ledger, function, tolerance * ledger.reference_energy)
+    findings += rules.of_constraints(compared, tolerance, trusted=trusted)
+    findings += rules.of_momentum(momentum, ledger)
     ranked = sorted(findings, key=lambda f: ("cause", "doubt", "note").index(f.weight))
     result = Study(
         mechanism=mechanism,
@@ -146,7 +145,7 @@ def studied(
         unit=unit,
         import_report=loaded.import_report,
     )
-    return replace(result, verdict=_of_a_part(judge_study(result), omissions))
+    return replace(result, verdict=_of_a_part(rules.judge_study(result), omissions))
 
 
 def _of_a_part(verdict: Verdict, omissions: list[Finding]) -> Verdict:

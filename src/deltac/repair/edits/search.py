@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,22 +15,18 @@ from numpy.typing import NDArray
 from deltac.arrays import HALF_DIGITS, SIX_DIGITS, Array
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, apply
-from deltac.repair.edits.insertions import FEWEST_STATES, Vocabulary, insertions, scalings, sums
+from deltac.repair.edits.insertions import Vocabulary, insertions, scalings, sums
 from deltac.repair.edits.names import Names, TracedNames
 from deltac.repair.edits.required import EDIT_ITERATIONS, Requirement, Requirements
-from deltac.repair.edits.single import additions, edits, structure
+from deltac.repair.edits.single import additions, edits
 from deltac.repair.edits.unsolved_form import unsolved_form
-from deltac.repair.tracing.program import Program, at, reading
+from deltac.repair.tracing.program import Program, at
 from deltac.repair.tracing.samples import RIGHT, Target
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import TapeChange
-from deltac.results import SHOWN
 
 OPERATIONS = 20_000_000
 """Operations of a function that a search of one kind runs, about."""
-
-FAIR_COST = 1.7
-"""With an edit as simple as this in hand, none is looked for by tracing the text again."""
 
 MODELLED = 0.5
 """What it costs to change a number that is one of the model's parameters."""
@@ -54,8 +49,6 @@ class EditSearch:
         self.names = TracedNames(self.program)
         self.vocabulary = Vocabulary(self.program, self.names)
         self.requirements = Requirements(self.program)
-        self.untraced: list[EditCandidate] = []
-        """Edits whose effect the tape does not show."""
 
     def require(self) -> None:
         """Find what each expression must be."""
@@ -82,8 +75,6 @@ class EditSearch:
             right += self.passing([p for p in others if self.names.shape(p)], additions)
         if not right:
             right += [c for r in self.whole for c in sums(self.program, r, self.vocabulary)]
-        if not any(c.cost <= FAIR_COST for c in right):
-            right += self.traced_again()
         if not right:
             right += self.passing(undecided, additions)
         return sorted(right, key=_plainness)
@@ -123,7 +114,7 @@ class EditSearch:
     def tried(
         self, places: Iterable[int], kind: EditKind
     ) -> Iterator[tuple[EditCandidate, Mapping[int, TapeChange]]]:
-        """Edits of some nodes with what they do to the tape; those that it does not show are `untraced`."""
+        """Edits of some nodes with what they do to the tape, where it shows that."""
         for place in places:
             for candidate in kind(self.program.source, place, self.names):
                 if time.monotonic() > self.deadline:
@@ -131,8 +122,6 @@ class EditSearch:
                 changes = self.names.changes(candidate)
                 if changes:
                     yield candidate, changes
-                elif changes is None:
-                    self.untraced.append(candidate)
 
     def passing(self, places: Iterable[int], kind: EditKind) -> list[EditCandidate]:
         """The edits of some nodes with which all equations are right."""
@@ -148,45 +137,6 @@ class EditSearch:
             if requirement is not None:
                 right += scalings(self.program, requirement, self.vocabulary)
         return right
-
-    def traced_again(self) -> list[EditCandidate]:
-        """Edits that the tape does not show, of all statements that the function evaluates."""
-        source = self.program.source
-        statements = {id(source.statement(place)) for place in self.program.trace.instances}
-        heads = (ast.For, ast.If, ast.While, ast.With)
-        for place, node in enumerate(source.nodes):
-            if not isinstance(node, ast.expr | ast.stmt) or not hasattr(node, "lineno"):
-                continue
-            statement = source.statement(place)
-            inner = ast.walk(statement) if isinstance(statement, heads) else ()
-            if id(statement) in statements or any(id(n) in statements for n in inner):
-                self.untraced += structure(source, place, self.names)
-        right: list[EditCandidate] = []
-        # To trace an operation takes a hundred times as long as to run it.
-        most = OPERATIONS // 100 // len(self.program.tape)
-        texts: set[tuple[int, str]] = set()
-        for candidate in sorted(self.untraced, key=lambda c: c.cost):
-            late = time.monotonic() > self.deadline
-            if late or len(right) >= SHOWN or len(texts) > most:
-                break
-            key = candidate.place, candidate.text
-            if key not in texts and self._right(candidate):
-                right.append(candidate)
-            texts.add(key)
-        self.untraced.clear()
-        return right
-
-    def _right(self, candidate: EditCandidate) -> bool:
-        """Whether a candidate that the tape cannot show is right: the text is traced again."""
-        changed = apply(self.program.source, [candidate])
-        if changed is None:
-            return False
-        samples = self.target.samples()
-        try:
-            few = samples.at(np.arange(min(FEWEST_STATES, len(samples.t))))
-            return all(reading(changed, some).wrong < RIGHT for some in (few, samples))
-        except InputError:
-            return False
 
 
 def confirmed(

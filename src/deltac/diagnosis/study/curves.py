@@ -221,26 +221,14 @@ def _same(a: Trajectory, b: Trajectory) -> bool:
 
 
 def _failures(runs: Sequence[StudyRun]) -> Iterator[Finding]:
-    stiff = [entry for entry in runs if entry.stiff]
-    if stiff:
-        yield Finding(
-            "stiff-step",
-            f"{'the step' if len(stiff) == 1 else 'steps'} {', '.join(f'{r.step:g}' for r in stiff)} s "
-            f"{'is' if len(stiff) == 1 else 'are'} too large for the fast parts of the mechanism",
-            stiff[-1].stiff.rstrip("."),
-            "Convergence at such steps says little about the motion",
-        )
-    stopped = [(entry, f) for entry in runs for f in entry.findings if f.kind == "stopped"]
-    if len(stopped) > 1:
-        yield replace(
-            stopped[-1][1],
-            what="; ".join(f.what for _, f in stopped),
-        )
-    conditions = [f for entry in runs for f in entry.findings if f.kind == "ill-conditioned"]
-    yield from conditions[:1]  # all runs have one start
+    """What was noticed of single runs, once of all that have it, and the runs that are not there."""
+    alike: dict[tuple[str, str, str], list[Finding]] = {}
     for entry in runs:
-        kinds = ("ill-conditioned", *(("stopped",) if len(stopped) > 1 else ()))
-        yield from (f for f in entry.findings if f.kind not in kinds)
+        for f in entry.findings:
+            alike.setdefault((f.kind, f.element, f.weight), []).append(f)
+    for same in alike.values():
+        yield replace(same[-1], what="; ".join(dict.fromkeys(f.what for f in same)))
+    for entry in runs:
         if entry.failure:
             yield Finding(
                 "run-failed",

@@ -64,7 +64,6 @@ class StudyRun:
         blown_up: the integration became unstable; `run` are the rows before that.
         failure: why there is no run, or "".
         findings: what was noticed of this run by itself.
-        stiff: why the step is far too large for friction or contact, or "".
     """
 
     step: float
@@ -76,7 +75,6 @@ class StudyRun:
     blown_up: bool = False
     failure: str = ""
     findings: tuple[Finding, ...] = ()
-    stiff: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,9 +165,8 @@ def logged(mechanism: Mechanism, sources: Sequence[Trajectory | str | Path]) -> 
 def _simulated(
     mechanism: Mechanism, simulator: Simulator, step: float, *, trusted: bool
 ) -> StudyRun:
-    stopped = ""
     try:
-        run, stiff, ill = _quietly(simulator, step)
+        run, findings = _quietly(simulator, step)
     except KeyboardInterrupt:
         raise
     except DeltacError as error:
@@ -184,28 +181,15 @@ def _simulated(
             failure=f"the simulator returned {type(run).__name__}, expected a Trajectory "
             "(deltac.TrajectoryBuilder makes one)",
         )
-    if not run.provenance.completed:
-        stopped = run.provenance.message or "it stopped before its end"
     entry = _balanced(mechanism, run, step, trusted=trusted, simulated=True)
     own_step = run.provenance.step
-    findings = list(entry.findings)
-    if stopped:
+    if not run.provenance.completed:
         findings.append(
             Finding(
                 "stopped",
                 f"the run at step {step:g} stopped at t = {run.t[-1]:.4g} s",
-                stopped.rstrip("."),
+                (run.provenance.message or "it stopped before its end").rstrip("."),
                 "Nothing after that is compared",
-            )
-        )
-    if ill:
-        findings.append(
-            Finding(
-                "ill-conditioned",
-                "the accelerations have few digits in double precision",
-                ill,
-                "Masses or lengths differ by too many powers of ten: no step makes the runs better",
-                "doubt",
             )
         )
     if own_step is not None and not trusted and abs(own_step - step) > 1e-6 * step:
@@ -218,25 +202,40 @@ def _simulated(
                 "doubt",
             )
         )
-    return replace(entry, findings=tuple(findings), stiff=stiff)
+    return replace(entry, findings=(*entry.findings, *findings))
 
 
-def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, str, str]:
-    """The run, and what was warned of its step and its digits: the study says that once. Others go on."""
+def _quietly(simulator: Simulator, step: float) -> tuple[Trajectory, list[Finding]]:
+    """The run, and what was warned first of its step and its digits, as findings. Others go on."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         run = simulator(step)
-    stiff = ill = ""
+    findings: dict[type[Warning], Finding] = {}
     for warning in caught:
+        why = str(warning.message).rstrip(".")
         if issubclass(warning.category, StiffStepWarning):
-            stiff = stiff or str(warning.message)  # the first names the element
-        elif issubclass(warning.category, IllConditionedWarning):
-            ill = str(warning.message).rstrip(".")
-        elif not issubclass(warning.category, SimulationStoppedWarning | EnergyErrorWarning):
-            warnings.warn_explicit(
-                warning.message, warning.category, warning.filename, warning.lineno
+            finding = Finding(
+                "stiff-step",
+                f"the step {step:g} s is too large for the fast parts of the mechanism",
+                why,
+                "Convergence at such steps says little about the motion",
             )
-    return run, stiff, ill
+        elif issubclass(warning.category, IllConditionedWarning):
+            finding = Finding(
+                "ill-conditioned",
+                "the accelerations have few digits in double precision",
+                why,
+                "Masses or lengths differ by too many powers of ten: no step makes the runs better",
+                "doubt",
+            )
+        else:
+            if not issubclass(warning.category, SimulationStoppedWarning | EnergyErrorWarning):
+                warnings.warn_explicit(
+                    warning.message, warning.category, warning.filename, warning.lineno
+                )
+            continue
+        findings.setdefault(warning.category, finding)
+    return run, [*findings.values()]
 
 
 def _balanced(

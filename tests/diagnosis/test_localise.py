@@ -133,3 +133,20 @@ def test_an_audit_names_the_equations_that_depart(
         m["delta_p"] > m["error_bar"] for m in dc.audit(p.mechanism, coarse).momenta().values()
     )
     assert "F-EQUATION-DEPARTS" not in [f.code for f in dc.audit(p.mechanism, coarse).findings]
+
+
+def test_columns_in_another_order_are_the_same_motion(
+    mistaken: tuple[dc.problems.Problem, dc.Trajectory],
+) -> None:
+    p, run = mistaken
+    assert run.udot is not None
+    other = replace(
+        run,
+        q=run.q[:, ::-1],
+        u=run.u[:, ::-1],
+        udot=run.udot[:, ::-1],
+        forces={n: f[:, ::-1] for n, f in run.forces.items()},
+        coordinates=run.coordinates[::-1],
+        speeds=run.speeds[::-1],
+    )
+    assert dc.localise(p.mechanism, other).explain() == dc.localise(p.mechanism, run).explain()

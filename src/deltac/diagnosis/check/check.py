@@ -23,6 +23,7 @@ from deltac.diagnosis.check.location import (
 )
 from deltac.diagnosis.check.whole import causes_of_model, whole_causes
 from deltac.diagnosis.inputs.equations import load_equations
+from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.residuals.at_samples import CLEAR_OF_ROUNDING, MOST_SAMPLES
 from deltac.diagnosis.residuals.at_states import EquationTest, Residuals
 from deltac.diagnosis.residuals.function import ROUGH, Caller, noise, uncertainty
@@ -236,6 +237,7 @@ def check_equations(
     if states is None:
         drawn = _drawn(kane, where, count=count, seed=seed)
     elif isinstance(states, Trajectory):
+        states, _ = in_model_order(loaded.mechanism, states)
         drawn = states_along(kane, states, some_rows(states, MOST_SAMPLES))
     else:
         drawn = _fitting(kane, states)

@@ -11,6 +11,7 @@ from deltac.arrays import Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.diagnosis.check.location import Blame, blame
+from deltac.diagnosis.inputs.logs import in_model_order
 from deltac.diagnosis.residuals.at_samples import (
     RunResidual,
     run_residual,
@@ -98,7 +99,8 @@ def localise(
             without inverse.
     """
     mechanism = load_model(model).mechanism
-    if isinstance(run, Trajectory) and run.udot is None:
+    run, _ = in_model_order(mechanism, run)
+    if run.udot is None:
         if run.events:
             raise LogError(
                 "the run has events and no accelerations: log u̇, or localise the parts between its events"

@@ -4,8 +4,6 @@ The residual of a changed mechanism, less that of the first, must be the columns
 parameters enter linearly, so that equality is to rounding, however large the change.
 """
 
-# mypy: disable-error-code="arg-type"
-
 from __future__ import annotations
 
 from collections.abc import Callable

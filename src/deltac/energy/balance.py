@@ -51,7 +51,7 @@ from deltac.energy.works import (
 )
 from deltac.errors import ArgumentsError, LogError, ModelError, UnknownName, WrongType
 from deltac.kernels import Kernel
-from deltac.mechanism.channels import ChannelName
+from deltac.mechanism.channels import BOOKED, CORRECTIONS, ENERGY_CORRECTION, ChannelName
 from deltac.mechanism.coordinate_map import CoordinateMap
 from deltac.mechanism.expressions import Law
 from deltac.mechanism.mechanism import Mechanism
@@ -60,7 +60,7 @@ from deltac.trajectories import Trajectory
 if TYPE_CHECKING:
     from deltac.energy.discrete import DiscreteWork
 
-WORK = ("in-loop", "samples", "discrete")
+WORK_METHODS = ("in-loop", "samples", "discrete")
 
 
 def balance_of_rows(
@@ -510,8 +510,10 @@ def _method(run: Trajectory, work: str | None) -> str:
     if work is None:
         in_loop = any(n in run.integrals for n in TESTING_FUNCTIONS) or _recorded(run)
         return "in-loop" if in_loop else "samples"
-    if work not in WORK:
-        raise UnknownName(f"unknown way to take the work, {work!r}; known: {', '.join(WORK)}")
+    if work not in WORK_METHODS:
+        raise UnknownName(
+            f"unknown way to take the work, {work!r}; known: {', '.join(WORK_METHODS)}"
+        )
     if work == "in-loop" and not run.integrals and not run.works:
         raise LogError(
             "the run holds no integrals and no works taken in the loop; use work='samples', or simulate with "
@@ -583,15 +585,8 @@ def _chosen(
     return (*applicable(constrained=tied), MOMENTUM)
 
 
-CORRECTIONS = ("correction kinetic", "correction potential")
-"""Integrals in which a run books what projections and corrections of the energy did to K and V."""
-
-ENERGY_CORRECTION = ChannelName("correction", "energy")
-"""The integral that holds the latter's part of both, and the channel of that work."""
-
 PROJECTION = ChannelName("correction", "projection")
-
-BOOKED = {ENERGY_CORRECTION, *CORRECTIONS}
+"""The channel of what projections alone did."""
 
 
 def _projected(run: Trajectory, *, potential: bool) -> Array:

@@ -34,8 +34,8 @@ from deltac.diagnosis.verdict import (
     RUN_TOLERANCE,
     Finding,
     Judged,
-    Kind,
     Verdict,
+    VerdictKind,
     check_tolerance,
     function_of,
 )
@@ -133,7 +133,7 @@ class Audit(
     condition: str = ""
     explanation: Explanation | None = None
     causes: tuple[Cause, ...] = ()
-    odds: dict[Kind, float] = field(default_factory=dict)
+    odds: dict[VerdictKind, float] = field(default_factory=dict)
     strict: bool = False
 
     @property
@@ -344,7 +344,7 @@ _BEYOND_TOLERANCE = (
 )
 """Causes that set the exit code although the balance holds: their forces are those of the log."""
 
-SHARES = {"read": 0.4, "evidence": 0.6}
+AUDIT_SHARES = {"read": 0.4, "evidence": 0.6}
 """Of the time that each part of an audit takes, roughly."""
 
 
@@ -396,7 +396,7 @@ def audit(
     """
     reference = _reference(model, tolerance, work)
     source = _Source(log, mapping, coordinates, replay)
-    judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(progress, SHARES))
+    judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(progress, AUDIT_SHARES))
     return _audit(reference, judged, strict)
 
 
@@ -405,7 +405,7 @@ def audit(
 @one_thread_per_matrix()
 def explain_residual(
     model: ModelLike,
-    log: LogLike | list[LogLike],
+    log: LogLike | Sequence[LogLike],
     *,
     mapping: MappingLike = None,
     coordinates: CoordinateMap | str | None = None,
@@ -450,7 +450,7 @@ def explain_residual(
     judgements = list[Judgement]()
     for one in counted(logs, progress or untold):
         source = _Source(one, mapping, coordinates, replay, passive=False)
-        judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(None, SHARES))
+        judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(None, AUDIT_SHARES))
         if judged.inference is None and not judged.explanation.reasons:
             raise LogError(
                 f"the log has {len(judged.rows)} rows, or the model's motion leaves all bounds between them: "
@@ -483,7 +483,7 @@ class _Source:
 
 
 def _judged(
-    model: ModelLike, reference: Reference, source: _Source, limit: TimeLimit, parts: Parts
+    model: ModelLike, reference: AuditReference, source: _Source, limit: TimeLimit, parts: Parts
 ) -> Judgement:
     """A log, read, perhaps stepped again, and judged."""
     log, mapping = source.log, source.mapping
@@ -539,7 +539,7 @@ def audit_together(
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class AuditReference:
     """What a log is judged against, and how."""
 
     mechanism: Mechanism
@@ -548,14 +548,14 @@ class Reference:
     work: str | None
 
 
-def _reference(model: ModelLike, tolerance: float, work: str | None) -> Reference:
+def _reference(model: ModelLike, tolerance: float, work: str | None) -> AuditReference:
     check_tolerance(tolerance)
     loaded = load_model(model)
-    return Reference(loaded.mechanism, loaded.import_report, tolerance, work)
+    return AuditReference(loaded.mechanism, loaded.import_report, tolerance, work)
 
 
 def _judgement(
-    reference: Reference,
+    reference: AuditReference,
     log: Log,
     known: Sequence[Finding],
     limit: TimeLimit,
@@ -641,7 +641,7 @@ def _judgement(
 
 
 def _inferred(
-    reference: Reference, log: Log, rows: Trajectory, limit: TimeLimit, lacking: bool
+    reference: AuditReference, log: Log, rows: Trajectory, limit: TimeLimit, lacking: bool
 ) -> tuple[Inference | None, Log | None]:
     """The inference of the rows of a log; and the log of what went into a filter, if it is one of that."""
     mechanism = reference.mechanism
@@ -698,7 +698,7 @@ def _without_own_laws(mechanism: Mechanism, run: Trajectory) -> Trajectory:
     return replace(run, forces=forces, integrals={}, works={}, stages=stages)
 
 
-def _audit(reference: Reference, judged: Judgement, strict: bool) -> Audit:
+def _audit(reference: AuditReference, judged: Judgement, strict: bool) -> Audit:
     """A judgement as users see it."""
     run, ledger, report = judged.run, judged.ledger, reference.import_report
     verdict, explanation = judged.verdict, judged.explanation
@@ -809,7 +809,7 @@ def _pooled(share: Share, balance: Share) -> Share:
     return min(balance, share, key=lambda one: one.error)
 
 
-def _with_held_forces(reference: Reference, log: Log, inference: Inference | None) -> Log:
+def _with_held_forces(reference: AuditReference, log: Log, inference: Inference | None) -> Log:
     """The log with works and impulses of forces that were held over each step, known without quadrature."""
     run = log.run
     if inference is None or log.consecutive is not run or reference.work is not None:

@@ -10,9 +10,9 @@ import numpy as np
 from deltac.arrays import SOLVED, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.diagnosis.check.location import Blame, blame_at
+from deltac.diagnosis.check.location import Blame, blame
 from deltac.diagnosis.residuals.at_samples import (
-    MOST_ROWS,
+    MOST_SAMPLES,
     RunResidual,
     run_residual,
 )
@@ -116,7 +116,7 @@ def _by_momenta(
     mechanism: Mechanism, run: Trajectory, coordinates: CoordinateMap | None
 ) -> Localisation:
     """The same without accelerations, by what changes ΔP_r."""
-    rows = some_rows(run, MOST_ROWS)
+    rows = some_rows(run, MOST_SAMPLES)
     t = run.t[rows]
 
     def forces(ledger: Ledger) -> dict[str, Array]:
@@ -133,8 +133,8 @@ def _by_momenta(
     for k, (name, size) in enumerate(own.momenta().items()):
         if size["delta_p"] > size["error_bar"] and size["relative"] > SOLVED:
             span = _span(t, residual[name])
-            blame = Blame(name, k + 1, size["relative"], span=span, scale="the momentum exchanged")
-            departures.append(blame)
+            entry = Blame(name, k + 1, size["relative"], span=span, scale="the momentum exchanged")
+            departures.append(entry)
     departures.sort(key=lambda departure: -departure.relative)
     names, columns = tuple(residual), np.array([*residual.values()]).T
     return Localisation(t, names, columns, joints, tuple(departures))
@@ -145,11 +145,11 @@ def _departures(samples: RunResidual) -> tuple[Blame, ...]:
     limit = np.where(samples.relative > 0.0, 0.0, np.inf)
     return tuple(
         replace(
-            blame,
-            span=_span(samples.test.states.t, samples.residual[blame.number - 1]),
+            entry,
+            span=_span(samples.test.states.t, samples.residual[entry.number - 1]),
             scale="its terms",
         )
-        for blame in blame_at(samples.test, samples.udot, limit)
+        for entry in blame(samples.test, samples.udot, limit)
     )
 
 

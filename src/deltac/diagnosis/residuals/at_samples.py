@@ -23,7 +23,7 @@ from deltac.diagnosis.verdict import Finding
 from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
 
-MOST_ROWS = 3000
+MOST_SAMPLES = 3000
 """Samples that are looked at, evenly over the log: enough for every statistic that is made of them."""
 
 CLEAR_OF_ROUNDING = 50.0
@@ -108,11 +108,11 @@ STIFFEST = 3.0
 
 
 def run_residual(kane: Kane, run: Trajectory) -> RunResidual:
-    """The residual of a run with u̇ at (at most `MOST_ROWS`) of its rows.
+    """The residual of a run with u̇ at (at most `MOST_SAMPLES`) of its rows.
 
     Raises InputError for own coordinates whose inverse is not known.
     """
-    rows = some_rows(run, MOST_ROWS)
+    rows = some_rows(run, MOST_SAMPLES)
     test, udot = _tested(kane, run.take(rows))
     residual, rates = test.residual(udot), test.violation(udot)
     return RunResidual(run, rows, test, udot, residual, rates, test.typical(udot))

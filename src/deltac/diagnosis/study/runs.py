@@ -15,6 +15,7 @@ from deltac.arrays import EPS, PHYSICAL, ROUGHLY, SAME_STEP, SMALL_SHARE, Array
 from deltac.calls.progress import Progress
 from deltac.diagnosis.inputs.logs import Log, read_log
 from deltac.diagnosis.inputs.omissions import OF_RATES
+from deltac.diagnosis.residuals.at_samples import within_digits
 from deltac.diagnosis.study.convergence import order_of
 from deltac.diagnosis.verdict import LEAST_ORDER, Finding
 from deltac.energy import Ledger, balance
@@ -366,8 +367,6 @@ def _of_digits(mechanism: Mechanism, log: Log) -> dict[str, float]:
 
     Nothing for a log in double precision, whose rounding the ledger knows.
     """
-    from deltac.diagnosis.residuals.at_samples import within_digits
-
     run, was = log.run, log.ledger
     moved = within_digits(run, np.arange(len(run)))
     if all(np.allclose(a, b, 4 * EPS, 0.0) for a, b in ((moved.q, run.q), (moved.u, run.u))):

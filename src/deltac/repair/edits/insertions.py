@@ -302,7 +302,7 @@ def _number(program: Program, requirement: Requirement, node: ast.expr) -> Itera
     yield EditCandidate(program.source, requirement.place, text, "number", cost)
 
 
-FRACTIONS = tuple(
+PLAIN_FACTORS = tuple(
     sorted({Fraction(a, b) for a in range(1, 13) for b in (1, 2, 3, 4, 5, 6, 8, 12)}, key=float)
 )
 """Numbers that occur as factors in equations of motion."""
@@ -489,7 +489,7 @@ def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Power
         ratio = coefficient / table.values
         middle = ratio[:, 0]
         same = np.abs(ratio - middle[:, None]).max(axis=1) <= HALF_DIGITS * np.abs(middle)
-        sizes = np.array([float(f) for f in FRACTIONS])
+        sizes = np.array([float(f) for f in PLAIN_FACTORS])
         place = np.clip(np.searchsorted(sizes, np.abs(middle)), 1, len(sizes) - 1)
         below, above = (
             np.abs(sizes[place - 1] - np.abs(middle)),
@@ -498,7 +498,7 @@ def _numbers(coefficient: Array, table: TermTable) -> list[tuple[Fraction, Power
         place = np.where(below < above, place - 1, place)
         near = np.abs(sizes[place] - np.abs(middle)) <= HALF_DIGITS * sizes[place]
     return [
-        (FRACTIONS[place[k]] * (1 if middle[k] > 0 else -1), table.powers(int(k)))
+        (PLAIN_FACTORS[place[k]] * (1 if middle[k] > 0 else -1), table.powers(int(k)))
         for k in np.flatnonzero(same & near)
     ]
 

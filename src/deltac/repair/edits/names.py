@@ -12,7 +12,7 @@ import numpy as np
 
 from deltac.errors import InputError
 from deltac.repair.edits.candidates import EditCandidate, parents
-from deltac.repair.tracing.library import FUNCTIONS, NotUnderstood, arrayed, flatten
+from deltac.repair.tracing.library import REPLACEMENTS, NotUnderstood, arrayed, flatten
 from deltac.repair.tracing.program import Program
 from deltac.repair.tracing.source import Source
 from deltac.repair.tracing.tape import BINARY, Slot, TapeBranch, TapeChange, TapeError
@@ -264,7 +264,7 @@ class TracedNames:
                 return value(tree.value).T
             case ast.Call(keywords=[]):
                 name = ast.unparse(tree.func).rpartition(".")[2]
-                return FUNCTIONS[name](*map(value, tree.args))
+                return REPLACEMENTS[name](*map(value, tree.args))
         raise LookupError
 
 

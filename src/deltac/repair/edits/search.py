@@ -39,7 +39,7 @@ MODELLED = 0.5
 SIMPLE = 1.25
 """With an edit as simple as one name or small number in hand, exchanges of two are not looked for."""
 
-Kind: TypeAlias = Callable[[Source, int, Names], Iterator[EditCandidate]]
+EditKind: TypeAlias = Callable[[Source, int, Names], Iterator[EditCandidate]]
 
 
 @dataclass(eq=False, repr=False)
@@ -121,7 +121,7 @@ class EditSearch:
         return bool(np.abs(x - r.required).max() <= 1e-7 * size)
 
     def tried(
-        self, places: Iterable[int], kind: Kind
+        self, places: Iterable[int], kind: EditKind
     ) -> Iterator[tuple[EditCandidate, Mapping[int, TapeChange]]]:
         """Edits of some nodes with what they do to the tape; those that it does not show are `untraced`."""
         for place in places:
@@ -134,7 +134,7 @@ class EditSearch:
                 elif changes is None:
                     self.untraced.append(candidate)
 
-    def passing(self, places: Iterable[int], kind: Kind) -> list[EditCandidate]:
+    def passing(self, places: Iterable[int], kind: EditKind) -> list[EditCandidate]:
         """The edits of some nodes with which all equations are right."""
         return [c for c, changes in self.tried(places, kind) if self.program.passes(changes)]
 

@@ -44,11 +44,11 @@ FAMILIES = (
 
 NOT_IN_MATH = ("square", "abs", "sign")
 
-OPERATORS: dict[type[ast.operator], str] = {
+SYMBOLS: dict[type[ast.operator], str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**",
 }  # fmt: skip
 
-SHOWN = {"+": "+", "-": "−"}
+SIGNS = {"+": "+", "-": "−"}
 
 
 INDEX_DISTANCE = 3
@@ -148,7 +148,7 @@ def additions(source: Source, place: int, names: Names) -> Edits:
 
 
 def _symbol(op: ast.operator) -> str:
-    return OPERATORS.get(type(op), "")
+    return SYMBOLS.get(type(op), "")
 
 
 def _oddity(source: Source, place: int, node: ast.expr, names: Names) -> float:
@@ -174,7 +174,7 @@ def _operators(source: Source, place: int, node: ast.BinOp) -> Edits:
             yield edit(ast.BinOp(node.left, op, node.right), kind, 1.0, words)
     if symbol in "-/":
         yield edit(ast.BinOp(node.right, node.op, node.left), "order", 1.0)
-    part = "term" if symbol in SHOWN else "factor"
+    part = "term" if symbol in SIGNS else "factor"
     noun = "exponent" if symbol == "**" else part
     yield edit(node.left, part, 1.3, f"the {noun} {right} should not be there")
     if symbol == "-":
@@ -197,11 +197,11 @@ def _other_operators(
 ) -> Iterator[tuple[ast.operator, str, str]]:
     """What may stand for an operator before a value: the kind of the edit, and the edit in words."""
     symbol = _symbol(op)
-    for kind, other in OPERATORS.items():
+    for kind, other in SYMBOLS.items():
         if symbol in ("", other):
             continue
-        if symbol in SHOWN and other in SHOWN:
-            yield kind(), "sign", f"{value} enters with {SHOWN[symbol]}, should be {SHOWN[other]}"
+        if symbol in SIGNS and other in SIGNS:
+            yield kind(), "sign", f"{value} enters with {SIGNS[symbol]}, should be {SIGNS[other]}"
         else:
             yield kind(), "operator", f"{own}: {symbol} should be {other}"
 

@@ -98,7 +98,7 @@ def test_bad_input(mistaken: tuple[dc.problems.Problem, dc.Trajectory]) -> None:
         dc.localise(problem.mechanism, motion, coordinates=case.coordinates)
 
 
-def test_without_accelerations_the_momentum_functions_name_the_equation(
+def test_accelerations_that_a_run_lacks_are_those_of_its_speeds(
     mistaken: tuple[dc.problems.Problem, dc.Trajectory],
 ) -> None:
     p, run = mistaken
@@ -106,9 +106,10 @@ def test_without_accelerations_the_momentum_functions_name_the_equation(
     with_udot = dc.localise(p.mechanism, run, coordinates=p.equations.coordinates)
     found = dc.localise(p.mechanism, replace(run, udot=None), coordinates=p.equations.coordinates)
     (departure,) = found.departures
-    assert (departure.number, departure.speed, departure.terms) == (2, "theta2", ())
-    assert "of the momentum exchanged" in found.explain()
-    inner = slice(1, -1)  # one-sided differences at the ends
+    assert (departure.number, departure.speed) == (2, "theta2")
+    (term,) = departure.terms
+    assert str(term).endswith("enters with the wrong sign")
+    inner = slice(3, -3)  # a spline knows its derivatives least at its ends
     assert np.abs(found.residual - with_udot.residual)[inner].max() < 1e-2
     for joint, power in with_udot.joints.items():
         assert np.abs(found.joints[joint] - power)[inner].max() < 1e-3 * 296

@@ -97,7 +97,6 @@ def test_right_equations_need_no_repair(target: Target) -> None:
         ("-k * sin(a - b) * vb**2 - ", "-", 14, "term"),
         ("D = A * B - M**2", "D = A * B - M", 18, "power"),
         ("g = 9.81", "g = 9.8", 5, "number"),
-        ("a, b = q", "b, a = q", 10, "order"),
     ],
 )
 def test_the_place_and_the_edit_are_found(

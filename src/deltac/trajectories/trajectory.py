@@ -546,7 +546,7 @@ class Trajectory(Shown, Once):
 def as_numbers(label: str, values: Any) -> FloatArray:
     """A read-only float64 copy of `values`; InputError when they are not real numbers.
 
-    What nobody can write to, and is no view of what somebody can, is not copied.
+    Arrays that are read-only, and no views of writeable ones, are not copied.
     """
     try:
         array = np.asarray(values)

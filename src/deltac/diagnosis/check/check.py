@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from deltac.arrays import ROOT_EPS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.calls.progress import Parts, Progress, untold
+from deltac.calls.progress import Parts, Progress, no_progress
 from deltac.diagnosis.check.location import (
     Blame,
     Example,
@@ -198,9 +198,9 @@ def check_equations(
 
     Args:
         model: a Mechanism, a Problem or a problem's name, a model file: what `load_model` takes.
-        equations: a function of (t, q, u) that returns u̇, with arrays (n,), or (n, B) and t (B,); a function
-            of (t, y), (y, t), (y) or (y, control) that returns the rates of the state y (the order of q
-            and u in y is inferred; a control is set to zero); ``"FILE.py:FUNCTION"``; or `Equations`.
+        equations: a function of (t, q, u) that returns u̇, with arrays (n,); a function of (t, y), (y, t), (y)
+            or (y, control) that returns the rates of the state y (the order of q and u in y is inferred; a
+            control is set to zero); ``"FILE.py:FUNCTION"``; or `Equations`.
             Where q̇ is returned, it is tested.
         coordinates: the function's own coordinates and speeds: a CoordinateMap; "joint" for the
             mechanism's free ones; "absolute" for absolute angles (the problem's own map, where it has
@@ -246,7 +246,7 @@ def check_equations(
     caller.refuse_memory(drawn)
     caller.progress = parts.part("function")
     qdot, udot = caller.whole(drawn)
-    caller.progress = untold
+    caller.progress = no_progress
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
         raise SourceError(

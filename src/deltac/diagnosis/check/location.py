@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import HALF_DIGITS, Array
-from deltac.calls.progress import Parts, Progress, counted, untold
+from deltac.calls.progress import Parts, Progress, counted, no_progress
 from deltac.diagnosis.check.matching import (
     Match,
     explain_acceleration,
@@ -37,9 +36,8 @@ class Blame(Serialisable):
 
     Attributes:
         speed: the own speed it belongs to, and `number`, its place (from 1).
-        relative: root mean square of F_r + F*_r over the states, as a fraction of the equation's terms; of a
-            motion without accelerations the largest |ΔP_r|, of the momentum exchanged (`scale` says which).
-        residual: the same in `unit`; NaN where only the momentum is known, as is `acceleration`.
+        relative: root mean square of F_r + F*_r over the states, as a fraction of the equation's terms.
+        residual: the same in `unit`.
         acceleration: root mean square error of u̇ of that speed, in `acceleration_unit`.
         degrees: the powers of the rates that the residual consists of; None if it is no polynomial.
         depends_on: what it changes with, ``t``, ``q.<coordinate>``, ``u.<speed>``; None if not known.
@@ -52,20 +50,20 @@ class Blame(Serialisable):
     speed: str
     number: int
     relative: float
-    residual: float = math.nan
-    unit: str = ""
-    acceleration: float = math.nan
-    acceleration_unit: str = ""
+    residual: float
+    unit: str
+    acceleration: float
+    acceleration_unit: str
     degrees: tuple[int, ...] | None = None
     depends_on: tuple[str, ...] | None = None
     terms: tuple[Match, ...] = ()
     solved: tuple[Match, ...] = ()
     span: tuple[float, float] | None = None
-    scale: str = "its terms in the mean"
 
     def __str__(self) -> str:
         parts = [
-            f"equation {self.number} ({self.speed}) is off by {fraction(self.relative)} of {self.scale}"
+            f"equation {self.number} ({self.speed}) is off by {fraction(self.relative)} of its terms"
+            + (" in the mean" if self.span is None else "")
         ]
         if self.span is not None:
             parts[0] += f", mostly from t = {self.span[0]:.4g} to {self.span[1]:.4g} s"
@@ -117,7 +115,7 @@ def blame(
     udot: Array,
     limit: Array,
     caller: Caller | None = None,
-    progress: Progress = untold,
+    progress: Progress = no_progress,
 ) -> tuple[Blame, ...]:
     """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first.
 

@@ -159,18 +159,9 @@ def differences(run: Trajectory, one_sided: bool = False) -> Trajectory | None:
     if len(pairs) < len(run.speeds) or len(run) < SHORTEST_PART or _whole(run):
         return None
     i, j = np.array(pairs).T
-    q, u, least = run.q[:, i], run.u[:, j], np.diff(run.t).min()
-    rate = np.diff(q, axis=0) / np.diff(run.t)[:, None]
-    sides = [(slice(1, None), rate), (slice(None, -1), rate)]
-    central = [(slice(1, -1), np.gradient(q, run.t, axis=0)[1:-1])]
-
-    def equal(rows: slice, difference: Array) -> bool:
-        rounding = digits_of(run)["u"].half()[rows][:, j]
-        of_times = np.abs(run.t).max() / least * np.abs(difference)
-        rounding = rounding + 16.0 * EPS * (np.abs(q[rows]) / least + of_times)
-        return bool(np.all(np.abs(u[rows] - difference) <= rounding))
-
-    if not any(equal(*side) for side in (sides if one_sided else central)):
+    u = run.u[:, j]
+    quotients = are_quotients(run.t, run.q[:, i], u, digits_of(run)["u"].half()[:, j])
+    if not quotients[one_sided]:
         return None
     # Of the next order: h² d²u/dt² / 6, that is, a sixth of the second differences; h du/dt / 2 to one side.
     order, share = (1, 2.0) if one_sided else (2, 6.0)
@@ -178,6 +169,22 @@ def differences(run: Trajectory, one_sided: bool = False) -> Trajectory | None:
     names = [run.speeds[k] for k in j]
     derived = {**run.provenance.derived, "u": dict(zip(names, errors.tolist(), strict=True))}
     return replace(run, provenance=replace(run.provenance, derived=derived))
+
+
+def are_quotients(t: Array, x: Array, rate: Array, half: Array) -> tuple[bool, bool]:
+    """Whether rates (T, n) are the central difference quotients of x, or those to the row before or after.
+
+    To rounding, and half of the last digit of each (`half`).
+    """
+    least, one_sided = np.diff(t).min(), np.diff(x, axis=0) / np.diff(t)[:, None]
+
+    def equal(rows: slice, quotient: Array) -> bool:
+        of_times = np.abs(t).max() / least * np.abs(quotient)
+        rounding = half[rows] + 16.0 * EPS * (np.abs(x[rows]) / least + of_times)
+        return bool(np.all(np.abs(rate[rows] - quotient) <= rounding))
+
+    central = equal(slice(1, -1), np.gradient(x, t, axis=0)[1:-1])
+    return central, equal(slice(1, None), one_sided) or equal(slice(None, -1), one_sided)
 
 
 def _unwrapped(mechanism: Mechanism, run: Trajectory) -> tuple[Trajectory, list[Finding]]:

@@ -22,6 +22,7 @@ from deltac.diagnosis.residuals.states import some_rows, states_along
 from deltac.diagnosis.verdict import Finding
 from deltac.energy.terms import LoggedForces
 from deltac.trajectories import Trajectory
+from deltac.trajectories.rates import derived_error
 
 MOST_SAMPLES = 3000
 """Samples that are looked at, evenly over the log: enough for every statistic that is made of them."""
@@ -52,11 +53,21 @@ class RunResidual:
 
     @cached_property
     def precision(self) -> tuple[Array, Array]:
-        """Residual (n,) that the run's number of digits, or rounding, explains, and rates (c,) likewise."""
-        rounded, moved = _tested(self.test.kane, within_digits(self.run, self.rows))
+        """Residual (n,) that the run's number of digits, or rounding, explains, and rates (c,) likewise.
+
+        And the error of accelerations that were derived from speeds.
+        """
+        test = self.test
+        rounded, moved = _tested(test.kane, within_digits(self.run, self.rows))
+        error = np.zeros_like(self.udot)
+        if (derived := derived_error(self.run, "udot")) is not None:
+            free = np.repeat(derived[test.kane.mechanism.free.u, None], len(self.rows), axis=1)
+            error = times(np.abs(np.linalg.pinv(test.point.Y)), free)
         return (
-            rms(rounded.residual(moved) - self.residual) + 4.0 * EPS * self.scale,
-            rms(rounded.violation(moved) - self.rates),
+            rms(rounded.residual(moved) - self.residual)
+            + rms(times(np.abs(test.M), error))
+            + 4.0 * EPS * self.scale,
+            rms(rounded.violation(moved) - self.rates) + rms(times(np.abs(test.G), error)),
         )
 
     @property

@@ -109,21 +109,18 @@ def checked_steps(steps: Sequence[float], what: str) -> tuple[tuple[float, ...],
     for number in sorted(values, reverse=True):
         close = distinct and distinct[-1] / number < 1.0 + ROUGHLY
         (dropped if close else distinct).append(number)
-    if not dropped:
-        return tuple(distinct), []
-    if len(distinct) == 1:
+    given, close_ones = (", ".join(f"{x:g}" for x in some) for some in (values, dropped))
+    if dropped and len(distinct) == 1:
         raise InputError(
-            f"{what}s {', '.join(f'{x:g}' for x in values)} do not refine each other: give three, each "
-            f"half of the previous one"
+            f"{what}s {given} do not refine each other: give three, each half of the previous one"
         )
-    return tuple(distinct), [
-        Finding(
-            "steps-do-not-refine",
-            f"{', '.join(f'{x:g}' for x in dropped)}: too close to the {what} before, and left out",
-            f"given: {', '.join(f'{x:g}' for x in values)}",
-            "Make each half of the previous one",
-        )
-    ]
+    finding = Finding(
+        "steps-do-not-refine",
+        f"{close_ones}: too close to the {what} before, and left out",
+        f"given: {given}",
+        "Make each half of the previous one",
+    )
+    return tuple(distinct), [finding] if dropped else []
 
 
 def simulated(

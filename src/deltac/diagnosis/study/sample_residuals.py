@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from deltac.arrays import Array
+from deltac.diagnosis.measurements.cleaning import are_quotients
+from deltac.diagnosis.measurements.digits import digits_of
 from deltac.diagnosis.residuals.at_samples import RunResidual, run_residual, stale_stage
 from deltac.diagnosis.residuals.kane import Kane
 from deltac.diagnosis.study.convergence import FEWEST_TIMES, order_of
@@ -147,33 +149,19 @@ def _falling(kane: Kane, runs: Sequence[tuple[float, Trajectory]], until: float)
 
 
 def _measured(run: Trajectory, *, trusted: bool) -> bool:
-    """Whether a run's u̇ were not made from its u afterwards."""
+    """Whether a run's u̇ were not made from its u afterwards.
+
+    Those of an engine that steps so (semi-implicit Euler: u₊ = u + h u̇) are measured all the same.
+    """
     if run.udot is None or len(run) < 4:
         return False
     if trusted:
         return True
     if "udot" in run.provenance.derived:
         return False
-    return not _differences(run)
-
-
-def _differences(run: Trajectory) -> bool:
-    """Whether u̇ are difference quotients of u: forward, backward, central.
-
-    Those of an engine that steps so (semi-implicit Euler: u₊ = u + h u̇) are measured all the same.
-    """
-    if run.provenance.step is not None and run.provenance.simulator.startswith("MuJoCo"):
-        return False
-    u, a, t = run.u, run.udot, run.t
-    assert a is not None
-    dt = np.diff(t)[:, None]
-    size = float(np.abs(a).max())
-    central = np.gradient(u, t, axis=0)
-    close = 1e-9 * size + 1e-14 * float(np.abs(u).max()) / float(dt.min())
-    return size > 0.0 and bool(
-        np.abs(a[1:-1] - central[1:-1]).max() <= close
-        or np.abs(a[1:] - np.diff(u, axis=0) / dt).max() <= close
-    )
+    stepped = run.provenance.step is not None and run.provenance.simulator.startswith("MuJoCo")
+    half = digits_of(run)["udot"].half()
+    return stepped or not (run.udot.any() and any(are_quotients(run.t, run.u, run.udot, half)))
 
 
 def _in_own(

@@ -95,8 +95,8 @@ class Judgement:
     def still(self) -> bool:
         """Whether nothing moves. What coasts exchanges no energy either, but its rows tell.
 
-        What has settled exchanges what weight takes and a floor gives back; its rows tell whether forces balance,
-        and nothing of an integrator.
+        What has settled exchanges what weight takes and a floor gives back; its rows tell whether forces
+        balance, and nothing of an integrator.
         """
         ledger = self.ledger
         coasts = ledger.reference_energy > COASTING * ledger.energy_exchanged

@@ -128,7 +128,9 @@ def test_a_body_that_has_settled_tells_nothing_of_an_integrator() -> None:
     assert found.verdict.kind == "unresolved"
     assert "almost nothing moves" in [f.what for f in found.findings]
     assert "predicted" not in found.explain() and "smaller" not in found.explain()
-    heavy = replace(ball, bodies=(dc.point_mass("ball", 2.5),))  # its weight is not what the floor bears
+    heavy = replace(
+        ball, bodies=(dc.point_mass("ball", 2.5),)
+    )  # its weight is not what the floor bears
     assert dc.audit(heavy, log).verdict.kind == "equation-error"
 
 

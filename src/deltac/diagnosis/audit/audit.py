@@ -173,7 +173,8 @@ class Audit(
         Of wrong equations it would say nothing, nor where nothing moves.
         """
         wrong = self.verdict.kind == "equation-error"
-        if wrong or self.inference is None or self.ledger.at_rest:
+        moving = not (self.ledger.at_rest or self.ledger.still)
+        if wrong or self.inference is None or not moving:
             return ""
         if self._unpredictable:
             return f"No step can be predicted for the tolerance: {self._unpredictable}."

@@ -105,7 +105,7 @@ class _Layout:
             for k, name in enumerate(kernels.conservative)
             if name in symbols.driven
         }
-        self.integrated = (*integrated, *driven.values())
+        self.integrated = [*integrated, *driven.values()]
         self.n_columns = self.n_out + len(self.integrated) + 1
         self.n_functions = len(integrated)
         names = tuple(name for _, name in self._functions)
@@ -252,9 +252,8 @@ class _BlockWorker:
         self._inside()
         running.powers[:] = self._y[: layout.n_out][layout.between, : self._rows].T
         sums = running()
-        values = running.value(np.arange(self._size + 1))
         block = slice(REACH, REACH + self._size + 1)
-        self._integrals[:, block] = values[:, list(layout.integrated)].T
+        self._integrals[:, block] = running.value(slice(None), layout.integrated).T
         self._compared()
         self._fine = None
         return sums
@@ -276,7 +275,7 @@ class _BlockWorker:
         block = slice(REACH, REACH + last - first + 1)
         self._y[: layout.n_out, block] = outputs[:, core].copy()
         self._fine = fine[:, core] - fine[:, core.start, None]
-        self._integrals[:, block] = self._fine[list(layout.integrated)]
+        self._integrals[:, block] = self._fine[layout.integrated]
         self._compared()
         ahead = (min(last + ROWS_AHEAD + 1, high) - low) // 2 + 1
         error = fine[:, : 2 * ahead : 2] - half[:, :ahead]

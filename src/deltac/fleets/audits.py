@@ -148,7 +148,7 @@ def find_logs(logs: Iterable[str | Path] | str | Path) -> tuple[list[str], list[
     """The logs that are meant: paths, folders, patterns (``logs/**/*.parquet``), URLs that fsspec knows.
 
     A path that is not there is a log, too: its row says so. Whatever is named, or matches a pattern, is one;
-    what else lies in a folder is told besides. Raises InputError where a pattern matches none.
+    other files in a folder are named as well. Raises InputError where a pattern matches none.
     """
     many = [logs] if isinstance(logs, str | Path) else list(logs)
     logs_found: list[str] = []

@@ -64,7 +64,7 @@ def local_crew(workers: int | None) -> Iterator[Crew]:
     try:
         yield Crew(executor, size, own)
     finally:
-        # A thread may be about to start another process: ended is what is there until all threads are gone.
+        # A thread may be about to start another process: these are ended until all threads are gone.
         executor.shutdown(wait=False, cancel_futures=True)
         leaving = threading.Thread(target=executor.shutdown)
         leaving.start()
@@ -86,7 +86,7 @@ def dask_crew(address: str) -> Iterator[Crew]:
         raise PackageError(
             "--scheduler needs dask.distributed: pip install 'deltac[dask]', here and on every worker"
         ) from None
-    # What it says of lost connections is said by us, once.
+    # Its messages about lost connections are replaced by one of ours.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout="10s")

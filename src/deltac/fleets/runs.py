@@ -233,7 +233,7 @@ def _ensemble(piece: RunPiece) -> dict[str, Any]:
 
 
 def _closer(steps: int) -> int:
-    """At how many times runs of so many steps are looked at closer: a divisor, `CLOSER` or a few more."""
+    """Times at which a run of so many steps is examined: a divisor of these, `CLOSER` or slightly more."""
     return next(k for k in range(min(CLOSER, steps), steps + 1) if steps % k == 0)
 
 

@@ -36,7 +36,7 @@ GROUP_SUMS = (
 """The groups as sums of qfrc_… in mjData; the last: all but springs, dampers, actuators and constraints."""
 
 WITHIN_REACH = 50_000
-"""A row is read from mjData's own memory where it lies within so many numbers; else it is copied."""
+"""Span (numbers) of mjData's memory up to which a row is read in place; beyond, it is copied."""
 
 PASSIVE_CHANNEL = "applied passive"
 """Springs and dampers that the mechanism does not have."""

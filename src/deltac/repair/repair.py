@@ -273,7 +273,7 @@ def _search(reading: ProgramReading, target: Target, deadline: float) -> tuple[E
         search.require()
         singles = search.single()
         right = _confirm(reading, target, ((c,) for c in singles), deadline)
-        suspected |= dict.fromkeys(suspects(program.source, [r.place for r in search.whole]))
+        suspected |= dict.fromkeys(suspects(program.source, [r.place for r in search.sufficient]))
         if right and right[0][0][0].cost > TWO:
             right = sorted([*right, *confirmed_first(pairs(search, True))], key=_total_cost)
         if right:

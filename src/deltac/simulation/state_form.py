@@ -187,7 +187,7 @@ Order: TypeAlias = "str | Sequence[str] | None"
 """What the entries of a state vector are: names, or "interleaved"; None where it is to be found out."""
 
 
-def told_order(
+def declared_order(
     order: str | Sequence[str], coordinates: Sequence[str], speeds: Sequence[str]
 ) -> tuple[int, ...]:
     """The order that a user told: entry k of the state is entry order[k] of (q, u).
@@ -247,7 +247,7 @@ def candidate_forms(
     order of that vector's entries, only such forms are left.
     """
     nq, nu = len(coordinates), len(speeds)
-    places = None if order is None else told_order(order, coordinates, speeds)
+    places = None if order is None else declared_order(order, coordinates, speeds)
     vector = form == "ode" or places is not None
     if parameters is not None:
         candidates = list(forms(*parameters, nq, nu, motors))

@@ -105,7 +105,7 @@ def suspicions(run: Trajectory, model: NamesLike | None = None) -> list[Suspicio
 
 
 def some_stretches(run: Trajectory, count: int, size: int) -> Trajectory:
-    """So many stretches of a long log, of so many rows; over the gaps between them nothing is compared.
+    """A number of stretches of a long log; nothing is compared across the gaps between them.
 
     Works, integrals and events are of all rows and stay out.
     """

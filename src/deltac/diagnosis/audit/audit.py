@@ -13,7 +13,7 @@ from deltac.arrays import LONG_LOG, ROUGHLY, SAME, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
 from deltac.calls.linear_algebra import one_thread_per_matrix
-from deltac.calls.progress import Parts, Progress, TimeLimit, counted, untold
+from deltac.calls.progress import Parts, Progress, TimeLimit, counted, no_progress
 from deltac.diagnosis.audit import checks
 from deltac.diagnosis.audit.conventions import convention
 from deltac.diagnosis.audit.filters import unfiltered
@@ -173,7 +173,8 @@ class Audit(
         Of wrong equations it would say nothing, nor where nothing moves.
         """
         wrong = self.verdict.kind == "equation-error"
-        if wrong or self.inference is None or self.ledger.at_rest:
+        moving = not (self.ledger.at_rest or self.ledger.still)
+        if wrong or self.inference is None or not moving:
             return ""
         if self._unpredictable:
             return f"No step can be predicted for the tolerance: {self._unpredictable}."
@@ -448,7 +449,7 @@ def explain_residual(
     if not logs:
         raise LogError("the list of logs is empty; give one log, or several of the same machine")
     judgements = list[Judgement]()
-    for one in counted(logs, progress or untold):
+    for one in counted(logs, progress or no_progress):
         source = _Source(one, mapping, coordinates, replay, passive=False)
         judged = _judged(model, reference, source, TimeLimit(time_limit), Parts(None, AUDIT_SHARES))
         if judged.inference is None and not judged.explanation.reasons:
@@ -559,7 +560,7 @@ def _judgement(
     log: Log,
     known: Sequence[Finding],
     limit: TimeLimit,
-    progress: Progress = untold,
+    progress: Progress = no_progress,
     departures: Array | None = None,
 ) -> Judgement:
     """What a log's columns say, the inference of its rows, and what follows.

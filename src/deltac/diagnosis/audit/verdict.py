@@ -93,10 +93,15 @@ class Judgement:
 
     @property
     def still(self) -> bool:
-        """Whether nothing moves. What coasts exchanges no energy either, but its rows tell."""
+        """Whether nothing moves. What coasts exchanges no energy either, but its rows tell.
+
+        What has settled exchanges what weight takes and a floor gives back; its rows tell whether forces
+        balance, and nothing of an integrator.
+        """
         ledger = self.ledger
         coasts = ledger.reference_energy > COASTING * ledger.energy_exchanged
-        return ledger.at_rest and not (coasts and self.inference is not None)
+        settled = ledger.still and not self.certain and self.mistake[1] < PROBABLE["medium"]
+        return settled or (ledger.at_rest and not (coasts and self.inference is not None))
 
     @cached_property
     def energy_error(self) -> tuple[float, float]:

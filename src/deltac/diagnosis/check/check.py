@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from deltac.arrays import ROOT_EPS, Array
 from deltac.calls.arguments import checked
 from deltac.calls.interrupts import interruptible
-from deltac.calls.progress import Parts, Progress, untold
+from deltac.calls.progress import Parts, Progress, no_progress
 from deltac.diagnosis.check.location import (
     Blame,
     Example,
@@ -248,7 +248,7 @@ def check_equations(
     caller.refuse_memory(drawn)
     caller.progress = parts.part("function")
     qdot, udot = caller.whole(drawn)
-    caller.progress = untold
+    caller.progress = no_progress
     finite: NDArray[np.bool_] = np.asarray(np.isfinite(udot).all(axis=0))
     if not finite.any():
         raise SourceError(

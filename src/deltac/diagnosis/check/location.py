@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from deltac.arrays import HALF_DIGITS, Array
-from deltac.calls.progress import Parts, Progress, counted, untold
+from deltac.calls.progress import Parts, Progress, counted, no_progress
 from deltac.diagnosis.check.matching import (
     Match,
     explain_acceleration,
@@ -115,7 +115,7 @@ def blame(
     udot: Array,
     limit: Array,
     caller: Caller | None = None,
-    progress: Progress = untold,
+    progress: Progress = no_progress,
 ) -> tuple[Blame, ...]:
     """Every equation whose residual passes `limit` (n,), as a fraction of its terms; the worst first.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, TypeAlias, cast
 import numpy as np
 
 from deltac.arrays import PHYSICAL
-from deltac.calls.progress import Progress, untold
+from deltac.calls.progress import Progress, no_progress
 from deltac.diagnosis.measurements.cleaning import cleaned
 from deltac.diagnosis.verdict import Finding
 from deltac.energy import Ledger, balance
@@ -156,7 +156,7 @@ def read_log(
     *,
     measured: bool = True,
     keep: int | None = None,
-    progress: Progress = untold,
+    progress: Progress = no_progress,
 ) -> Log:
     """Read and balance what `source` means: a Trajectory, or a file of a run of `mechanism`.
 

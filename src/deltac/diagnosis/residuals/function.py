@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from deltac.arrays import EPS, SAME, Array
-from deltac.calls.progress import Progress, counted, untold
+from deltac.calls.progress import Progress, counted, no_progress
 from deltac.diagnosis.residuals.at_states import EquationTest
 from deltac.diagnosis.residuals.kane import Kane, times
 from deltac.diagnosis.residuals.states import TRIAL_STATES, States, in_user_coordinates, some_rows
@@ -64,7 +64,7 @@ class Caller:
     kane: Kane
     overwrites: str = ""
     form: StateForm = PLAIN_FORM
-    progress: Progress = untold
+    progress: Progress = no_progress
 
     def find_form(self, test: EquationTest, equations: Equations, motors: int) -> None:
         """Find out how the function of `equations` takes the state, by trying at some states."""
@@ -219,7 +219,7 @@ class Caller:
                 f"element. State: {some.in_words(k)}"
             )
 
-    def _singly(self, states: States, progress: Progress = untold) -> Array:
+    def _singly(self, states: States, progress: Progress = no_progress) -> Array:
         """One call a state: u̇ (n, B), or q̇ and u̇ (nq + n, B)."""
         return np.stack(
             [self._one(states, k) for k in counted(range(len(states)), progress)], axis=1

@@ -8,6 +8,7 @@ the interval h.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 
@@ -161,9 +162,10 @@ class Running:
         whole = self._found[self._value[-1], : self.columns]
         return {**dict(zip(STATE, self._end.copy())), "value": whole.copy()}
 
-    def value(self, rows: NDArray[np.intp]) -> Array:
-        """∫ from the block's first row to others, and to the one after it (k, n)."""
-        return self._found[self._value[rows], : self.columns]
+    def value(self, rows: NDArray[np.intp] | slice, columns: Sequence[int] | None = None) -> Array:
+        """∫ from the block's first row to others, and to the one after it (k, n); of some columns alone."""
+        found = self._found[:, : self.columns] if columns is None else self._found[:, columns]
+        return found[self._value[rows]]
 
     def reached(self, rows: NDArray[np.intp]) -> tuple[Array, Array]:
         """Largest and least error so far (k, n), and `ROWS_AHEAD`, of the rows of a block."""

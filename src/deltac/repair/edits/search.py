@@ -58,13 +58,13 @@ class EditSearch:
             self.requirements.find(place)
 
     @property
-    def whole(self) -> list[Requirement]:
+    def sufficient(self) -> list[Requirement]:
         """The expressions any one of which could be the only mistake."""
-        return [r for r in self.requirements.solved.values() if r.whole]
+        return [r for r in self.requirements.solved.values() if r.sufficient]
 
     def single(self) -> list[EditCandidate]:
         """Single edits that seem to make the function right, cheapest first."""
-        right = [c for r in self.whole for c in self.edits(r)]
+        right = [c for r in self.sufficient for c in self.edits(r)]
         numbers = self.program.numbers
         # Arrays, and what is evaluated more than once, have no one value that they must have.
         others = [place for place in self.program.trace.instances if place not in numbers]
@@ -74,7 +74,7 @@ class EditSearch:
             right += self.scaled(others)
             right += self.passing([p for p in others if self.names.shape(p)], additions)
         if not right:
-            right += [c for r in self.whole for c in sums(self.program, r, self.vocabulary)]
+            right += [c for r in self.sufficient for c in sums(self.program, r, self.vocabulary)]
         if not right:
             right += self.passing(undecided, additions)
         return sorted(right, key=_plainness)
@@ -157,7 +157,7 @@ def confirmed(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class First:
+class FirstEdit:
     """An edit that may be one of two: what it does to the residual (n, B), by which changes of the tape."""
 
     candidate: EditCandidate
@@ -173,26 +173,26 @@ def pairs(
     `plain`: those only that are found without a second search.
     """
     rows = unsolved_form(search.program)
-    ways = [search]
+    searches = [search]
     if rows is not None:
-        ways.insert(0, EditSearch(rows, search.target, search.deadline))
+        searches.insert(0, EditSearch(rows, search.target, search.deadline))
     pools = []
-    for way in ways:
-        pools.append(_pool(way))
-        yield _adding_up(way, pools[-1])
+    for one in searches:
+        pools.append(_first_edits(one))
+        yield _adding_up(one, pools[-1])
     if plain:
         return
-    for way, pool in zip(ways, pools):
-        pool += _closing(way)
-        yield _adding_up(way, pool)
-        yield _followed(way, pool)
+    for one, pool in zip(searches, pools):
+        pool += _row_closings(one)
+        yield _adding_up(one, pool)
+        yield _followed(one, pool)
 
 
-def _pool(search: EditSearch) -> list[First]:
+def _first_edits(search: EditSearch) -> list[FirstEdit]:
     """All edits of one node that put something else in its place, or a name beside it."""
     program = search.program
     base = program.original_residual
-    pool: list[First] = []
+    pool: list[FirstEdit] = []
     places = [*program.numbers, *(p for p in program.trace.instances if p not in program.numbers)]
     varying = [place for place in places if not search.names.constant(place)]
     trials = itertools.chain(
@@ -202,12 +202,12 @@ def _pool(search: EditSearch) -> list[First]:
         effect = program.residual(changes) - base
         size = np.abs(effect).max()
         if np.isfinite(size) and size > RIGHT:
-            pool.append(First(candidate, effect, changes))
+            pool.append(FirstEdit(candidate, effect, changes))
     return pool
 
 
 def _adding_up(
-    search: EditSearch, pool: list[First]
+    search: EditSearch, pool: list[FirstEdit]
 ) -> Iterator[tuple[EditCandidate, EditCandidate]]:
     """Two edits whose effects on the residual add up to what is needed.
 
@@ -237,10 +237,10 @@ def _adding_up(
     yield from matches
 
 
-def _closing(search: EditSearch) -> list[First]:
+def _row_closings(search: EditSearch) -> list[FirstEdit]:
     """What is missing from one of the wrong equations: single edits that make this one right."""
     program = search.program
-    firsts: list[First] = []
+    firsts: list[FirstEdit] = []
     right = np.abs(program.original_residual).max(axis=1) < RIGHT
     closings = itertools.product(program.numbers, np.flatnonzero(~right).tolist())
     for place, row in itertools.islice(closings, _turns(program, EDIT_ITERATIONS)):
@@ -252,7 +252,7 @@ def _closing(search: EditSearch) -> list[First]:
             effect = program.residual(changes) - program.original_residual
             terms = insertions(program, r, search.vocabulary)
             candidates = list(terms) or sums(program, r, search.vocabulary)
-            firsts += [First(candidate, effect, changes) for candidate in candidates]
+            firsts += [FirstEdit(candidate, effect, changes) for candidate in candidates]
     return firsts
 
 
@@ -262,7 +262,7 @@ def _turns(program: Program, runs: int) -> int:
 
 
 def _followed(
-    search: EditSearch, firsts: list[First]
+    search: EditSearch, firsts: list[FirstEdit]
 ) -> Iterator[tuple[EditCandidate, EditCandidate]]:
     """A first edit, and a second one of an expression that may have caused all that the first leaves.
 
@@ -281,7 +281,7 @@ def _followed(
     for first in itertools.islice(likely, _turns(program, len(program.numbers))):
         if time.monotonic() > search.deadline:
             return
-        for second in _seconds(search, program.changed(first.changes)):
+        for second in _second_edits(search, program.changed(first.changes)):
             yield first.candidate, second
 
 
@@ -314,10 +314,10 @@ def _explained(along: Array, residual: Array) -> NDArray[np.bool_]:
     return np.asarray(np.sqrt(rest.max(axis=1)) < SIX_DIGITS * np.abs(residual).max())
 
 
-def _seconds(search: EditSearch, program: Program) -> list[EditCandidate]:
+def _second_edits(search: EditSearch, program: Program) -> list[EditCandidate]:
     """Edits of expressions that may have caused all that is wrong with a program after a first edit."""
     then = EditSearch(program, search.target, search.deadline)
     places, along = _directions(program)
     for place in places[_explained(along, program.original_residual)]:
         then.requirements.find(int(place))
-    return sorted((c for r in then.whole for c in then.edits(r)), key=_plainness)
+    return sorted((c for r in then.sufficient for c in then.edits(r)), key=_plainness)

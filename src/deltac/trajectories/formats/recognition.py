@@ -151,7 +151,7 @@ class _Search:
         """How far coordinates do not move as their speeds say, as a share of how far they move.
 
         `columns`: of the file by target. A pair that contradicts counts alone. None where no coordinate with
-        its speed is among them, or nothing moves; infinite where a quaternion is none.
+        its speed is among them, or nothing moves; infinite where a quaternion is not of unit length.
         """
         rows = slice(0, LONG_LOG)
         coordinates, speeds = list(self.names.coordinates), list(self.names.speeds)
